@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> None:
     arm = mechanism(args.model, args.base, ignore=ignore, fix=fix, packages=args.packages)
     log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)
     write_mapping(out, log, belief, arm.joints, force=args.force)
-    lines = [*log.told(), "", *table(log, belief)]
+    lines = [*log.summary(), "", *table(log, belief)]
     lines += [""] * bool(belief.open or belief.notes)
     lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
     lines += [f"Nothing was found for {', '.join(belief.unused)}."] if belief.unused else []

@@ -17,8 +17,8 @@ from experiments.guesses.alignments import (
 )
 from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
 from experiments.guesses.families import Family, families
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.predicted import curves
-from experiments.guesses.seen import Seen
 from experiments.guesses.signs import ENOUGH, LITTLE
 from experiments.guesses.unnamed import CLEAR, MOST
 from ident.mechanism.mechanism import Mechanism
@@ -33,28 +33,28 @@ SAME = 0.999
 """Correlation of columns above which they may be two readings of one joint."""
 
 
-def add_aligned(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequence[str], held: bool) -> None:
+def add_aligned(belief: Belief, contents: LogContents, mechanism: Mechanism, joints: Sequence[str], held: bool) -> None:
     """Adds positions, velocities and torques of joints without columns from families of numbered columns.
 
     Args:
         belief: The belief to extend.
-        seen: The log.
+        contents: The log.
         mechanism: The mechanism.
         joints: Its joints with one axis.
         held: True if something holds the base.
     """
     lacking = tuple(j for j in joints if j not in belief.of("position") and j not in belief.undecided)
-    named = {name for name in seen.names if name not in belief.columns}
-    there = tuple(each for each in families(seen.names) if set(each.names) <= named)
+    named = {name for name in contents.names if name not in belief.columns}
+    there = tuple(each for each in families(contents.names) if set(each.names) <= named)
     fitting = [
         each for each in position_families(there) if lacking and len(each.names) > 1 and not _is_small(each, lacking)
     ]
     if not fitting or mechanism.prior is None:
         return
-    known = [found.column for found in belief.of("position").values() if found.column in seen.columns]
-    moving = [name for each in fitting for name in each.names if name in seen.columns]
-    low = curves(seen, dict.fromkeys([*known, *moving]))
-    problem = Problem(belief, seen, mechanism, lacking, low, there, held)
+    known = [quantity.column for quantity in belief.of("position").values() if quantity.column in contents.columns]
+    moving = [name for each in fitting for name in each.names if name in contents.columns]
+    low = curves(contents, dict.fromkeys([*known, *moving]))
+    problem = Problem(belief, contents, mechanism, lacking, low, there, held)
     every = [way for each in fitting for way in alignments(problem, each)]
     measured = [way for way in every if way.left is not None]
     if measured:
@@ -114,12 +114,12 @@ def _add_unmeasured(problem: Problem, every: Sequence[Alignment]) -> None:
     """Adds the only alignment if nothing is measured to check it; none of several."""
     different = {tuple(way.positions.items()): way for way in every}
     if len(different) == 1 and every[0].family.kind == "position":
-        _add(problem, every[0], f"{every[0].order}, which nothing in the log can be held against")
+        _add(problem, every[0], f"{every[0].order}, which nothing in the log can confirm")
         return
     _ask(
         problem,
         f"which columns of {_listed(every[0].family.names)} are the positions of {_listed(problem.joints)}: the "
-        f"log has no wrench and no torque to tell {MODEL} from {ALPHABET} or another place by",
+        f"log has no wrench and no torque that would distinguish {MODEL} from {ALPHABET} or another place",
     )
 
 
@@ -139,7 +139,7 @@ def _is_twin(problem: Problem, one: Alignment, other: Alignment) -> bool:
     """True where two alignments are equal, or differ only in columns with nearly the same values."""
     if one.positions.keys() != other.positions.keys():
         return False
-    x, y = ([problem.seen.columns[way.positions[joint]] for joint in one.positions] for way in (one, other))
+    x, y = ([problem.contents.columns[way.positions[joint]] for joint in one.positions] for way in (one, other))
     return all(a is b or np.corrcoef(a, b)[0, 1] > SAME for a, b in zip(x, y, strict=True))
 
 
@@ -151,10 +151,10 @@ def _add(problem: Problem, way: Alignment, why: str) -> None:
     for kind, columns in (("position", way.positions), ("torque", way.torques), ("velocity", _rates(problem, way))):
         for joint, column in columns.items():
             reason = why if kind == "position" else "in the place of the position"
-            found = Quantity(joint, kind, column, LIKELY, [reason])
-            belief.quantities.setdefault(found.key, found)
+            quantity = Quantity(joint, kind, column, LIKELY, [reason])
+            belief.quantities.setdefault(quantity.key, quantity)
     if way.wrench:
-        share = f"goes as the model predicts ({_percent(way.left or 0.0)} of the variance)"
+        share = f"agrees with the model's prediction ({_percent(way.left or 0.0)} of the variance)"
         parts = (("force", way.wrench[:3]), ("torque", way.wrench[3:]))
         belief.groups[GROUND] = Group(GROUND, {key: Entry(list(names), share) for key, names in parts})
 
@@ -178,17 +178,18 @@ def _rates(problem: Problem, way: Alignment) -> dict[str, str]:
             continue
         for first in range(-min(places), len(each.names) - max(places)) if same else (0,):
             names = [each.names[place + first] for place in places]
-            if not set(names) & taken and _are_rates(problem.seen, list(way.positions.values()), names):
+            if not set(names) & taken and _are_rates(problem.contents, list(way.positions.values()), names):
                 return dict(zip(way.positions, names, strict=True))
     return {}
 
 
-def _are_rates(seen: Seen, positions: Sequence[str], rates: Sequence[str]) -> bool:
+def _are_rates(contents: LogContents, positions: Sequence[str], rates: Sequence[str]) -> bool:
     """True where columns may be derivatives of others, in any unit and of either sign."""
-    if not all(name in seen.columns for name in (*positions, *rates)):
+    if not all(name in contents.columns for name in (*positions, *rates)):
         return False
     sizes = [
-        abs(rate_factor(seen.time, seen.columns[x], seen.columns[dx])) for x, dx in zip(positions, rates, strict=True)
+        abs(rate_factor(contents.time, contents.columns[x], contents.columns[dx]))
+        for x, dx in zip(positions, rates, strict=True)
     ]
     units = (1.0, 180 / np.pi, np.pi / 180)
     return all(any(isclose(size, unit, rel_tol=0.2) for unit in units) for size in sizes)

@@ -8,8 +8,8 @@ import numpy as np
 from experiments.guesses.belief import Belief
 from experiments.guesses.families import Family, families
 from experiments.guesses.joints import ROUND
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.predicted import Curves, beside_friction, prediction, shares_of_torques, unexplained
-from experiments.guesses.seen import Seen
 from experiments.guesses.words import unit_of, words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import UNITS
@@ -48,7 +48,7 @@ class Problem:
 
     Attributes:
         belief: The belief so far.
-        seen: The log.
+        contents: The log.
         mechanism: The mechanism.
         joints: Joints without positions, in the model's order.
         curves: Columns low-passed by one filter.
@@ -57,7 +57,7 @@ class Problem:
     """
 
     belief: Belief
-    seen: Seen
+    contents: LogContents
     mechanism: Mechanism
     joints: tuple[str, ...]
     curves: Curves
@@ -90,15 +90,15 @@ def ways(problem: Problem, family: Family) -> Iterator[tuple[str, Sequence[str],
                 continue
             for first in range(len(names) - len(listed) + 1):
                 columns = names[first : first + len(listed)]
-                if all(name in problem.seen.columns for name in columns):
+                if all(name in problem.contents.columns for name in columns):
                     yield order, listed, columns
 
 
 def _labelled(problem: Problem, family: Family) -> dict[str, str]:
     """Columns by joint, if words in the log name all the joints in question by the same numbers."""
-    for each in families(problem.seen.labels):
-        said = {number: problem.seen.labels[name] for number, name in each.members}
-        columns = {said[number]: name for number, name in family.members if number in said}
+    for each in families(problem.contents.labels):
+        labels = {number: problem.contents.labels[name] for number, name in each.members}
+        columns = {labels[number]: name for number, name in family.members if number in labels}
         if set(problem.joints) <= set(columns):
             return {joint: columns[joint] for joint in problem.joints}
     return {}
@@ -130,10 +130,12 @@ def states_of(problem: Problem, positions: Mapping[str, str], factor: float) -> 
 
 def factors(problem: Problem, columns: Sequence[str]) -> list[float]:
     """Candidate factors from positions to radians, by the unit that the file or names state, or else by their size."""
-    said = {unit_of("hinge position", words(name).unit) or problem.seen.units.get(name, "") for name in columns} - {""}
-    if said:
-        return [UNITS["hinge position"].get(said.pop(), 1.0)]
-    largest = max(float(np.abs(problem.seen.columns[name]).max()) for name in columns)
+    units = {
+        unit_of("hinge position", words(name).unit) or problem.contents.units.get(name, "") for name in columns
+    } - {""}
+    if units:
+        return [UNITS["hinge position"].get(units.pop(), 1.0)]
+    largest = max(float(np.abs(problem.contents.columns[name]).max()) for name in columns)
     return [1.0] if largest < 0.05 else [np.pi / 180] if largest > 10 * ROUND else [1.0, np.pi / 180]
 
 
@@ -172,7 +174,7 @@ def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
         for each in problem.families:
             if each.kind == kind and each.is_of_joints and len(each.names) == len(way.family.names):
                 own = [each.names[place] for place in places]
-                if all(name in problem.seen.columns for name in own):
+                if all(name in problem.contents.columns for name in own):
                     out.append(dict(zip(way.positions, own, strict=True)))
         if out:
             return out
@@ -182,7 +184,7 @@ def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
     n, names, first, last = len(places), way.family.names, min(places), max(places)
     starts = [k for k in range(len(names) - n + 1) if k > last or k + n <= first] if last - first + 1 == n else []
     shifted = [[names[place - first + k] for place in places] for k in starts]
-    moving = [own for own in shifted if set(own) <= set(problem.seen.columns)]
+    moving = [own for own in shifted if set(own) <= set(problem.contents.columns)]
     return [dict(zip(way.positions, own, strict=True)) for own in moving] or [{}]
 
 
@@ -192,7 +194,9 @@ def _wrenches(problem: Problem, way: Alignment, given: Sequence[float]) -> list[
         return []
     names = way.family.names
     rows = [names[k : k + 6] for k in range(len(names) - 5)]
-    return [row for row in rows if not set(row) & set(way.positions.values()) and set(row) <= set(problem.seen.columns)]
+    return [
+        row for row in rows if not set(row) & set(way.positions.values()) and set(row) <= set(problem.contents.columns)
+    ]
 
 
 def _given(problem: Problem, states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray]) -> list[float]:
@@ -204,7 +208,7 @@ def _given(problem: Problem, states: Mapping[str, np.ndarray], predicted: Mappin
         total = sum(np.stack([levels.get(name, 0 * wrench[0]) for name in names], axis=1) for names in listed)
         if isinstance(total, np.ndarray) and np.ptp(total, axis=0).any():
             out.append(unexplained(total, basis))
-    for joint, found in problem.belief.of("torque").items():
-        if found.column in levels:
-            out.append(beside_friction(states[joint], predicted[joint], levels[found.column]))
+    for joint, quantity in problem.belief.of("torque").items():
+        if quantity.column in levels:
+            out.append(beside_friction(states[joint], predicted[joint], levels[quantity.column]))
     return out

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from experiments.guesses.belief import DOUBTFUL, Belief, Entry
 from experiments.guesses.gains import set_gains
 from experiments.guesses.joints import is_current
-from experiments.guesses.seen import Seen
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import words
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
@@ -28,45 +28,47 @@ HALF_WAY = np.sqrt(1000)
 """Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
 
 
-def check_wrenches_and_torques(belief: Belief, seen: Seen, mechanism: Mechanism, limit: int, *, axes: bool) -> None:
+def check_wrenches_and_torques(
+    belief: Belief, contents: LogContents, mechanism: Mechanism, limit: int, *, axes: bool
+) -> None:
     """Reads the log by the belief, and sets units, signs, axes and gains of wrenches and torques by the model.
 
     Args:
         belief: The belief; units, signs and axes of wrenches and gains of torques are set.
-        seen: The log.
+        contents: The log.
         mechanism: The mechanism, with a prior.
         limit: Bytes that an archive may take in memory.
         axes: True if signs and axes of wrenches are checked.
     """
     try:
-        log = _tried(belief, seen, mechanism, limit)
+        log = _tried(belief, contents, mechanism, limit)
         if belief.groups and np.isfinite(log.wrench).any():
-            if _set_units(belief, seen, log):
-                log = _tried(belief, seen, mechanism, limit)
+            if _set_units(belief, contents, log):
+                log = _tried(belief, contents, mechanism, limit)
             if axes:
                 _set_axes(belief, log)
-        set_gains(belief, seen, log)
+        set_gains(belief, contents, log)
     except InputError as error:
-        belief.notes.append(f"Units, signs and gains could not be held against the model: {error}")
-        for found in belief.of("torque").values():
-            if is_current(found):
-                found.sure = DOUBTFUL
-                found.why.append("a current needs a gain")
+        belief.notes.append(f"Units, signs and gains could not be checked against the model: {error}")
+        for quantity in belief.of("torque").values():
+            if is_current(quantity):
+                quantity.sure = DOUBTFUL
+                quantity.why.append("a current needs a gain")
 
 
-def _tried(belief: Belief, seen: Seen, mechanism: Mechanism, limit: int) -> Prepared:
+def _tried(belief: Belief, contents: LogContents, mechanism: Mechanism, limit: int) -> Prepared:
     """The log, read by the belief."""
-    for found in belief.of("torque").values():
-        if is_current(found):
-            found.unit = words(found.column).unit if words(found.column).unit in CURRENT else "A"
+    for quantity in belief.of("torque").values():
+        if is_current(quantity):
+            quantity.unit = words(quantity.column).unit if words(quantity.column).unit in CURRENT else "A"
     with TemporaryDirectory() as folder:
         columns = Path(folder, "columns.toml")
-        columns.write_text(toml_text(seen, belief, mechanism.tree.joints), encoding="utf-8")
-        recording = read_log(seen.path, mechanism, columns, gaps=True, limit=limit)
-    return prepared(mechanism, recording, cutoff="auto", name=str(seen.path))
+        columns.write_text(toml_text(contents, belief, mechanism.tree.joints), encoding="utf-8")
+        recording = read_log(contents.path, mechanism, columns, gaps=True, limit=limit)
+    return prepared(mechanism, recording, cutoff="auto", name=str(contents.path))
 
 
-def _set_units(belief: Belief, seen: Seen, log: Prepared) -> bool:
+def _set_units(belief: Belief, contents: LogContents, log: Prepared) -> bool:
     """Sets unknown units of forces and moments by their size, and returns True if one is not the SI unit."""
     predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame)
     there = np.stack([predicted[c] for c in COMPONENTS], axis=1)
@@ -89,7 +91,7 @@ def _set_units(belief: Belief, seen: Seen, log: Prepared) -> bool:
             continue
         for group in belief.groups.values():
             columns = [name for k in (kind, "free_moment") if k in group.entries for name in group.entries[k].value]
-            if key in group.entries or not any(columns) or any(name in seen.units for name in columns):
+            if key in group.entries or not any(columns) or any(name in contents.units for name in columns):
                 continue
             why = f"in {unit} it has {ratio / choices[unit]:.2g} times the size that the model predicts"
             group.entries[key] = Entry(unit, why)

@@ -75,10 +75,10 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
     if len(exact) > 1 and not all(_alike(columns[exact[0]], columns[name]) for name in exact):
         raise LogError(f"its times may be any of {', '.join(exact)}; name one of them time, or take the others out.")
     column = exact[0]
-    said, step = words(column).unit, float(np.median(steps[column]))
+    stated, step = words(column).unit, float(np.median(steps[column]))
     by_step = next((unit for unit, slowest in SLOWEST.items() if step <= slowest), "ns")
-    unit = said if said in UNITS["time"] else by_step
-    how = "its name says so" if unit == said else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
+    unit = stated if stated in UNITS["time"] else by_step
+    how = "its name says so" if unit == stated else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
     what = "named so" if column in named else "it alone grows steadily"
     return Clock(column, unit, f"{what}; {unit} since {how}")
 

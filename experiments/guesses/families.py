@@ -57,17 +57,17 @@ class Family:
     @property
     def kind(self) -> str:
         """The quantity, a key of `words.KINDS`, by words or unit; "" if neither states it."""
-        said = self.words
-        if said.unit in CURRENT:
+        stated = self.words
+        if stated.unit in CURRENT:
             return "current"
-        if said.unit in UNITS["hinge torque"]:
+        if stated.unit in UNITS["hinge torque"]:
             return "torque"
-        if said.kind == "time":
+        if stated.kind == "time":
             # Among several columns, T1 and T2 are torques.
             return "torque" if set(self._parts) & KINDS["time"] == {"t"} else "time"
         # Gazebo calls the torque of a hinge a force.
-        unsaid = "position" if said.unit in ("rad", "deg") else "torque" if "force" in self._parts else ""
-        return said.kind or unsaid
+        implied = "position" if stated.unit in ("rad", "deg") else "torque" if "force" in self._parts else ""
+        return stated.kind or implied
 
     @property
     def is_of_joints(self) -> bool:

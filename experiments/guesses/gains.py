@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.guesses.belief import DOUBTFUL, Belief, Quantity
 from experiments.guesses.joints import is_current
-from experiments.guesses.seen import Seen
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import unit_of, words
 from ident.estimation.loads import SLIP
 from ident.estimation.preparation import Prepared, predicted_channels
@@ -29,58 +29,58 @@ class Gain(NamedTuple):
     alike: float
 
 
-def set_gains(belief: Belief, seen: Seen, log: Prepared) -> None:
+def set_gains(belief: Belief, contents: LogContents, log: Prepared) -> None:
     """Sets gains, units and signs of joint torques by regression on the model's torques."""
-    felt, found = log.equations.torques, belief.of("torque")
-    if not felt:
+    measured, torques = log.equations.torques, belief.of("torque")
+    if not measured:
         return
     predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame, torques=True)
     whole = slice(log.edge, len(log.samples) - log.edge)
     motion, gains = log.samples.motion, dict[str, Gain]()
-    for column, k in enumerate(felt, start=len(log.equations.channels) - len(felt)):
+    for column, k in enumerate(measured, start=len(log.equations.channels) - len(measured)):
         joint = log.mechanism.tree.freedoms[k]
-        if joint in found:
+        if joint in torques:
             rates = motion.dq[whole, k], motion.ddq[whole, k]
             gains[joint] = _gain(log.samples.measured[whole, column], predicted[joint][whole], *rates)
-    for joint in [joint for joint in gains if is_current(found[joint])]:
-        _set_motor_constant(found[joint], gains.pop(joint))
-    _set_units({joint: found[joint] for joint in gains}, gains, seen)
+    for joint in [joint for joint in gains if is_current(torques[joint])]:
+        _set_motor_constant(torques[joint], gains.pop(joint))
+    _set_units({joint: torques[joint] for joint in gains}, gains, contents)
 
 
-def _set_motor_constant(found: Quantity, by_model: Gain) -> None:
+def _set_motor_constant(torque: Quantity, by_model: Gain) -> None:
     """Sets the factor from current to torque, if the current explains the torque."""
-    found.why.append(_explained(by_model))
+    torque.why.append(_explained(by_model))
     if by_model.alike > ALIKE:
-        found.gain = float(f"{by_model.gain:.4g}")
-        found.why.append(
-            f"{by_model.gain:.4g} ± {by_model.deviation:.1g} N m/A by the model's torque, so that masses found are "
-            "no better than it: put the data sheet's here"
+        torque.gain = float(f"{by_model.gain:.4g}")
+        torque.why.append(
+            f"{by_model.gain:.4g} ± {by_model.deviation:.1g} N m/A by the model's torque, so that identified "
+            "masses are no more accurate than it: better put the data sheet's here"
         )
     else:
-        found.sure = DOUBTFUL
+        torque.sure = DOUBTFUL
 
 
-def _set_units(found: dict[str, Quantity], gains: dict[str, Gain], seen: Seen) -> None:
+def _set_units(torques: dict[str, Quantity], gains: dict[str, Gain], contents: LogContents) -> None:
     """Sets units and signs of torques, and gains where the unit is unknown and no torque has the model's size.
 
     The log was read in N m, unless the unit was known. A program writes all torques in one unit: if some have the
     model's size, one that has not is due to another body.
     """
     stated = {
-        j: unit_of("hinge torque", words(x.column).unit) or seen.units.get(x.column, "") for j, x in found.items()
+        j: unit_of("hinge torque", words(x.column).unit) or contents.units.get(x.column, "") for j, x in torques.items()
     }
-    for joint, x in found.items():
-        x.unit = "" if x.column in seen.units else stated[joint] or "N m"
+    for joint, x in torques.items():
+        x.unit = "" if x.column in contents.units else stated[joint] or "N m"
         x.why.append(_explained(gains[joint]))
         if gains[joint].alike <= ALIKE:
-            x.why.append("sign and gain are not to be told")
-    alike = [joint for joint in found if gains[joint].alike > ALIKE]
-    ratios = {joint: gains[joint].gain / _FACTORS.get(found[joint].unit, 1.0) for joint in alike}
+            x.why.append("sign and gain cannot be determined")
+    alike = [joint for joint in torques if gains[joint].alike > ALIKE]
+    ratios = {joint: gains[joint].gain / _FACTORS.get(torques[joint].unit, 1.0) for joint in alike}
     free = [abs(ratios[joint]) for joint in alike if not stated[joint]]
     in_newton = any(_near(ratio) for ratio in free)
     in_millimetres = bool(free) and not in_newton and all(_near(1e3 * ratio) for ratio in free)
     for joint, ratio in ratios.items():
-        x, deviation = found[joint], gains[joint].deviation / _FACTORS.get(found[joint].unit, 1.0)
+        x, deviation = torques[joint], gains[joint].deviation / _FACTORS.get(torques[joint].unit, 1.0)
         x.gain = float(np.sign(ratio))
         if not stated[joint] and in_millimetres:
             x.unit = "N mm"
@@ -88,8 +88,8 @@ def _set_units(found: dict[str, Quantity], gains: dict[str, Gain], seen: Seen) -
         elif _near(abs(ratio)):
             x.why.append(f"the model's torque is {abs(ratio):.3g} ± {deviation:.1g} times as large")
         elif stated[joint] or in_newton or len(free) < 2:
-            said = f"its unit is {x.unit or 'the SI one'}" if stated[joint] else ""
-            other = said or ("others are in N m" if in_newton else "one torque is no rule")
+            reason = f"its unit is {x.unit or 'the SI one'}" if stated[joint] else ""
+            other = reason or ("others are in N m" if in_newton else "one torque proves nothing")
             x.why.append(
                 f"the model's torque is {abs(ratio):.3g} ± {deviation:.1g} times as large, but no gain is put for it "
                 f"since {other}: look at the model's bodies and at gears"

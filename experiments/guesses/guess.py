@@ -8,8 +8,8 @@ from experiments.guesses.aligned import add_aligned
 from experiments.guesses.belief import Belief, Entry, Group
 from experiments.guesses.checked import check_wrenches_and_torques
 from experiments.guesses.joints import add_named, add_numbered, is_named_after, set_rates, set_units
+from experiments.guesses.log_contents import LogContents, check_same_columns, log_contents
 from experiments.guesses.orientations import BASE, add_orientations
-from experiments.guesses.seen import Seen, check_same_columns, seen
 from experiments.guesses.signs import check_positions
 from experiments.guesses.unnamed import add_unnamed
 from experiments.guesses.wrenches import add_wrenches
@@ -27,7 +27,7 @@ from ident.recordings.wrench_names import wrench_groups
 
 def believed(
     mechanism: Mechanism, logs: Sequence[Path], *, base: str | None = None, limit: int = LIMIT, rate: float = 0.0
-) -> tuple[Seen, Belief]:
+) -> tuple[LogContents, Belief]:
     """Beliefs about the columns of some logs, from the first of them.
 
     Args:
@@ -43,7 +43,7 @@ def believed(
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
     flies = held and plane_normal(mechanism) is not None
-    log, belief = seen(logs[0], limit, rate), Belief()
+    log, belief = log_contents(logs[0], limit, rate), Belief()
     balls, axes = ([joint for joint in kinds if (kinds[joint] == "ball") is ball] for ball in (True, False))
     add_orientations(belief, log, balls, base if held else None)
     usual = {pattern.format(joint) for joint in kinds for patterns in KINDS.values() for pattern in patterns}
@@ -76,11 +76,11 @@ def believed(
     return log, belief
 
 
-def write_mapping(path: Path, log: Seen, belief: Belief, joints: Sequence[str], *, force: bool = False) -> None:
+def write_mapping(path: Path, log: LogContents, belief: Belief, joints: Sequence[str], *, force: bool = False) -> None:
     """Writes the mapping.
 
     Raises:
-        InputError: The file exists, and is not to be replaced.
+        InputError: The file exists, and `force` is false.
     """
     if path.exists() and not force:
         raise InputError(f"'{path}' is there already; --force replaces it, --out NAME writes another.")

@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.guesses.belief import LIKELY, SURE, Belief, Quantity
 from experiments.guesses.families import families, is_shifted
-from experiments.guesses.seen import Seen
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import LIKE, NEAR, Words, likeness, shares_numbers_alone, unit_of, without_prefix, words
 from ident.files.column import CURRENT, KINDS, UNITS
 from ident.recordings.plausibility import rate_factor
@@ -18,7 +18,7 @@ LONG = 20.0
 """Largest travel of a slide that is plausible in metres."""
 
 
-def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
+def add_named(belief: Belief, contents: LogContents, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
     """Adds the columns that are named like joints, if unambiguous.
 
     Numbers alone are ambiguous, since they may start at zero or one: `add_aligned` aligns whole series of them,
@@ -26,32 +26,32 @@ def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence
 
     Args:
         belief: The belief to extend.
-        seen: The log.
-        joints: Joints whose columns are wanted.
+        contents: The log.
+        joints: The joints in question.
         taken: Columns that hold something else.
     """
     own = _of_joints(joints)
-    shifted = _shifted(seen.names, joints)
+    shifted = _shifted(contents.names, joints)
     for kind, patterns in KINDS.items():
-        said = {name: words(name) for name in seen.names if name not in (*taken, *shifted, *belief.columns)}
+        split = {name: words(name) for name in contents.names if name not in (*taken, *shifted, *belief.columns)}
         exact = {pattern.format(joint): joint for joint in joints for pattern in patterns}
         likes = {
             (name, joint): 1.01 if exact.get(name) == joint else likeness(about, own[joint])
-            for name, about in said.items()
+            for name, about in split.items()
             for joint in joints
             if exact.get(name) == joint or (_fits(about, kind) and not shares_numbers_alone(about, own[joint]))
         }
         # A constant column is accepted by its exact name only.
-        likes = {pair: like for pair, like in likes.items() if pair[0] in seen.columns or like >= 0.99}
-        _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind, seen.constant)
+        likes = {pair: like for pair, like in likes.items() if pair[0] in contents.columns or like >= 0.99}
+        _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind, contents.constant)
 
 
-def add_numbered(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
+def add_numbered(belief: Belief, contents: LogContents, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
     """Adds columns outside series that share the number of a joint and its position; arguments as for `add_named`."""
     own = _of_joints(joints)
-    series = {name for each in families(seen.names) if len(each.names) > 1 for name in each.names}
+    series = {name for each in families(contents.names) if len(each.names) > 1 for name in each.names}
     for kind in KINDS:
-        names = [name for name in seen.columns if name not in (*taken, *series, *belief.columns)]
+        names = [name for name in contents.columns if name not in (*taken, *series, *belief.columns)]
         there, positions = belief.of(kind), belief.of("position")
         likes = {
             (name, joint): likeness(about, own[joint])
@@ -113,108 +113,114 @@ def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str, co
             belief.undecided |= set(others) if kind == "position" else set()
         else:
             sure, why = (SURE, "named so") if like >= 0.99 else (LIKELY, f"named alike ({100 * like:.0f} %)")
-            found = Quantity(joint, kind, name, sure, [why])
+            quantity = Quantity(joint, kind, name, sure, [why])
             if name in constant and kind != "position":
-                found = Quantity(joint, kind, "", SURE, [f"'{name}' never changes"])
-            belief.quantities[found.key] = found
+                quantity = Quantity(joint, kind, "", SURE, [f"'{name}' never changes"])
+            belief.quantities[quantity.key] = quantity
             columns, others = [name], [joint]
         likes = {(c, j): x for (c, j), x in likes.items() if c not in columns and j not in others}
 
 
-def set_units(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> list[str]:
+def set_units(belief: Belief, contents: LogContents, kinds: Mapping[str, str]) -> list[str]:
     """Sets units of positions by the file, their names and their size.
 
     Args:
         belief: The belief whose positions get units.
-        seen: The log.
+        contents: The log.
         kinds: `hinge` or `slide` for each joint.
 
     Returns:
         Joints with angles whose unit was chosen by size alone.
     """
     left: list[Quantity] = []
-    for joint, found in belief.of("position").items():
-        said = unit_of(f"{kinds[joint]} position", words(found.column).unit)
-        if found.column in seen.units:
-            found.why.append("the file knows its unit")
-        elif said:
-            found.unit = said
-            found.why.append(f"{said} by its name")
+    for joint, quantity in belief.of("position").items():
+        stated = unit_of(f"{kinds[joint]} position", words(quantity.column).unit)
+        if quantity.column in contents.units:
+            quantity.why.append("the file knows its unit")
+        elif stated:
+            quantity.unit = stated
+            quantity.why.append(f"{stated} by its name")
         else:
-            left.append(found)
+            left.append(quantity)
     for kind, limit, larger, usual in (("hinge", ROUND, "deg", "rad"), ("slide", LONG, "mm", "m")):
-        those = [found for found in left if kinds[found.joint] == kind and found.column in seen.columns]
-        sizes = [np.abs(seen.columns[found.column]).max() for found in those]
+        those = [quantity for quantity in left if kinds[quantity.joint] == kind and quantity.column in contents.columns]
+        sizes = [np.abs(contents.columns[quantity.column]).max() for quantity in those]
         # A program has one unit for all angles.
         unit = larger if max(sizes, default=0) > limit else usual
-        for found, size in zip(those, sizes, strict=True):
-            found.unit = unit
-            found.why.append(f"{unit} since it goes to {size:.3g}" + ("" if size > limit or unit == usual else ", and "
-                             f"another to {max(sizes):.3g}"))  # fmt: skip
-    return [x.joint for x in left if kinds[x.joint] == "hinge" and x.column in seen.columns]
+        for quantity, size in zip(those, sizes, strict=True):
+            quantity.unit = unit
+            by_another = "" if size > limit or unit == usual else f", and another to {max(sizes):.3g}"
+            quantity.why.append(f"{unit} since it goes to {size:.3g}{by_another}")
+    return [x.joint for x in left if kinds[x.joint] == "hinge" and x.column in contents.columns]
 
 
-def set_rates(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> None:
+def set_rates(belief: Belief, contents: LogContents, kinds: Mapping[str, str]) -> None:
     """Sets units and signs of velocities and accelerations as derivatives; drops columns that are no derivatives."""
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
-        for joint, found in belief.of(kind).items():
-            x = _position_or_rate(belief, seen, kinds, joint, of)
-            dx = seen.columns.get(found.column)
+        for joint, quantity in belief.of(kind).items():
+            x = _position_or_rate(belief, contents, kinds, joint, of)
+            dx = contents.columns.get(quantity.column)
             if x is None or dx is None:
                 continue
             choices = UNITS[f"{kinds[joint]} {kind}"]
-            said = unit_of(f"{kinds[joint]} {kind}", words(found.column).unit)
-            of_file = _factor(seen, found.column, found.unit, f"{kinds[joint]} {kind}")
-            factor = rate_factor(seen.time, x, dx)
+            stated = unit_of(f"{kinds[joint]} {kind}", words(quantity.column).unit)
+            of_file = _factor(contents, quantity.column, quantity.unit, f"{kinds[joint]} {kind}")
+            factor = rate_factor(contents.time, x, dx)
             fits = {unit: factor * c for unit, c in choices.items() if 0.8 < abs(factor * c) < 1.25}
-            if found.column in seen.units:
+            if quantity.column in contents.units:
                 fits = {"": factor * of_file} if 0.8 < abs(factor * of_file) < 1.25 else {}
             if not fits:
-                found.why = [f"it is {factor:.3g} times the derivative" if factor else "it is not the derivative"]
+                quantity.why = [f"it is {factor:.3g} times the derivative" if factor else "it is not the derivative"]
                 belief.notes.append(
-                    f"Column '{found.column}' is named like the {kind} of '{joint}', but {found.why[0]} of what is "
-                    "taken for its {of}; it is left out.".replace("{of}", of)
+                    f"Column '{quantity.column}' is named like the {kind} of '{joint}', but {quantity.why[0]} of what "
+                    f"is taken for its {of}; it is left out."
                 )
-                found.column, found.sure = "", SURE
+                quantity.column, quantity.sure = "", SURE
                 continue
-            found.unit = said if said in fits else next(iter(fits))
-            ratio = fits[found.unit]
-            found.gain = -1.0 if ratio < 0 else 1.0
-            found.why.append(f"{ratio:.2f} times the derivative of the {of}" + (f" in {found.unit}" * bool(found.unit)))
-            found.sure = SURE
+            quantity.unit = stated if stated in fits else next(iter(fits))
+            ratio = fits[quantity.unit]
+            quantity.gain = -1.0 if ratio < 0 else 1.0
+            quantity.why.append(
+                f"{ratio:.2f} times the derivative of the {of}" + (f" in {quantity.unit}" * bool(quantity.unit))
+            )
+            quantity.sure = SURE
 
 
-def _position_or_rate(belief: Belief, seen: Seen, kinds: Mapping[str, str], joint: str, kind: str) -> np.ndarray | None:
+def _position_or_rate(
+    belief: Belief, contents: LogContents, kinds: Mapping[str, str], joint: str, kind: str
+) -> np.ndarray | None:
     """A joint's position or velocity in SI units; the velocity by differentiation if it has no column (N,)."""
-    found = belief.of(kind).get(joint)
-    if found and found.column in seen.columns:
+    quantity = belief.of(kind).get(joint)
+    if quantity and quantity.column in contents.columns:
         return (
-            seen.columns[found.column] * found.gain * _factor(seen, found.column, found.unit, f"{kinds[joint]} {kind}")
+            contents.columns[quantity.column]
+            * quantity.gain
+            * _factor(contents, quantity.column, quantity.unit, f"{kinds[joint]} {kind}")
         )
-    if kind == "velocity" and (x := _position_or_rate(belief, seen, kinds, joint, "position")) is not None:
-        return np.gradient(x, seen.time)
+    if kind == "velocity" and (x := _position_or_rate(belief, contents, kinds, joint, "position")) is not None:
+        return np.gradient(x, contents.time)
     return None
 
 
-def position(belief: Belief, seen: Seen, kinds: Mapping[str, str], joint: str) -> np.ndarray | None:
+def position(belief: Belief, contents: LogContents, kinds: Mapping[str, str], joint: str) -> np.ndarray | None:
     """A joint's position in rad or m at the common times (N,); None if no column that changes has it."""
-    return _position_or_rate(belief, seen, kinds, joint, "position")
+    return _position_or_rate(belief, contents, kinds, joint, "position")
 
 
-def _factor(seen: Seen, column: str, unit: str, quantity: str) -> float:
+def _factor(contents: LogContents, column: str, unit: str, quantity: str) -> float:
     """Factor from a column's unit, its own or the file's, to the SI unit."""
     if unit:
         return UNITS[quantity][unit]
-    of_file = next((u for u in UNITS[quantity] if seen.units.get(column) == "deg" and u.startswith("deg")), None)
+    of_file = next((u for u in UNITS[quantity] if contents.units.get(column) == "deg" and u.startswith("deg")), None)
     return UNITS[quantity][of_file] if of_file else 1.0
 
 
-def factor(seen: Seen, found: Quantity, kinds: Mapping[str, str]) -> float:
+def factor(contents: LogContents, quantity: Quantity, kinds: Mapping[str, str]) -> float:
     """Factor from the unit of a joint's quantity to the SI unit."""
-    return _factor(seen, found.column, found.unit, f"{kinds[found.joint]} {found.kind}")
+    return _factor(contents, quantity.column, quantity.unit, f"{kinds[quantity.joint]} {quantity.kind}")
 
 
-def is_current(found: Quantity) -> bool:
+def is_current(quantity: Quantity) -> bool:
     """True where the name of a torque column says that it is a motor current."""
-    about = words(found.column)
+    about = words(quantity.column)
     return about.kind == "current" or about.unit in CURRENT

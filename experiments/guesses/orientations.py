@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.guesses.belief import LIKELY, SURE, Belief, Entry, Group
 from experiments.guesses.joints import LONG
-from experiments.guesses.seen import Seen
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, without_unit, words
 
 TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
@@ -24,16 +24,18 @@ BASE = "base"
 """Table of a mapping with the poses of the base."""
 
 
-def add_orientations(belief: Belief, seen: Seen, balls: Sequence[str], base: str | None) -> None:
+def add_orientations(belief: Belief, contents: LogContents, balls: Sequence[str], base: str | None) -> None:
     """Adds columns of ball joints, and of a moving base.
 
     Args:
         belief: The belief to extend.
-        seen: The log.
+        contents: The log.
         balls: Ball joints.
         base: Name of the body whose frame is {0}; None if the base does not move.
     """
-    groups = {rest: names for rest, names in _grouped(seen, TURNS, "wxyz").items() if _is_quaternion(seen, names)}
+    groups = {
+        rest: names for rest, names in _grouped(contents, TURNS, "wxyz").items() if _is_quaternion(contents, names)
+    }
     likes = {(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}
     while likes and max(likes.values()) >= LIKE:
         rest, ball = max(likes, key=lambda pair: likes[pair])
@@ -47,45 +49,45 @@ def add_orientations(belief: Belief, seen: Seen, balls: Sequence[str], base: str
             groups.pop(rest)
         likes = {(r, b): x for (r, b), x in likes.items() if b != ball and r in groups}
     if base is not None:
-        _add_base(belief, seen, groups, base)
+        _add_base(belief, contents, groups, base)
 
 
-def _add_base(belief: Belief, seen: Seen, groups: Mapping[str, list[str]], base: str) -> None:
+def _add_base(belief: Belief, contents: LogContents, groups: Mapping[str, list[str]], base: str) -> None:
     """Adds the poses of the base, if one quaternion named like it has a position beside it."""
-    places = _grouped(seen, MOVES, "xyz")
+    places = _grouped(contents, MOVES, "xyz")
     named = [rest for rest in groups if BASES.search(rest) or likeness(words(rest), words(base)) >= LIKE]
-    found = [rest for rest in named if rest in places and any(name in seen.columns for name in groups[rest])]
-    if len(found) > 1:
-        belief.open.append(f"The poses of the base may be those of {' or of '.join(found)}.")
-    if len(found) != 1:
+    bases = [rest for rest in named if rest in places and any(name in contents.columns for name in groups[rest])]
+    if len(bases) > 1:
+        belief.open.append(f"The poses of the base may be those of {' or of '.join(bases)}.")
+    if len(bases) != 1:
         return
-    (rest,) = found
+    (rest,) = bases
     group = Group(BASE, {"position": Entry(places[rest], "beside the quaternion")})
-    if not any(name in seen.units for name in places[rest]):
-        size = max(float(np.abs(_column(seen, name)).max()) for name in places[rest])
-        said = unit_of("length", words(places[rest][0]).unit)
+    if not any(name in contents.units for name in places[rest]):
+        size = max(float(np.abs(_column(contents, name)).max()) for name in places[rest])
+        stated = unit_of("length", words(places[rest][0]).unit)
         group.entries["unit"] = Entry(
-            said or ("mm" if size > LONG else "m"), "by its name" if said else f"it goes to {size:.3g}"
+            stated or ("mm" if size > LONG else "m"), "by its name" if stated else f"it goes to {size:.3g}"
         )
     group.entries["quaternion"] = Entry(groups[rest], "named like the base, with a norm of one")
     belief.poses[BASE] = group
 
 
-def _grouped(seen: Seen, between: str, components: str) -> dict[str, list[str]]:
+def _grouped(contents: LogContents, between: str, components: str) -> dict[str, list[str]]:
     """Columns of vectors with all components, in order, by the common part of their names."""
     groups: dict[str, dict[str, str]] = {}
-    for name in seen.names:
+    for name in contents.names:
         bare = without_unit(name)[0].strip()
         if match := re.fullmatch(rf"(.*?)[\W_]*{between}[\W_]*([{components}])", bare, re.IGNORECASE):
             groups.setdefault(match[1], {}).setdefault(match[2].lower(), name)
     return {rest: [own[c] for c in components] for rest, own in groups.items() if own.keys() == set(components)}
 
 
-def _is_quaternion(seen: Seen, names: Sequence[str]) -> bool:
-    norm = np.linalg.norm([_column(seen, name) for name in names], axis=0)
+def _is_quaternion(contents: LogContents, names: Sequence[str]) -> bool:
+    norm = np.linalg.norm([_column(contents, name) for name in names], axis=0)
     return bool((np.abs(norm - 1) < UNIT).all())
 
 
-def _column(seen: Seen, name: str) -> np.ndarray:
+def _column(contents: LogContents, name: str) -> np.ndarray:
     """A column at the common times, also a constant one (N,)."""
-    return seen.columns.get(name, np.full(len(seen.time), seen.constant.get(name, 0.0)))
+    return contents.columns.get(name, np.full(len(contents.time), contents.constant.get(name, 0.0)))

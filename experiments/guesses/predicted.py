@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.guesses.seen import Seen
+from experiments.guesses.log_contents import LogContents
 from ident.estimation.loads import SLIP
 from ident.estimation.measurement import joint_states
 from ident.estimation.preparation import predicted_channels
@@ -35,19 +35,19 @@ class Curves:
         return len(next(iter(self.levels.values())))
 
 
-def curves(seen: Seen, positions: Iterable[str]) -> Curves:
+def curves(contents: LogContents, positions: Iterable[str]) -> Curves:
     """Columns of a log at few samples, low-passed with the cut-off that suits possible positions.
 
     Raises:
         InputError: There are too few samples for a filter.
     """
-    rate, names = seen.rate, list(positions)
-    x = np.stack([seen.columns[name] for name in names], axis=1)
+    rate, names = contents.rate, list(positions)
+    x = np.stack([contents.columns[name] for name in names], axis=1)
     cutoff = chosen_cutoff(x, rate)
     edge = min(int(SETTLING * rate / cutoff), len(x) // 10)
     taken = np.unique(np.linspace(edge, len(x) - 1 - edge, ENOUGH).astype(int))
     states = np.stack(smoothed(x, rate, cutoff))[:, taken]
-    levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in seen.columns.items()}
+    levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in contents.columns.items()}
     return Curves({name: states[:, :, k] for k, name in enumerate(names)}, levels)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief
 from experiments.guesses.joints import factor, position
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.predicted import beside_friction, curves, prediction, unexplained
-from experiments.guesses.seen import Seen
 from ident.estimation.equations import COMPONENTS
 from ident.mechanism.mechanism import Mechanism
 
@@ -41,7 +41,7 @@ class Left(NamedTuple):
 
 
 def check_positions(
-    belief: Belief, seen: Seen, mechanism: Mechanism, kinds: Mapping[str, str], by_size: Sequence[str]
+    belief: Belief, contents: LogContents, mechanism: Mechanism, kinds: Mapping[str, str], by_size: Sequence[str]
 ) -> bool:
     """Checks units and signs of joints against wrenches and torques, independent of the units and axes of these.
 
@@ -49,7 +49,7 @@ def check_positions(
 
     Args:
         belief: The belief.
-        seen: The log.
+        contents: The log.
         mechanism: The mechanism.
         kinds: `hinge` or `slide` for each joint.
         by_size: Joints whose unit was chosen by size alone.
@@ -57,18 +57,20 @@ def check_positions(
     Returns:
         True if no sign is open; an open one is indistinguishable from turned axes of a wrench.
     """
-    joints = [joint for joint in kinds if position(belief, seen, kinds, joint) is not None]
+    joints = [joint for joint in kinds if position(belief, contents, kinds, joint) is not None]
     if not joints or belief.undecided or mechanism.prior is None:
         return True
-    found = belief.of("position")
-    low = curves(seen, [found[joint].column for joint in joints])
+    positions = belief.of("position")
+    low = curves(contents, [positions[joint].column for joint in joints])
     # Joints that are not in the log, or constant, rest.
     states = {joint: np.zeros((3, low.size)) for joint in kinds}
     for joint in kinds:
-        if joint in found and found[joint].column in seen.constant:
-            states[joint][0] = seen.constant[found[joint].column] * factor(seen, found[joint], kinds)
+        if joint in positions and positions[joint].column in contents.constant:
+            states[joint][0] = contents.constant[positions[joint].column] * factor(contents, positions[joint], kinds)
     for joint in joints:
-        states[joint] = low.states[found[joint].column] * found[joint].gain * factor(seen, found[joint], kinds)
+        states[joint] = (
+            low.states[positions[joint].column] * positions[joint].gain * factor(contents, positions[joint], kinds)
+        )
 
     def left(factors: Mapping[str, float]) -> Left | None:
         return _left(belief, low.levels, mechanism, {j: x * factors.get(j, 1.0) for j, x in states.items()})
@@ -77,7 +79,7 @@ def check_positions(
     if here is None:
         return True
     if by_size:
-        here = _other_unit(belief, seen, states, by_size, left, here)
+        here = _other_unit(belief, contents, states, by_size, left, here)
     no_sign_is_open, here = _turn(belief, joints, left, here)
     if no_sign_is_open:
         _doubt(belief, 1 - here.somehow)
@@ -86,39 +88,41 @@ def check_positions(
 
 def _other_unit(
     belief: Belief,
-    seen: Seen,
+    contents: LogContents,
     states: dict[str, np.ndarray],
     by_size: Sequence[str],
     left: Callable[[Mapping[str, float]], Left | None],
     here: Left,
 ) -> Left:
     """Exchanges radians and degrees if the model explains far more then; returns the shares left unexplained."""
-    found = belief.of("position")
+    positions = belief.of("position")
     # A program has one unit for all angles.
-    unit, other, scale = ("rad", "deg", np.pi / 180) if found[by_size[0]].unit == "rad" else ("deg", "rad", 180 / np.pi)
-    largest = max(float(np.abs(seen.columns[found[joint].column]).max()) for joint in by_size)
+    unit, other, scale = (
+        ("rad", "deg", np.pi / 180) if positions[by_size[0]].unit == "rad" else ("deg", "rad", 180 / np.pi)
+    )
+    largest = max(float(np.abs(contents.columns[positions[joint].column]).max()) for joint in by_size)
     there = left(dict.fromkeys(by_size, scale)) if other == "deg" or largest < TURNS_OF_A_JOINT else None
     if there is None or there.somehow > BETTER * here.somehow:
         return here
     for joint in by_size:
-        found[joint].unit = other
+        positions[joint].unit = other
         states[joint] = states[joint] * scale
         shares = f"{_percent(there.somehow)} then, in {unit} {_percent(here.somehow)}"
-        found[joint].why.append(f"{other} since the model explains {shares}")
+        positions[joint].why.append(f"{other} since the model explains {shares}")
     return there
 
 
 def _doubt(belief: Belief, explained: float) -> None:
     """Makes likely positions doubtful if the model explains next to nothing, and adds a note if it explains little."""
-    told = f"the model explains {100 * explained:.0f} % of the wrenches and torques"
+    share = f"the model explains {100 * explained:.0f} % of the wrenches and torques"
     likely = [x for x in belief.of("position").values() if x.sure == LIKELY]
     if explained >= ENOUGH:
         return
     if not likely or not (belief.by_place or explained < LITTLE):
-        belief.notes.append(f"With the columns that are named like positions {told}: see names, units and the model.")
+        belief.notes.append(f"With the columns that are named like positions {share}: see names, units and the model.")
         return
     listed = ", ".join(f"'{x.joint}' in {x.column}" for x in likely)
-    belief.open.append(f"The positions may be {listed}, but {told} then, so that they stay remarks.")
+    belief.open.append(f"The positions may be {listed}, but {share} then, so that they stay remarks.")
     belief.undecided |= {x.joint for x in likely}
     for x in belief.quantities.values():
         if x.joint in belief.undecided and x.sure == LIKELY:
@@ -139,7 +143,7 @@ def _turn(
     Returns:
         True if no sign is open, and the unexplained shares.
     """
-    found = belief.of("position")
+    positions = belief.of("position")
     turned: dict[str, float] = {}
     while here.somehow > EXPLAINED:
         ways = {joint: way for joint in joints if (way := left({**turned, joint: -turned.get(joint, 1.0)})) is not None}
@@ -156,8 +160,8 @@ def _turn(
             return False, here
         joint, before = good[0], here
         here, turned[joint] = ways[joint], -turned.get(joint, 1.0)
-        found[joint].gain = turned[joint]
-        found[joint].why.append(
+        positions[joint].gain = turned[joint]
+        positions[joint].why.append(
             f"turned, since the model explains {_percent(here.somehow)} then, else {_percent(before.somehow)}"
         )
     return True, here
@@ -180,9 +184,9 @@ def _left(
         total = np.sum(listed, axis=0).T if listed else np.empty((0, 0))
         if total.size and np.ptp(total, axis=0).any():
             shares.append((unexplained(total, basis), _beside_own(total, part)))
-    for joint, found in belief.of("torque").items():
-        if found.column in levels:
-            share = beside_friction(states[joint], predicted[joint], levels[found.column])
+    for joint, quantity in belief.of("torque").items():
+        if quantity.column in levels:
+            share = beside_friction(states[joint], predicted[joint], levels[quantity.column])
             shares.append((share, share))
     return Left(*np.mean(shares, axis=0).tolist()) if shares else None
 

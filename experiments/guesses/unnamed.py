@@ -9,8 +9,8 @@ from scipy.optimize import linear_sum_assignment
 
 from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
 from experiments.guesses.joints import ROUND
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.predicted import Curves, curves, prediction
-from experiments.guesses.seen import Seen
 from experiments.guesses.words import words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import UNITS
@@ -31,24 +31,28 @@ EXPLAINED = 0.8
 """Share of a column's variance above which a prediction is accepted for it."""
 
 
-def add_unnamed(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequence[str], held: bool) -> None:
+def add_unnamed(belief: Belief, contents: LogContents, mechanism: Mechanism, joints: Sequence[str], held: bool) -> None:
     """Adds positions of joints without columns, and a wrench or torques if no column is named so.
 
     Args:
         belief: The belief to extend.
-        seen: The log.
+        contents: The log.
         mechanism: The mechanism.
         joints: Its joints, each with one coordinate.
         held: True if something holds the base.
     """
-    known = {joint: found.column for joint, found in belief.of("position").items() if found.column in seen.columns}
+    known = {
+        joint: quantity.column
+        for joint, quantity in belief.of("position").items()
+        if quantity.column in contents.columns
+    }
     lacking = [joint for joint in joints if joint not in belief.of("position")]
     measured = [*belief.of("torque"), *belief.groups]
     still = [joint for joint in joints if joint not in known and joint not in lacking]
     if mechanism.prior is None or still or belief.undecided or not (lacking or not measured):
         return
-    free = [name for name in seen.columns if name not in belief.columns and not words(name).commanded]
-    rates = _rates(seen, free)
+    free = [name for name in contents.columns if name not in belief.columns and not words(name).commanded]
+    rates = _rates(contents, free)
     # A column with a derivative is a position; without any such pair all columns may be.
     roots = [name for name in free if name in rates.values() and name not in rates] or free
     candidates = roots if len(roots) >= len(lacking) else [name for name in free if name not in rates]
@@ -56,17 +60,19 @@ def add_unnamed(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequen
         if len(candidates) > len(lacking):
             belief.open.append(f"Too many columns may be positions to try the model on all: {', '.join(candidates)}.")
         return
-    low = curves(seen, [*known.values(), *candidates])
+    low = curves(contents, [*known.values(), *candidates])
     others = [name for name in free if name not in rates]
     if lacking and not _add_positions(belief, low, mechanism, known, lacking, candidates, others):
         return
     if not measured and not belief.torques_undecided:
-        columns = {joint: found.column for joint, found in belief.of("position").items()}
+        columns = {joint: quantity.column for joint, quantity in belief.of("position").items()}
         predicted = _predicted(belief, low, mechanism, joints, columns)
-        _add_measured(belief, low, predicted, [n for n in others if n not in belief.columns], joints, seen.names, held)
+        _add_measured(
+            belief, low, predicted, [n for n in others if n not in belief.columns], joints, contents.names, held
+        )
 
 
-def _rates(seen: Seen, names: Sequence[str]) -> dict[str, str]:
+def _rates(contents: LogContents, names: Sequence[str]) -> dict[str, str]:
     """Columns that are derivatives of others, in any unit, with these others."""
     units = (1.0, 180 / np.pi, np.pi / 180)
     return {
@@ -74,7 +80,10 @@ def _rates(seen: Seen, names: Sequence[str]) -> dict[str, str]:
         for name in names
         for rate in names
         if rate != name
-        and any(0.8 < abs(rate_factor(seen.time, seen.columns[name], seen.columns[rate])) / u < 1.25 for u in units)
+        and any(
+            0.8 < abs(rate_factor(contents.time, contents.columns[name], contents.columns[rate])) / u < 1.25
+            for u in units
+        )
     }
 
 
@@ -117,12 +126,12 @@ def _add_positions(
 ) -> bool:
     """Adds the columns with which the model explains the others best, and returns True if they are clearly the best."""
     joints = mechanism.tree.joints
-    told = [name for group in belief.groups.values() for name in group.columns if name in low.levels]
-    told += [found.column for found in belief.of("torque").values() if found.column in low.levels]
+    measured = [name for group in belief.groups.values() for name in group.columns if name in low.levels]
+    measured += [quantity.column for quantity in belief.of("torque").values() if quantity.column in low.levels]
     ways = []
     for chosen in permutations(candidates, len(lacking)):
         columns = known | dict(zip(lacking, chosen, strict=True))
-        rest = told or [name for name in others if name not in chosen]
+        rest = measured or [name for name in others if name not in chosen]
         like = _likeness(low, rest, _predicted(belief, low, mechanism, joints, columns))
         ways.append((float(1 - like.max(axis=1, initial=0).mean()) if rest else 1.0, chosen))
     ways.sort()
@@ -137,8 +146,10 @@ def _add_positions(
         return False
     for joint, column in zip(lacking, chosen, strict=True):
         why = f"with it the model explains {100 * (1 - best):.0f} % of the other columns, otherwise at most "
-        found = Quantity(joint, "position", column, LIKELY, [why + f"{100 * (1 - second):.0f} %"], _unit(low, column))
-        belief.quantities[found.key] = found
+        quantity = Quantity(
+            joint, "position", column, LIKELY, [why + f"{100 * (1 - second):.0f} %"], _unit(low, column)
+        )
+        belief.quantities[quantity.key] = quantity
     return True
 
 
@@ -160,11 +171,13 @@ def _add_measured(
         for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:])):
             _fill(columns, part, order, belief)
             listed = [columns.get(component, "") for component in part]
-            entries[key] = Entry(listed, f"goes as the model predicts ({100 * least:.0f} % of the variance or more)")
+            entries[key] = Entry(
+                listed, f"agrees with the model's prediction ({100 * least:.0f} % of the variance or more)"
+            )
         belief.groups[GROUND] = Group(GROUND, entries)
         return
     for joint, (column, like) in _matched(low, names, {j: predicted[j] for j in joints if j in predicted}).items():
-        why = f"goes as the model predicts ({100 * like:.0f} % of the variance)"
+        why = f"agrees with the model's prediction ({100 * like:.0f} % of the variance)"
         belief.quantities[f"joints.{joint}.torque"] = Quantity(joint, "torque", column, LIKELY, [why])
 
 

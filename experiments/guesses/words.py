@@ -115,10 +115,10 @@ def words(name: str) -> Words:
 
 def without_unit(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit."""
-    if found := re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$", name):
-        said = re.sub(r"\s|/\s*s(ec)?([\^]?2|²)?$", "", found[1].lower())
-        if unit := SPELLED.get(said) or BRACKETED.get(said):
-            return name[: found.start()], unit
+    if match := re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$", name):
+        spelling = re.sub(r"\s|/\s*s(ec)?([\^]?2|²)?$", "", match[1].lower())
+        if unit := SPELLED.get(spelling) or BRACKETED.get(spelling):
+            return name[: match.start()], unit
     pieces = re.split(r"([\W_]+)", name)
     for k in range(len(pieces) - 1, -1, -1):
         if k and (unit := SPELLED.get(pieces[k].lower())):
@@ -157,7 +157,7 @@ def without_prefix(names: Sequence[Words]) -> list[Words]:
     return [replace(each, core=each.core[length:]) for each in names]
 
 
-def unit_of(quantity: str, said: str) -> str:
+def unit_of(quantity: str, stated: str) -> str:
     """The unit of a quantity of `UNITS` that a name states; "" if the quantity cannot have it."""
     rate = {"velocity": "/s", "acceleration": "/s^2"}.get(quantity.split(" ")[-1], "")
-    return next((unit for unit in (said, said + rate) if said and unit in UNITS[quantity]), "")
+    return next((unit for unit in (stated, stated + rate) if stated and unit in UNITS[quantity]), "")

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
-from experiments.guesses.seen import Seen
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
 from ident.files.column import CURRENT
 from ident.mechanism.mechanism import Mechanism
@@ -30,34 +30,35 @@ ABOUT_ORIGIN = 0.05
 """Share of a moment's variance not explained by p × F, up to which it is about the origin rather than the point."""
 
 
-def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool, flies: bool) -> None:
+def add_wrenches(belief: Belief, contents: LogContents, mechanism: Mechanism, held: bool, flies: bool) -> None:
     """Adds the columns that are named like wrenches.
 
     Args:
         belief: The belief to extend.
-        seen: The log.
+        contents: The log.
         mechanism: The mechanism, with the bodies that wrenches may act on.
         held: True if something holds the base.
         flies: True if the joints move a held base freely in a plane.
     """
-    names = [name for name in seen.names if name not in belief.columns]
+    names = [name for name in contents.names if name not in belief.columns]
     bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and not words(n).commanded}
-    found: list[tuple[str, Parts]] = []
+    wrenches: list[tuple[str, Parts]] = []
     for rest, components in wrench_groups(list(bare)).items():
         parts = {key: bare[name] for key, name in components.items()}
-        if sum(kind != "point" for kind, _ in parts) < 2 or not any(name in seen.columns for name in parts.values()):
+        changes = any(name in contents.columns for name in parts.values())
+        if sum(kind != "point" for kind, _ in parts) < 2 or not changes:
             continue
         own = re.sub(r"\W+", "_", rest).strip("_")
-        if same := next((other for other, those in found if _is_same(seen, parts, those)), None):
+        if same := next((other for other, those in wrenches if _is_same(contents, parts, those)), None):
             belief.open.append(f"The wrench '{own}' has the same force as '{same}', and is left out.")
             continue
-        found.append((own, parts))
-    for k, (rest, parts) in enumerate(found):
+        wrenches.append((own, parts))
+    for k, (rest, parts) in enumerate(wrenches):
         site = _site(rest, mechanism)
-        grounds = [j for j, (other, _) in enumerate(found) if GROUNDS.search(other)]
-        is_ground = held and not site and (len(found) == 1 or grounds == [k])
+        grounds = [j for j, (other, _) in enumerate(wrenches) if GROUNDS.search(other)]
+        is_ground = held and not site and (len(wrenches) == 1 or grounds == [k])
         group = Group(GROUND if is_ground else site or (rest if rest not in ("", GROUND) else f"wrench{k + 1}"), {})
-        group.entries = _entries(seen, parts)
+        group.entries = _entries(contents, parts)
         if site:
             _mount(group, mechanism)
         elif not is_ground:
@@ -67,12 +68,12 @@ def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool, f
         belief.groups[group.name] = group
 
 
-def _is_same(seen: Seen, one: Parts, other: Parts) -> bool:
+def _is_same(contents: LogContents, one: Parts, other: Parts) -> bool:
     """True where two wrenches have forces of the same size throughout, and so are one that is written twice."""
     sizes = []
     for parts in (one, other):
-        forces = [name for (kind, _), name in parts.items() if kind == "force" and name in seen.columns]
-        sizes.append(np.linalg.norm([seen.columns[name] for name in forces] or [0 * seen.time], axis=0))
+        forces = [name for (kind, _), name in parts.items() if kind == "force" and name in contents.columns]
+        sizes.append(np.linalg.norm([contents.columns[name] for name in forces] or [0 * contents.time], axis=0))
     return bool(all(np.ptp(size) > 0 for size in sizes) and np.corrcoef(sizes)[0, 1] > SAME)
 
 
@@ -98,7 +99,7 @@ def _bare(name: str) -> str:
     return re.sub(r"\s*[\[(][^\])]*[\])]\s*$|[\W_]+(k?Nm?m?)$", "", name)
 
 
-def _entries(seen: Seen, parts: Parts) -> dict[str, Entry]:
+def _entries(contents: LogContents, parts: Parts) -> dict[str, Entry]:
     """Lines on the columns of a wrench and their units."""
 
     def listed(kind: str) -> list[str]:
@@ -108,7 +109,7 @@ def _entries(seen: Seen, parts: Parts) -> dict[str, Entry]:
     entries = {"force": Entry(listed("force"), "named so", SURE)} if "force" in there else {}
     moment = "torque"
     if {"point", "force", "torque"} <= there:
-        moment = "torque" if _is_about_origin(seen, parts) else "free_moment"
+        moment = "torque" if _is_about_origin(contents, parts) else "free_moment"
         if moment == "free_moment":
             why = "named so; what has no column is 0 m"
             entries["point"] = Entry([name or 0.0 for name in listed("point")], why)
@@ -123,22 +124,22 @@ def _entries(seen: Seen, parts: Parts) -> dict[str, Entry]:
         if key == "point_unit" and "point" not in entries:
             continue
         columns = [name for name in listed(kind) if name]
-        said = {unit_of(quantity, words(name).unit) for name in columns} - {""}
-        if len(said) == 1 and not any(name in seen.units for name in columns):
-            entries[key] = Entry(said.pop(), "by the names")
-        elif key == "point_unit" and not any(name in seen.units for name in columns):
+        units = {unit_of(quantity, words(name).unit) for name in columns} - {""}
+        if len(units) == 1 and not any(name in contents.units for name in columns):
+            entries[key] = Entry(units.pop(), "by the names")
+        elif key == "point_unit" and not any(name in contents.units for name in columns):
             # The point is meaningless while nobody stands on the plate; the median assumes contact half of the time.
-            size = max(float(np.median(np.abs(seen.columns[name]))) for name in columns if name in seen.columns)
+            size = max(float(np.median(np.abs(contents.columns[name]))) for name in columns if name in contents.columns)
             if size > 10:
                 entries[key] = Entry("mm", f"half of the time it is {size:.3g} or more away")
     return entries
 
 
-def _is_about_origin(seen: Seen, parts: Parts) -> bool:
+def _is_about_origin(contents: LogContents, parts: Parts) -> bool:
     """True where moments are those of the force at the point of application, about the origin."""
 
     def of(kind: str) -> np.ndarray:
-        columns = [seen.columns.get(parts.get((kind, axis), ""), np.zeros(len(seen.time))) for axis in "xyz"]
+        columns = [contents.columns.get(parts.get((kind, axis), ""), np.zeros(len(contents.time))) for axis in "xyz"]
         return np.stack(columns, axis=1)
 
     force, moment, arm = of("force"), of("torque"), np.cross(of("point"), of("force"))
@@ -162,7 +163,7 @@ def _place(belief: Belief, group: Group, mechanism: Mechanism, held: bool) -> No
         group.entries["body"] = Entry(best, f"named alike ({100 * likes[best]:.0f} %)")
     else:
         group.entries["body"] = Entry("?", f"one of {', '.join(mechanism.tree.names)}", DOUBTFUL)
-        belief.open.append(f"What the wrench '{group.name}' acts on is not to be told by its name.")
+        belief.open.append(f"The name of the wrench '{group.name}' does not state the body that it acts on.")
 
 
 def _stand(belief: Belief, group: Group, mechanism: Mechanism) -> None:
@@ -177,11 +178,11 @@ def _stand(belief: Belief, group: Group, mechanism: Mechanism) -> None:
     if len(among) == 1:
         group.entries["on"] = Entry(among[0], what)
     elif 1 < len(among) <= 8:
-        group.entries["on"] = Entry(AUTO, "who is nearest to the force, in every episode")
+        group.entries["on"] = Entry(AUTO, "the body nearest to the force, in every episode")
         group.entries["among"] = Entry(among, what)
     else:
         group.entries["on"] = Entry("?", f"one of {', '.join(tree.names)}", DOUBTFUL)
-        belief.open.append(f"Who stands on '{group.name}' is not to be told.")
+        belief.open.append(f"It is open which body stands on '{group.name}'.")
 
 
 def is_doubtful(group: Group) -> bool:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Quantity
+from experiments.guesses.log_contents import LogContents
 from experiments.guesses.orientations import BASE
-from experiments.guesses.seen import Seen
 from experiments.guesses.wrenches import is_doubtful
 from ident.files.csv_file import Layout
 from ident.recordings.several_files import name_of
@@ -19,20 +19,19 @@ ORDER = (
 """Order of the lines of a wrench."""
 
 
-def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
+def toml_text(contents: LogContents, belief: Belief, joints: Sequence[str]) -> str:
     """The mapping file, with doubtful, missing and unused columns in remarks.
 
     Args:
-        seen: The log.
+        contents: The log.
         belief: The belief about it.
         joints: The mechanism's joints.
     """
-    lines = [
-        f"# Columns of {_printable(name_of(seen.path))}, guessed: correct what is wrong. Lines marked ? are guesses."
-    ]
+    name = _printable(name_of(contents.path))
+    lines = [f"# Columns of {name}, guessed: correct what is wrong. Lines marked ? are guesses."]
     lines += [f"# Open: {_printable(sentence)}" for sentence in belief.open]
     lines += [f"# Note: {_printable(sentence)}" for sentence in belief.notes]
-    lines += [*_times(seen), *_layouts(seen)]
+    lines += [*_times(contents), *_layouts(contents)]
     for joint in (joint for joint in joints if f"joints.{joint}" not in belief.poses):
         lines += _joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
     for group in belief.poses.values():
@@ -44,27 +43,27 @@ def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
         there = [(key, group.entries[key]) for key in ORDER if key in group.entries]
         lines += [mark + _entry(key, entry) for key, entry in there]
     if belief.unused:
-        lines.append(f"# Columns that nothing was found for: {', '.join(belief.unused)}")
+        lines.append(f"# Columns that are not assigned: {', '.join(belief.unused)}")
     return "\n".join(lines) + "\n"
 
 
-def _times(seen: Seen) -> list[str]:
+def _times(contents: LogContents) -> list[str]:
     """The line on the columns of times, one for all files or one for each."""
-    told = [clock.entry for clock in seen.clocks]
-    if not told:
+    entries = [clock.entry for clock in contents.clocks]
+    if not entries:
         return []
-    alike = all(each == told[0] for each in told)
-    why = "; ".join(dict.fromkeys(clock.why for clock in seen.clocks))
-    if alike and "rate" in told[0]:
-        return [_line("rate", told[0]["rate"], why)]
-    return [_line("time", told[0] if alike else told, why, guess=True)]
+    alike = all(each == entries[0] for each in entries)
+    why = "; ".join(dict.fromkeys(clock.why for clock in contents.clocks))
+    if alike and "rate" in entries[0]:
+        return [_line("rate", entries[0]["rate"], why)]
+    return [_line("time", entries[0] if alike else entries, why, guess=True)]
 
 
-def _layouts(seen: Seen) -> list[str]:
+def _layouts(contents: LogContents) -> list[str]:
     """Lines on the layout of text, empty if all layouts are the default."""
-    several = len(seen.layouts) > 1
+    several = len(contents.layouts) > 1
     lines = []
-    for layout in seen.layouts if any(layout != Layout() for layout in seen.layouts) else ():
+    for layout in contents.layouts if any(layout != Layout() for layout in contents.layouts) else ():
         lines += ["[[file]]" if several else "[file]"]
         lines += [_line("header", layout.header, "the first row has numbers" * (not layout.header))]
         lines += [_line("skip", layout.skip, "lines before the table")] if layout.skip else []
@@ -76,7 +75,7 @@ def _joint(joint: str, quantities: Sequence[Quantity]) -> list[str]:
     believed = any(x.sure != DOUBTFUL for x in quantities)
     lines = [f"{'' if believed else '# '}[joints.{_key(joint)}]"]
     if not any(x.kind == "position" for x in quantities):
-        lines.append('# position = "?"    # no column was found')
+        lines.append('# position = "?"    # no column')
     for x in quantities:
         mark = "# " if x.sure == DOUBTFUL else ""
         lines.append(mark + _line(x.kind, x.value, "; ".join(x.why), guess=x.sure != SURE or len(x.why) > 1))
@@ -110,9 +109,9 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def table(seen: Seen, belief: Belief) -> list[str]:
+def table(contents: LogContents, belief: Belief) -> list[str]:
     """Lines of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
-    rows = [("time", clock.column, clock.unit, "likely", clock.why) for clock in dict.fromkeys(seen.clocks)]
+    rows = [("time", clock.column, clock.unit, "likely", clock.why) for clock in dict.fromkeys(contents.clocks)]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
         rows.append((x.key.removeprefix("joints."), x.column or "left out", unit, x.sure, "; ".join(x.why)))

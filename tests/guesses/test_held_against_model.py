@@ -45,7 +45,7 @@ def test_without_wrench_and_torque_numbers_that_fit_are_taken_and_others_asked(t
     for robot, taken in ((seven(), True), (ur(), False)):
         _, belief = believed_of(tmp_path, robot, stamped(robot) | states(robot, "q_{}", "dq_{}", ""))
         assert is_complete(belief, robot.joints) == taken and bool(belief.open) != taken
-        assert all("nothing in the log can be held against" in x.why[0] for x in belief.of("position").values())
+        assert all("nothing in the log can confirm" in x.why[0] for x in belief.of("position").values())
 
 
 def test_joints_turned_around_are_aligned_all_the_same(tmp_path):

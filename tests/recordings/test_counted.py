@@ -8,7 +8,7 @@ from test_log import mechanism
 
 from experiments.columns import main
 from experiments.guesses.guess import believed
-from experiments.guesses.seen import seen
+from experiments.guesses.log_contents import log_contents
 from experiments.guesses.written import toml_text
 from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
@@ -70,9 +70,9 @@ def test_columns_takes_a_rate_and_writes_it(tmp_path, capsys):
     log, belief = believed(mechanism(), [path], rate=100.0)
     (tmp_path / "c.toml").write_text(toml_text(log, belief, mechanism().joints), encoding="utf-8")
     np.testing.assert_allclose(read_log(path, mechanism(), tmp_path / "c.toml").measured["hip_position"], Q[:, 1])
-    assert seen(written(tmp_path / "timed.csv", PLAIN), rate=7.0).rate == pytest.approx(100)
+    assert log_contents(written(tmp_path / "timed.csv", PLAIN), rate=7.0).rate == pytest.approx(100)
     with pytest.raises(LogError, match="a log needs one, or --rate HZ"):
-        seen(written(tmp_path / "log.csv", {"a": np.cos(np.arange(50)), "b": np.sin(np.arange(50))}))
+        log_contents(written(tmp_path / "log.csv", {"a": np.cos(np.arange(50)), "b": np.sin(np.arange(50))}))
     with pytest.raises(SystemExit):
         main(["model.xml", "log.csv", "--rate", "-3"])
     assert "needs a number of samples per second, in Hz, got '-3'" in capsys.readouterr().err

@@ -26,7 +26,7 @@ PREAMBLE = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class LogContents:
     """The contents of a log.
 
     Attributes:
@@ -70,7 +70,7 @@ class Seen:
         """Columns with numbers, including constant ones."""
         return [*self.columns, *self.constant]
 
-    def told(self) -> list[str]:
+    def summary(self) -> list[str]:
         """Lines on the file and each of its columns."""
         size = max((len(name) for name in self.columns), default=0)
         lines = [
@@ -91,7 +91,7 @@ class Seen:
         return lines + [f"  not read: {why}" for why in self.unread.values()]
 
 
-def seen(path: Path, limit: int = LIMIT, rate: float = 0.0) -> Seen:
+def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:
     """Reads a log, or the first `ROWS` samples of a long one.
 
     Args:
@@ -126,7 +126,7 @@ def _of_one_clock(path: Path, limit: int, rate: float) -> tuple[Layout, Clock, T
     return layout, clock, table
 
 
-def _of_several_files(path: Path, files: Sequence[Path], limit: int, rate: float) -> Seen:
+def _of_several_files(path: Path, files: Sequence[Path], limit: int, rate: float) -> LogContents:
     """Reads a log in several files."""
     layouts, clocks = list[Layout](), list[Clock]()
     for file in files:
@@ -159,7 +159,7 @@ def _layout(path: Path, limit: int) -> Layout:
             continue
         if several and len(several[0]) > 1:
             return layout
-    raise first or LogError("a log needs a table with two columns of numbers or more, none was found.")
+    raise first or LogError("a log needs a table with two columns of numbers or more.")
 
 
 def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
@@ -185,10 +185,10 @@ def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
 def _labels(table: Table, names: Iterable[str]) -> dict[str, str]:
     """Words of columns that hold one word throughout, such as joint names in a ROS message."""
     there = {name: {str(cell).strip() for cell in table.cells[name]} for name in names if name in table.cells}
-    return {name: next(iter(said)) for name, said in there.items() if len(said) == 1}
+    return {name: next(iter(texts)) for name, texts in there.items() if len(texts) == 1}
 
 
-def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -> Seen:
+def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -> LogContents:
     """Columns of all tables, interpolated at uniform times that all of them cover."""
     unread: dict[str, str] = {}
     sampled: dict[str, Sampled] = {}
@@ -217,11 +217,11 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
     columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
     constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
-    return Seen(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels)
+    return LogContents(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels)
 
 
 def check_same_columns(
-    first: Seen, others: Sequence[Path], used: set[str], limit: int = LIMIT, rate: float = 0.0
+    first: LogContents, others: Sequence[Path], used: set[str], limit: int = LIMIT, rate: float = 0.0
 ) -> None:
     """Raises an error for logs that lack columns of the mapping.
 
@@ -229,7 +229,7 @@ def check_same_columns(
         LogError: A log lacks one, or cannot be read.
     """
     for path in others:
-        another = seen(path, limit, rate)
+        another = log_contents(path, limit, rate)
         if lacking := sorted(used - {*another.names, *(clock.column for clock in another.clocks)}):
             raise LogError(
                 f"{path}: one mapping serves logs of the same columns, and here is no {', '.join(lacking)} as in "
