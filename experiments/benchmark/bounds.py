@@ -43,13 +43,13 @@ class Peak:
 
 def peaks(numbers: Iterable[int]) -> list[Peak]:
     """Peak memory for several numbers of samples."""
-    mechanism, found = double_pendulum(), []
+    mechanism, rows = double_pendulum(), []
     # Caches that are filled once for each mechanism are filled here.
     _peak(mechanism, mechanism.samples(PIECE))
     for number in numbers:
         held = mechanism.samples(number)
-        found.append(Peak(number, _peak(mechanism, mechanism.pieces(number, PIECE)), _peak(mechanism, held)))
-    return found
+        rows.append(Peak(number, _peak(mechanism, mechanism.pieces(number, PIECE)), _peak(mechanism, held)))
+    return rows
 
 
 def _peak(mechanism: Subject, source: Source) -> float:
@@ -87,12 +87,12 @@ def accuracies() -> list[Accuracy]:
     """
     if np.finfo(np.longdouble).eps >= np.finfo(float).eps:
         raise InputError("Errors need numbers of extended precision to compare with, which this platform has not.")
-    found = []
+    rows = []
     for mechanism in (double_pendulum(), double_pendulum(tilt_deg=5)):
         for spread in SPREADS:
             each = [_accuracy(mechanism, spread, noise) for noise in WRENCH_NOISE]
-            found.append(Accuracy(*np.max([list(vars(accuracy).values()) for accuracy in each], axis=0).tolist()))
-    return sorted(found, key=lambda accuracy: accuracy.condition_number)
+            rows.append(Accuracy(*np.max([list(vars(accuracy).values()) for accuracy in each], axis=0).tolist()))
+    return sorted(rows, key=lambda accuracy: accuracy.condition_number)
 
 
 def _accuracy(mechanism: Subject, spread: float, noise: float) -> Accuracy:

@@ -35,9 +35,9 @@ def figure_benchmark(results: Results) -> Figure:
             (REGRESSOR, "o-", "$Y$, ours", f"$Y$, {peer}'s loop"),
             (ALL_COLUMNS, "s--", r"$\psi$, ours", r"$\psi$, loop and lstsq"),
         ):
-            found = sorted((row for row in of_pendulum if row["task"] == task), key=lambda row: row["samples"])
+            by_samples = sorted((row for row in of_pendulum if row["task"] == task), key=lambda row: row["samples"])
             # The smallest number is the recording's, close to the next.
-            _lines(above, "samples", found[1:], style, (ours, theirs))
+            _lines(above, "samples", by_samples[1:], style, (ours, theirs))
         arms = [row for row in rows if row["mechanism"] == CHAIN]
         _limit(below, [row for row in results["distances"] if row["mechanism"] == CHAIN])
         _lines(below, "bodies", arms, "o-", ("$Y$, ours", f"$Y$, {peer}'s loop"))

@@ -49,13 +49,13 @@ def comparisons(effort: Effort) -> list[Comparison]:
     Raises:
         ValueError: They disagree.
     """
-    found = list(_compared(double_pendulum(), effort.samples, effort))
+    rows = list(_compared(double_pendulum(), effort.samples, effort))
     for mechanism in mechanisms():
         for number in effort.sizes:
-            found += _compared(mechanism, number, effort)
-    found.append(_streamed(double_pendulum(), effort))
-    found += [_of_arm(arm, samples, effort) for arm, samples in arms(effort)]
-    return found
+            rows += _compared(mechanism, number, effort)
+    rows.append(_streamed(double_pendulum(), effort))
+    rows += [_of_arm(arm, samples, effort) for arm, samples in arms(effort)]
+    return rows
 
 
 def arms(effort: Effort) -> Iterator[tuple[Subject, Samples]]:
@@ -156,9 +156,9 @@ def _streamed(mechanism: Subject, effort: Effort) -> Comparison:
     states = [peer.states(piece.motion.states, None) for piece in pieces]
 
     def ours() -> None:
-        found = None
+        sums = None
         for piece in pieces:
-            found = _accumulated(mechanism, piece, found)
+            sums = _accumulated(mechanism, piece, sums)
 
     def theirs() -> None:
         for piece in states:

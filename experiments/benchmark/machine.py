@@ -123,17 +123,17 @@ class Distance:
 
 def distances(effort: Effort, reached: Limits) -> list[Distance]:
     """Distances from the limits at the largest number of samples, and those of arms."""
-    found, number = [], effort.sizes[-1]
+    rows, number = [], effort.sizes[-1]
     for mechanism in mechanisms():
         if mechanism.name in (PENDULUM, ARM, TREE):
             samples = mechanism.samples(number)
             regressor, sums = partial(mechanism.regressor, samples), partial(accumulate, mechanism.equations, samples)
-            found.append(_distance(REGRESSOR, mechanism, number, regressor, effort, reached))
-            found.append(_distance(ACCUMULATION, mechanism, number, sums, effort, reached))
+            rows.append(_distance(REGRESSOR, mechanism, number, regressor, effort, reached))
+            rows.append(_distance(ACCUMULATION, mechanism, number, sums, effort, reached))
     for arm, samples in arms(effort):
         again = partial(arm.regressor, samples, out=arm.regressor(samples))
-        found.append(_distance(AGAIN, arm, len(samples), again, effort, reached))
-    return found
+        rows.append(_distance(AGAIN, arm, len(samples), again, effort, reached))
+    return rows
 
 
 def _distance(
@@ -144,7 +144,7 @@ def _distance(
         columns = mechanism.parameters.kept
         # For each channel: half of the Gram matrix of its columns, and their products with the measurements.
         _, first = mechanism.equations.order(mechanism.samples(1))
-        products = sum((seen := mechanism.parameters.rank + 1 - start) * (seen + 3) for start in first)
+        products = sum((width := mechanism.parameters.rank + 1 - start) * (width + 3) for start in first)
     else:
         gigabytes = 8 * 6 * len(columns) * number / 1e9
     program = regressor_program(mechanism, columns, moving=mechanism.moving, torques=False)

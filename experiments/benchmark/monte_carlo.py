@@ -77,18 +77,18 @@ class Trials:
 
     def solved(self, peer: Pinocchio, columns: Sequence[int] | None, seeds: Iterable[int]) -> np.ndarray:
         """Least-squares solutions on some columns of Pinocchio's regressor, for each trial (trials, columns)."""
-        found = []
+        solutions = []
         for seed in seeds:
             drawn = self.drawn(seed)
             states = peer.states(drawn.motion.states, None)
-            found.append(solved(peer.regressor(*states), drawn.measured, columns))
-        return np.array(found)
+            solutions.append(solved(peer.regressor(*states), drawn.measured, columns))
+        return np.array(solutions)
 
 
 def comparisons(effort: Effort) -> list[Comparison]:
     """Seconds per trial, ours and theirs, after a check that both estimate the same base parameters."""
     trials, seeds = Trials.of(effort.samples), range(effort.trials // BLOCKS)
-    mechanism, found = trials.mechanism, []
+    mechanism, rows = trials.mechanism, []
     peer = Pinocchio(mechanism.tree, STANDARD_GRAVITY)
     kept = peer.columns(mechanism.parameters.kept)
     check_agreement("Monte Carlo", trials.identified([0]), trials.solved(peer, kept, [0]))
@@ -96,5 +96,5 @@ def comparisons(effort: Effort) -> list[Comparison]:
         ways = partial(trials.identified, seeds), partial(trials.solved, peer, columns, seeds)
         times = alternating(with_and_without(*ways), 0, BLOCKS) / len(seeds)
         bodies = len(mechanism.tree.bodies)
-        found.append(Comparison.of(task, mechanism.name, bodies, effort.samples, PINOCCHIO_NAME, times))
-    return found
+        rows.append(Comparison.of(task, mechanism.name, bodies, effort.samples, PINOCCHIO_NAME, times))
+    return rows

@@ -80,11 +80,11 @@ def _monte_carlo(effort: Effort) -> dict[str, Any]:
 
 
 def _bounds(effort: Effort) -> dict[str, Any]:
-    found: dict[str, Any] = {"peaks": [asdict(row) for row in bounds.peaks((*effort.sizes[-2:], effort.streamed))]}
+    section: dict[str, Any] = {"peaks": [asdict(row) for row in bounds.peaks((*effort.sizes[-2:], effort.streamed))]}
     try:
-        return found | {"accuracies": [asdict(row) for row in bounds.accuracies()]}
+        return section | {"accuracies": [asdict(row) for row in bounds.accuracies()]}
     except InputError as error:
-        return found | {"accuracies": [], "notes": [str(error)]}
+        return section | {"accuracies": [], "notes": [str(error)]}
 
 
 def document(results: dict[str, Any]) -> Document:

@@ -52,8 +52,8 @@ def table_targets(results: Results) -> tabular.Table:
     for task, mechanism, number, plain, compiled in AT_LEAST:
         what = f"ratio, {task}, {mechanism}, N = {number}"
         measured = _ratios(results, task, mechanism, number)
-        for way, wanted, found in zip(("numpy", "compiled"), (plain, compiled), measured, strict=True):
-            rows += [(f"{what}, {way}", "at least", float(wanted), found)] if wanted else []
+        for way, target, ratio in zip(("numpy", "compiled"), (plain, compiled), measured, strict=True):
+            rows += [(f"{what}, {way}", "at least", float(target), ratio)] if target else []
     simulated = [row["ratio"] for row in results["simulations"] if row["task"] == "simulate"]
     peaks = [max(row["streamed"], row["in_memory"]) for row in results["peaks"]]
     errors = [row["ours"] / row["qr"] for row in results["accuracies"]]
@@ -67,12 +67,12 @@ def table_targets(results: Results) -> tabular.Table:
 
 def missed(results: Results) -> list[str]:
     """Missed targets, in words."""
-    found = []
-    for what, bound, wanted, measured in table_targets(results).rows:
-        if isinstance(wanted, float | int) and isinstance(measured, float | int):
-            fails = measured < wanted if bound == "at least" else measured > wanted
-            found += [f"Missed: {what}: {measured:.2f} where {bound} {wanted:g} is wanted"] * fails
-    return found
+    sentences = []
+    for what, bound, target, measured in table_targets(results).rows:
+        if isinstance(target, float | int) and isinstance(measured, float | int):
+            fails = measured < target if bound == "at least" else measured > target
+            sentences += [f"Missed: {what}: {measured:.2f} where {bound} {target:g} is wanted"] * fails
+    return sentences
 
 
 def _ratios(results: Results, task: str, mechanism: str, number: int) -> tuple[float | None, float | None]:

@@ -34,11 +34,11 @@ def readme_block(results: Results) -> str:
 
 def machine(results: Results) -> str:
     """Description of the machine in one line."""
-    found = results["machine"]
-    memory = f", {found['memory_gb']:.0f} GB" if found["memory_gb"] else ""
-    versions = ", ".join(f"{name} {version}" for name, version in found["versions"].items())
-    where = f"{found['processor']}, {found['cores']} cores{memory}, {found['system']}"
-    return f"{where}; {versions}; {found['blas']} with one thread"
+    computer = results["machine"]
+    memory = f", {computer['memory_gb']:.0f} GB" if computer["memory_gb"] else ""
+    versions = ", ".join(f"{name} {version}" for name, version in computer["versions"].items())
+    where = f"{computer['processor']}, {computer['cores']} cores{memory}, {computer['system']}"
+    return f"{where}; {versions}; {computer['blas']} with one thread"
 
 
 def findings(results: Results) -> list[str]:

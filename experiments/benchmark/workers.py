@@ -47,7 +47,7 @@ def shared(effort: Effort) -> list[Shared]:
     def identification(pool: WorkerPool) -> None:
         least_squares(mechanism.equations, samples, executor=pool.executor, ahead=pool.ahead)
 
-    found = []
+    rows = []
     with ExitStack() as stack:
         pools = [stack.enter_context(worker_pool(number)) for number in numbers]
         for task, work, amount in (
@@ -56,5 +56,5 @@ def shared(effort: Effort) -> list[Shared]:
         ):
             ways = [partial(work, pool) for pool in pools]
             times = np.median(alternating(ways, effort.seconds, effort.least), axis=0).tolist()
-            found += [Shared(task, n, t, amount / t, times[0] / t) for n, t in zip(numbers, times, strict=True)]
-    return found
+            rows += [Shared(task, n, t, amount / t, times[0] / t) for n, t in zip(numbers, times, strict=True)]
+    return rows
