@@ -30,20 +30,20 @@ OTHERS = (("C1", "s"), ("C2", "^"))
 """Colour and marker of each estimator."""
 
 
-def looks(found: Study) -> dict[str, tuple[str, str]]:
+def looks(study: Study) -> dict[str, tuple[str, str]]:
     """Colour and marker by estimator."""
-    return {**LINES, **dict(zip(found.others, OTHERS, strict=True))}
+    return {**LINES, **dict(zip(study.others, OTHERS, strict=True))}
 
 
-def table_parameters(found: Study) -> tabular.Table:
+def table_parameters(study: Study) -> tabular.Table:
     """Base parameters by estimator, with their standard deviations."""
-    columns: dict[str, Any] = {"parameter": found.names}
-    for name, (psi, std) in found.candidates.items():
+    columns: dict[str, Any] = {"parameter": study.names}
+    for name, (psi, std) in study.candidates.items():
         columns[name] = psi.tolist()
         if std is not None:
             columns[f"{name}, std"] = std.tolist()
     heads = {name: _head(name) for name in columns}
-    title, bodies = "Base parameters of a person who bows, SI units", found.trajectory.prepared.mechanism.bodies
+    title, bodies = "Base parameters of a person who bows, SI units", study.trajectory.prepared.mechanism.bodies
     return tabular.Table(title, *tabular.columns(**columns), decimals=2, bodies=bodies, heads=heads)
 
 
@@ -53,27 +53,27 @@ def _head(column: str) -> str:
     return column if column == "parameter" else f"{'value' if name == column else 's.d.'}, {name}"
 
 
-def table_prediction(found: Study) -> tabular.Table:
+def table_prediction(study: Study) -> tabular.Table:
     """Residual over signal of each estimator on the held-out part."""
-    rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, ratio)) for name, ratio in found.ratios.items()]
+    rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, ratio)) for name, ratio in study.ratios.items()]
     title = (
         f"What is left of the held-out part below {JUDGED_AT:g} Hz, a constant taken out, over the signal's standard "
         "deviation"
     )
-    return tabular.Table(title, ("estimator", *found.trajectory.channels), tuple(rows), decimals=3)
+    return tabular.Table(title, ("estimator", *study.trajectory.channels), tuple(rows), decimals=3)
 
 
-def figure(found: Study) -> Figure:
+def figure(study: Study) -> Figure:
     """Inertias and first moments by estimator, and predictions of the held-out part."""
     with styles.paper_style():
         drawing = Figure(figsize=(styles.column_width(), 5.4))
         above, *below = drawing.subplots(1 + len(CHANNELS), 1, height_ratios=(1.5, 1, 1, 1))
-        _parameters(above, found)
-        time, measured, predicted = found.held_out
+        _parameters(above, study)
+        time, measured, predicted = study.held_out
         for ax, (channel, unit) in zip(below, CHANNELS.items(), strict=True):
-            k = found.trajectory.channels.index(channel)
+            k = study.trajectory.channels.index(channel)
             ax.plot(time, measured[:, k], color="black", lw=1.1, label="measured")
-            for name, (color, _) in looks(found).items():
+            for name, (color, _) in looks(study).items():
                 ax.plot(time, predicted[name][:, k], color=color, lw=0.8, label=name)
             ax.set_ylabel(f"${channel[0]}_{channel[1]}$ ({unit})", labelpad=2)
             ax.sharex(below[-1])
@@ -85,43 +85,49 @@ def figure(found: Study) -> Figure:
     return drawing
 
 
-def _parameters(ax: Axes, found: Study) -> None:
+def _parameters(ax: Axes, study: Study) -> None:
     """Draws the estimates of `SHOWN` over those of the scaled model."""
     places = np.arange(len(SHOWN))
-    which = [found.names.index(name) for name in SHOWN]
-    model = found.candidates["scaled model"][0][which]
-    for number, (name, (color, marker)) in enumerate(looks(found).items()):
-        psi, std = found.candidates[name]
+    which = [study.names.index(name) for name in SHOWN]
+    model = study.candidates["scaled model"][0][which]
+    for number, (name, (color, marker)) in enumerate(looks(study).items()):
+        psi, std = study.candidates[name]
         bars = None if std is None else HALF_WIDTH * std[which] / model
         at = places + 0.15 * (number - 1.5)
         ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0)
     ax.axhline(0, color="0.8", lw=0.6, zorder=0)
-    ax.set_xticks(places, [symbols.named_symbol(name, found.trajectory.prepared.mechanism.bodies) for name in SHOWN])
+    ax.set_xticks(places, [figures.named_symbol(name, study.trajectory.prepared.mechanism.bodies) for name in SHOWN])
     ax.set_ylabel("Estimate over the model's", labelpad=2)
     ax.set_title("(a) Legs and trunk, 95 % intervals")
 
 
-def numbers(found: Study) -> dict[str, Any]:
+def numbers(study: Study) -> dict[str, Any]:
     """Key numbers for scripts."""
     parameters = {
         name: {"values": psi.tolist(), "std": None if std is None else std.tolist()}
-        for name, (psi, std) in found.candidates.items()
+        for name, (psi, std) in study.candidates.items()
     }
-    ratios = {name: dict(zip(found.trajectory.channels, x.tolist(), strict=True)) for name, x in found.ratios.items()}
-    setup = [{"name": each.name, "value": each.value, "std": each.std} for each in found.trajectory.setup]
-    told = {"names": found.names, "parameters": parameters, "held_out": ratios}
-    return {**told, "set_up": setup, "verdict": found.trajectory.verdict()}
+    ratios = {name: dict(zip(study.trajectory.channels, x.tolist(), strict=True)) for name, x in study.ratios.items()}
+    setup = [{"name": each.name, "value": each.value, "std": each.std} for each in study.trajectory.setup]
+    estimates = {"names": study.names, "parameters": parameters, "held_out": ratios}
+    return {**estimates, "set_up": setup, "verdict": study.trajectory.verdict()}
 
 
-def document(found: Study, provenance: dict[str, Any]) -> Document:
-    """Tables, a figure and numbers, with verdict, findings and replay of the trajectory estimate."""
-    trajectory = found.trajectory
+def results(study: Study) -> Results:
+    """All tables, figures and numbers."""
     caption = (
         "A person who bows on a force plate (Latella et al., 2016): base parameters of several estimators over those "
         "of the scaled model, with 95 % intervals (a), and what each predicts of the part of the recording that was "
         "not fitted (b)."
     )
-    return Document(
+    tables = {"table_parameters": table_parameters(study), "table_prediction": table_prediction(study)}
+    return Results(tables, {"figure_in_vivo": (figure(study), caption)}, {"summary": numbers(study)})
+
+
+def page_text(study: Study) -> Said:
+    """The page's text besides tables and figure: verdict and findings of the trajectory estimate, and its replay."""
+    trajectory = study.trajectory
+    return Said(
         "A person who bows",
         ABOUT,
         verdict=f"Of the trajectory estimate: {trajectory.verdict()}",
@@ -132,3 +138,10 @@ def document(found: Study, provenance: dict[str, Any]) -> Document:
         # The table is not that of the trajectory estimate alone, whose rows could be pressed.
         replay=replace(replay(trajectory), parameters=()),
     )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the study and writes and prints its results."""
+    with report.writable(args.out):
+        bow = study(args.data, progress)
+    conclude(args, results(bow), page_text(bow), report.provenance({"formats": args.formats}))
