@@ -101,9 +101,9 @@ print(*sorted(path.name for path in Path().glob("*.csv")))
 
 def last_lines(command, arguments, count):
     """Runs a command and prints the end of what it says."""
-    with contextlib.redirect_stdout(io.StringIO()) as said:
+    with contextlib.redirect_stdout(io.StringIO()) as output:
         command.main(arguments)
-    print(*said.getvalue().splitlines()[-count:], sep="\n")
+    print(*output.getvalue().splitlines()[-count:], sep="\n")
 
 
 for trial in TRIALS:
@@ -156,8 +156,8 @@ groups = {
 }
 for group, names in groups.items():
     rows = [model.bodies.index(name) for name in names]
-    was_kg, found, kg = (x.reshape(-1, 10)[rows, 0].sum() for x in (model.known, bodies, truth))
-    print(f"{group:>7}: {was_kg:.1f} kg in the model, {found:.1f} kg identified, {kg:.1f} kg true")
+    was_kg, estimated, kg = (x.reshape(-1, 10)[rows, 0].sum() for x in (model.known, bodies, truth))
+    print(f"{group:>7}: {was_kg:.1f} kg in the model, {estimated:.1f} kg identified, {kg:.1f} kg true")
 
 figure, panel = plt.subplots(figsize=(8, 4), layout="constrained")
 figure.suptitle("Which parameters the plates tell")

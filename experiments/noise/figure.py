@@ -107,9 +107,10 @@ def _compare(ax: Axes, study: Study, subject: str) -> None:
                 continue
             errors = outcome.errors
             x = place + 0.8 * ((at + 0.5) / len(shown) - 0.5)
-            mean, spread, said = (percent * float(y[k]) for y in (errors.mean, errors.std, errors.predicted_std))
+            mean, spread, predicted = (percent * float(y[k]) for y in (errors.mean, errors.std, errors.predicted_std))
             color, marker = LINES[key]
-            ax.bar(x, 2 * HALF_WIDTH * said, 0.6 / len(shown), mean - HALF_WIDTH * said, color=color, alpha=0.25, lw=0)
+            half = HALF_WIDTH * predicted
+            ax.bar(x, 2 * half, 0.6 / len(shown), mean - half, color=color, alpha=0.25, lw=0)
             ax.vlines(x, mean - HALF_WIDTH * spread, mean + HALF_WIDTH * spread, color=color, lw=0.9)
             ax.plot(x, mean, marker, color=color, ms=3)
     title, xlabel = PANELS[subject]

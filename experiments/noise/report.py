@@ -38,8 +38,8 @@ def table_estimators(study: Study, subject: str) -> tabular.Table:
             if (outcome := study.outcomes.get((name, key))) is not None:
                 errors = outcome.errors
                 percent = [100 * float(x[k]) / true for x in (errors.mean, errors.std, errors.predicted_std)]
-                said = [CONDITIONS[name].label, LABELS[key]]
-                rows.append((*said, *percent, float(errors.coverage[k]), len(errors.errors)))
+                labels = [CONDITIONS[name].label, LABELS[key]]
+                rows.append((*labels, *percent, float(errors.coverage[k]), len(errors.errors)))
     columns = ("noise", "estimator", "bias", "spread", "predicted", "coverage_95", "recordings")
     title = f"Errors of {_named(PARAMETER, subject)} of the {subject}, % of {true:.2f} kg m², over many recordings"
     return tabular.Table(title, columns, tuple(rows), decimals=2)
