@@ -56,18 +56,18 @@ def fitted(
         weights: Weights of squared distances, zero for markers not seen (M,).
         rounds: Largest number of steps.
     """
-    seen, damping = np.flatnonzero(weights > 0), LEAST
-    w, x = weights[seen, None], measured[seen]
+    visible, damping = np.flatnonzero(weights > 0), LEAST
+    w, x = weights[visible, None], measured[visible]
     now = Posture(qpos, measured - kinematics.positions(qpos), 0.0)
-    now = now._replace(cost=_cost(w, now.residual[seen]))
+    now = now._replace(cost=_cost(w, now.residual[visible]))
     for _ in range(rounds):
-        J = kinematics.jacobian()[seen]
-        normal, gradient = normal_equations(J, w, now.residual[seen])
+        J = kinematics.jacobian()[visible]
+        normal, gradient = normal_equations(J, w, now.residual[visible])
         while True:
             step = _step(normal, gradient, damping)
             size = float(np.abs(step).max(initial=0.0))
             trial = kinematics.moved(now.qpos, step)
-            residual = x - kinematics.positions(trial)[seen]
+            residual = x - kinematics.positions(trial)[visible]
             cost = _cost(w, residual)
             if cost <= now.cost or size < SETTLED or damping > MOST:
                 break

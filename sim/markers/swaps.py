@@ -32,7 +32,7 @@ def swaps(postures: Postures, measured: np.ndarray) -> list[Swap]:
     """
     labels, places, own = postures.marked.labels, measured - postures.residuals, postures.distances
     outlying = postures.outlying
-    found = []
+    candidates = []
     for a, b in combinations(np.flatnonzero(outlying.any(axis=0)), 2):
         both = outlying[:, a] & outlying[:, b]
         crossed = [
@@ -40,5 +40,5 @@ def swaps(postures: Postures, measured: np.ndarray) -> list[Swap]:
             for one, other in ((a, b), (b, a))
         ]
         if frames := int((crossed[0] & crossed[1]).sum()):
-            found.append(Swap((labels[a], labels[b]), frames))
-    return sorted(found, key=lambda swap: -swap.frames)
+            candidates.append(Swap((labels[a], labels[b]), frames))
+    return sorted(candidates, key=lambda swap: -swap.frames)

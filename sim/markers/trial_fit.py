@@ -106,17 +106,17 @@ def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | Non
         measured: Positions in the model's world, NaN where a marker was not seen, m (N, M, 3).
         guess: Initial guess of the coordinates (N, nq), if there is one.
     """
-    kinematics, seen = Kinematics(marked), np.isfinite(measured).all(axis=2)
-    weights = seen * marked.weights
+    kinematics, visible = Kinematics(marked), np.isfinite(measured).all(axis=2)
+    weights = visible * marked.weights
     postures = plain_fits(marked, measured, guess)
-    robust = seen.astype(float)
+    robust = visible.astype(float)
     for _ in range(SCALES):
         sigma = _middle_noise(postures, weights, len(marked.dofs))
         for k in range(len(measured)):
             if _far(postures[k], weights[k], sigma).any():
                 own = postures[k], robust[k]
                 # Markers that are mislabelled in the frame before usually are in this one too.
-                start = (postures[k - 1], robust[k - 1]) if k and (robust[k - 1] < seen[k - 1]).any() else own
+                start = (postures[k - 1], robust[k - 1]) if k and (robust[k - 1] < visible[k - 1]).any() else own
                 refitted = partial(_refitted, kinematics, measured=measured[k], weights=weights[k], sigma=sigma)
                 fit = refitted(*start)
                 if start is not own and _loss(fit[0], weights[k], sigma) > _loss(own[0], weights[k], sigma):

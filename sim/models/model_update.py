@@ -224,9 +224,9 @@ def _urdf(origin: Origin, phi: np.ndarray) -> bytes:
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin) -> None:
     """Raises an error unless a model has φ, to 1e-9 of each body's largest parameter."""
-    found = parameters_from_model(model, origin.base, origin.beyond)
-    if found.shape == phi.shape:
-        error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (found - phi, phi))
+    written = parameters_from_model(model, origin.base, origin.beyond)
+    if written.shape == phi.shape:
+        error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (written - phi, phi))
         if (error <= 1e-9 * size).all():
             return
     raise ModelError(f"{what}: MuJoCo does not read the parameters back as they were written.")

@@ -44,13 +44,13 @@ def shapes(arm: Mechanism) -> list[Shape]:
     """
     if not isinstance(arm.source, Origin):
         return []
-    found = []
+    collected = []
     for g, body, T in placed_geoms(arm, arm.source):
         points = _points(arm.source.model, g)
         hull = None if points is None else _hull(points)
         if hull is not None:
-            found.append(Shape(body, hull[0] @ T[:3, :3].T + T[:3, 3], hull[1]))
-    return found
+            collected.append(Shape(body, hull[0] @ T[:3, :3].T + T[:3, 3], hull[1]))
+    return collected
 
 
 def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.ndarray]]:

@@ -95,8 +95,8 @@ def _stated(path: str | Path, link: ET.Element) -> Inertial:
     """Inertia in the `<inertial>` of a link of a URDF file."""
 
     def numbers(element: str, keys: str, otherwise: str) -> np.ndarray:
-        found = link.find(f"inertial/{element}")
-        attributes = {} if found is None else found.attrib
+        child = link.find(f"inertial/{element}")
+        attributes = {} if child is None else child.attrib
         stated = " ".join(attributes.get(key, "").strip() or otherwise for key in keys.split())
         try:
             values = np.array(stated.split(), float)

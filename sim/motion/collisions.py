@@ -108,12 +108,12 @@ class Collisions:
         Args:
             q: Positions of the moving joints, rad or m (N, n).
         """
-        found: dict[tuple[str, str], int] = {}
+        contacts: dict[tuple[str, str], int] = {}
         for sample in np.flatnonzero(self.depth(q)):
             geoms = self._contacts(q[sample], self.clearance).geoms
             for a, b in np.sort(self._body[geoms], axis=1):
-                found.setdefault((body_name(self._model, a), body_name(self._model, b)), int(sample))
-        return found
+                contacts.setdefault((body_name(self._model, a), body_name(self._model, b)), int(sample))
+        return contacts
 
     def _contacts(self, posture: np.ndarray, clearance: float) -> _Contacts:
         """Contacts of a posture below a clearance, without ignored pairs."""

@@ -167,8 +167,8 @@ def design(
         A motion strictly inside the limits, or None if all motions that were tried collide.
     """
     search = _Search(cost, limits, start.duration, start.harmonics)
-    found = search.run(scaled_into(start, limits), iterations)
-    return found if collisions is None else search.around(collisions, found, iterations, below)
+    best = search.run(scaled_into(start, limits), iterations)
+    return best if collisions is None else search.around(collisions, best, iterations, below)
 
 
 class _Search:
@@ -195,17 +195,17 @@ class _Search:
         """The better of a start and the minimum found from it."""
         x = minimum(self.value_and_gradient, INSIDE * self.variables(start), self.rows, iterations)
         candidates = [scaled_into(self.trajectory(x), self.limits), start]
-        return min(candidates, key=lambda found: self.value_and_gradient(self.variables(found))[0])
+        return min(candidates, key=lambda trajectory: self.value_and_gradient(self.variables(trajectory))[0])
 
     def around(
-        self, collisions: Collisions, found: FourierTrajectory, iterations: int, below: float
+        self, collisions: Collisions, motion: FourierTrajectory, iterations: int, below: float
     ) -> FourierTrajectory | None:
         """The given motion if it does not collide, else the optimum with a barrier, or None."""
         maps = self._maps(self.harmonics, CHECKED * self.samples)[0]
         walls = Walls(collisions, maps, self.limits.middle, self.limits.half_range)
-        x = self.variables(found)
+        x = self.variables(motion)
         if not walls.hit(x):
-            return found
+            return motion
         if not self.value_and_gradient(x)[0] < below or (inside := walls.shrunk(x)) is None:
             return None
 
@@ -217,9 +217,9 @@ class _Search:
             return value + barrier, gradient + slope
 
         x = minimum(walled, inside, self.rows, iterations)
-        found = scaled_into(self.trajectory(x), self.limits)
+        motion = scaled_into(self.trajectory(x), self.limits)
         time = np.linspace(0, self.duration, 2 * CHECKED * self.samples + 1)
-        return None if collisions.depth(found.states(time)[0]).any() else found
+        return None if collisions.depth(motion.states(time)[0]).any() else motion
 
     def variables(self, motion: FourierTrajectory) -> np.ndarray:
         """Scaled variables of a motion (n, w)."""

@@ -120,9 +120,9 @@ def _updated(B: np.ndarray, s: np.ndarray, y: np.ndarray) -> np.ndarray:
     if np.array_equal(B, np.eye(len(B))) and s @ y > 0:
         B = B * (s @ y) / (s @ s)
     Bs = B @ s
-    expected, seen = s @ Bs, s @ y
-    if seen < 0.2 * expected:
-        part = 0.8 * expected / (expected - seen)
+    expected, actual = s @ Bs, s @ y
+    if actual < 0.2 * expected:
+        part = 0.8 * expected / (expected - actual)
         y = part * y + (1 - part) * Bs
     return np.asarray(B - np.outer(Bs, Bs) / expected + np.outer(y, y) / (s @ y))
 

@@ -230,19 +230,19 @@ def _arm(tree: Tree, q: np.ndarray, pelvis: np.ndarray) -> Angles:
     shoulder, elbow, hand = (names.index(n) for n in ("right_upper_arm", "right_forearm:right_elbow", "right_hand"))
     thorax = names.index("thorax")
     socket = pelvis @ tree.poses(q)[:, thorax] @ tree.bodies[shoulder].home
-    wanted = (inverse(socket) @ np.append(RAIL, 1.0))[:, :3]
+    target = (inverse(socket) @ np.append(RAIL, 1.0))[:, :3]
     upper = tree.bodies[elbow].home[:3, 3]
     straight = _q(tree, 1, Angles())
     poses = tree.poses(straight)[0]
     fore = (inverse(poses[elbow]) @ poses[hand])[:3, 3] + [0, 0, -0.06]
     # The elbow follows from the distance by the law of cosines, then the shoulder from the direction.
-    a, b, c = np.linalg.norm(upper), np.linalg.norm(fore), np.linalg.norm(wanted, axis=1)
+    a, b, c = np.linalg.norm(upper), np.linalg.norm(fore), np.linalg.norm(target, axis=1)
     if (c >= a + b).any():
         raise InputError("The rail is out of reach; a smaller motion is needed (size).")
     bent = np.pi - np.arccos((a**2 + b**2 - c**2) / (2 * a * b))
     reached = upper + np.stack([b * np.sin(bent), 0 * bent, -b * np.cos(bent)], axis=1)
-    turns = np.cross(reached, wanted)
-    scalar = c * c + (reached * wanted).sum(axis=1)
+    turns = np.cross(reached, target)
+    scalar = c * c + (reached * target).sum(axis=1)
     quaternion = np.hstack([scalar[:, None], turns])
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     still = np.zeros(len(q))

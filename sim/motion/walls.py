@@ -58,14 +58,14 @@ class Walls:
         # Postures with the largest distances first, by the depth below `FAR`.
         free = free[np.argsort(self.collisions.depth(free, FAR * clearance), kind="stable")]
         roomy = free[: max(POSTURES, len(free) // 2)]
-        found, largest = None, 0.0
+        best, largest = None, 0.0
         for posture in roomy[np.unique(np.linspace(0, len(roomy) - 1, POSTURES).astype(int))] if len(roomy) else ():
             center = np.zeros_like(x)
             center[:, 0] = (posture - self.middle) / self.half_range
             part = self._part(x, center)
             if part > largest:
-                found, largest = center + part * (x - center), part
-        return found
+                best, largest = center + part * (x - center), part
+        return best
 
     def _part(self, x: np.ndarray, center: np.ndarray) -> float:
         """Largest factor of a motion about a posture, by bisection."""

@@ -1,4 +1,4 @@
-"""Commands with which a scene's servos and hands follow a desired motion."""
+"""Servos and hands of a scene, and the commands with which they follow a desired motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +16,42 @@ from sim.models.couplings import couplings
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import rest_coordinates
 from sim.models.names import body_name, joint_name
-from sim.simulation.hand import Hand
 from sim.simulation.sensors import ONE_DOF
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Slow deviations of a hand from the pose of the held body.
+
+    Attributes:
+        lift: Constant displacement, m; upwards it supports the arm.
+        shift: Amplitudes of the displacement along the world's axes, m.
+        shift_frequency: Their frequencies, Hz.
+        turn: Amplitudes of the rotation vector, in the axes of the held body, rad.
+        turn_frequency: Their frequencies, Hz.
+    """
+
+    lift: tuple[float, float, float] = (0.0, 0.0, 0.02)
+    shift: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    shift_frequency: tuple[float, float, float] = (0.31, 0.43, 0.53)
+    turn: tuple[float, float, float] = (0.03, 0.03, 0.03)
+    turn_frequency: tuple[float, float, float] = (0.37, 0.47, 0.61)
+
+    def poses(self, time: np.ndarray, position: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses of the hand, from the desired poses of the held body.
+
+        Args:
+            time: Times in s (N,).
+            position: Desired positions of the held body, m (N, 3).
+            quaternion: Its desired orientations, w, x, y, z (N, 4).
+
+        Returns:
+            Positions and quaternions of the hand.
+        """
+        shift = np.array(self.shift) * np.sin(2 * np.pi * np.outer(time, self.shift_frequency))
+        turn = np.array(self.turn) * np.sin(2 * np.pi * np.outer(time, self.turn_frequency))
+        turned = _product(quaternion, Rotation.from_rotvec(turn).as_quat(scalar_first=True))
+        return position + np.array(self.lift) + shift, turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +101,12 @@ class Servos:
         drives = model.dof_armature[self.dof] * ddq + model.dof_damping[self.dof] * dq
         springs = model.jnt_stiffness[joints] * (q - model.qpos_spring[self.qpos])
         phi, states = self.mechanism.known, (x[:, self.order] for x in desired.states)
-        seen = np.flatnonzero(phi)
-        Y = joint_torque_regressor(self.mechanism.tree, *states, gravity=self.mechanism.gravity, columns=seen.tolist())
+        nonzero = np.flatnonzero(phi)
+        Y = joint_torque_regressor(
+            self.mechanism.tree, *states, gravity=self.mechanism.gravity, columns=nonzero.tolist()
+        )
         links = np.empty_like(q)
-        links[:, self.order] = Y @ phi[seen]
+        links[:, self.order] = Y @ phi[nonzero]
         return links + drives + springs
 
     def poses(self, body: str, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -120,3 +156,9 @@ def _held(model: mujoco.MjModel) -> tuple[str, ...]:
             raise ModelError(f"Mocap body '{body_name(model, body)}' needs a weld whose body1 is what it holds.")
         held.append(body_name(model, ties[body]))
     return tuple(held)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of quaternions (N, 4)."""
+    scalar = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
+    return np.hstack([scalar, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])])

@@ -1,7 +1,7 @@
 import mujoco
 import numpy as np
 
-from sim.simulation.hand import Hand
+from sim.simulation.servos import Hand
 
 TIME = np.linspace(-1, 9, 50)
 

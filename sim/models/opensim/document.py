@@ -72,8 +72,8 @@ def numbers(element: ET.Element, tag: str, size: int | None = None, default: str
     except ValueError:
         values = np.array([np.nan])
     if stated is None or not (abs(values) < LARGEST).all() or (size is not None and len(values) != size):
-        wanted = "finite numbers" if size is None else "a finite number" if size == 1 else f"{size} finite numbers"
-        raise ModelError(f"{label(element)} needs {wanted} in <{tag}>, got '{(stated or '')[:60]}'.")
+        expected = "finite numbers" if size is None else "a finite number" if size == 1 else f"{size} finite numbers"
+        raise ModelError(f"{label(element)} needs {expected} in <{tag}>, got '{(stated or '')[:60]}'.")
     return values
 
 
