@@ -95,7 +95,7 @@ def tables_of_lines(
     for first, line in lines:
         if not line.startswith("#"):
             break
-        metadata |= _said(first, line)
+        metadata |= _metadata(first, line)
     else:
         raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
     delimiter = _delimiter(line)
@@ -134,7 +134,7 @@ def lines_of(text: Text, skip: int = 0) -> Iterator[Line]:
         ) from None
 
 
-def _said(number: int, remark: str) -> dict[str, Any]:
+def _metadata(number: int, remark: str) -> dict[str, Any]:
     """Metadata of a comment `# NAME: JSON` with a name of `METADATA`; empty for any other comment."""
     key, _, text = remark[1:].partition(":")
     key = key.strip()

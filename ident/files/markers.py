@@ -47,7 +47,7 @@ class Markers:
             raise LogError(f"frame {k + 1}: marker '{short(self.labels[m])}' {what}.")
 
     @property
-    def seen(self) -> np.ndarray:
+    def visible(self) -> np.ndarray:
         """Mask of the markers seen in each frame (N, M)."""
         return np.isfinite(self.positions).all(axis=2)
 

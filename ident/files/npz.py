@@ -27,9 +27,9 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
     with opened(path) as archive:
         members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
         check_size(path, sum(m.file_size for m in members.values()), LIMIT)
-        found = {name: _array(archive, name, m) for name, m in members.items()}
-    check_size(path, sum(NUMBER * x.size for x in found.values()), LIMIT)
-    return found
+        unpacked = {name: _array(archive, name, m) for name, m in members.items()}
+    check_size(path, sum(NUMBER * x.size for x in unpacked.values()), LIMIT)
+    return unpacked
 
 
 @contextmanager

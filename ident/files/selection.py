@@ -43,7 +43,7 @@ class Selection:
         kept = _inside(numbers, self.rows)
         if not kept.any():
             there = f"the file has {table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "the file has none"
-            raise LogError(f"[select] needs rows that the file has, got {_told(self.rows)}; {there}.")
+            raise LogError(f"[select] needs rows that the file has, got {_listed(self.rows)}; {there}.")
         return taken(table, kept)
 
     def of_times(self, table: Table, seconds: np.ndarray) -> Table:
@@ -61,7 +61,7 @@ class Selection:
         kept = _inside(seconds, self.time)
         if not kept.any():
             there = f"its times go from {seconds.min():g} s to {seconds.max():g} s"
-            raise LogError(f"[select] needs times that the file has, got {_told(self.time)}; {there}.")
+            raise LogError(f"[select] needs times that the file has, got {_listed(self.time)}; {there}.")
         return taken(table, kept)
 
 
@@ -93,5 +93,5 @@ def _inside(x: np.ndarray, spans: Sequence[Span]) -> np.ndarray:
     return np.any([(first <= x) & (x <= last) for first, last in spans], axis=0)
 
 
-def _told(spans: Sequence[Span]) -> str:
+def _listed(spans: Sequence[Span]) -> str:
     return ", ".join(f"{first:g} to {last:g}" for first, last in spans)

@@ -26,7 +26,7 @@ def test_trc_files_are_read(tmp_path, unit, factor):
     assert found.labels == LABELS
     np.testing.assert_allclose(found.positions, X, rtol=1e-14)
     np.testing.assert_array_equal(found.time, TIME)
-    np.testing.assert_array_equal(found.seen, np.isfinite(X[..., 0]))
+    np.testing.assert_array_equal(found.visible, np.isfinite(X[..., 0]))
 
 
 @pytest.mark.parametrize("cells", ["\t\t", "nan\tNaN\tnan", "0\t0.0\t0", ""])
@@ -34,7 +34,7 @@ def test_missing_markers_of_trc_files(tmp_path, cells):
     lines = TEXT.splitlines()
     lines[-2] = "\t".join(lines[-2].split("\t")[:5]) + "\t" + cells
     (tmp_path / "a.trc").write_text("\r\n".join(lines) + "\t\r\n")
-    np.testing.assert_array_equal(read_markers(tmp_path / "a.trc").seen, np.isfinite(X[..., 0]))
+    np.testing.assert_array_equal(read_markers(tmp_path / "a.trc").visible, np.isfinite(X[..., 0]))
 
 
 def damaged(row, old, new):
@@ -79,7 +79,7 @@ def test_tables_are_read(tmp_path):
     found = read_markers(path, "mm")
     assert found.labels == ("A",)
     np.testing.assert_allclose(found.positions[0, 0], [0.001, 0.002, 0.003])
-    assert found.seen.tolist() == [[True], [False]]
+    assert found.visible.tolist() == [[True], [False]]
     np.savez(tmp_path / "a.npz", time=TIME, A=X[:, 0])
     np.testing.assert_allclose(read_markers(tmp_path / "a.npz").positions[:, 0], X[:, 0])
 

@@ -23,10 +23,10 @@ def tables(path: Path, limit: int) -> list[Table]:
     with opened_text(path, limit) as text:
         lines = lines_of(text)
         header = _header(lines)
-        found = list(tables_of_lines(text, lines, sys.maxsize))
-    if not found:
+        pieces = list(tables_of_lines(text, lines, sys.maxsize))
+    if not pieces:
         raise LogError("the file has no rows after its header, which names the columns.")
-    (table,) = found
+    (table,) = pieces
     for keys, count, what in (
         (("nrows", "datarows"), len(table.rows), "rows"),
         (("ncolumns", "datacolumns"), len(table.cells), "columns"),

@@ -84,9 +84,9 @@ def _markers(rows: list[Row], others: Iterator[Row], text: Text) -> Markers:
     table = np.reshape(frames, (len(frames), columns))
     x = table[:, 2:].reshape(len(frames), len(labels), 3)
     x[(x == 0).all(axis=2)] = np.nan
-    found = Markers(table[:, 1], labels, LENGTHS[header["Units"]] * x)
-    _check_rate(found.time, rate)
-    return found
+    markers = Markers(table[:, 1], labels, LENGTHS[header["Units"]] * x)
+    _check_rate(markers.time, rate)
+    return markers
 
 
 def _labels(row: Row) -> tuple[str, ...]:
