@@ -12,7 +12,7 @@ from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.sampled import AS_MEASURED
-from ident.recordings.wrench import GROUND, Sensor, sensors_told
+from ident.recordings.wrench import GROUND, Sensor, sensors_of
 from ident.tolerances import HUGE
 
 SUGGESTION = " python -m experiments.columns MODEL LOG writes a mapping to correct."
@@ -55,7 +55,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             "a log needs a column of times, named time or t or mapped, or in the mapping how many samples it has in a "
             f"second, as in rate = 100; {table.available()}.{suggestion}"
         )
-    for sensor, place in {GROUND: Sensor(), **sensors_told(table.metadata.get("sensors", {}))}.items():
+    for sensor, place in {GROUND: Sensor(), **sensors_of(table.metadata.get("sensors", {}))}.items():
         parts = {
             f"wrenches.{sensor}.{kind}": tuple(
                 _named(table, f"the {kind} of '{sensor}'", (f"{sensor}_{kind}.{c}", f"{sensor}_{letter}{c}"))
@@ -96,11 +96,11 @@ def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping
         quantity = f"{joints[name]} {kind}"
     else:
         quantity = "time" if room == "time" else {"force": "force", "torque": "torque"}.get(kind, "length")
-    said = {table.units.get(column, "") for column in columns.read}
-    if not columns.read or "" in said or len(said) > 1 or kind in ("quaternion", "pose"):
+    stated = {table.units.get(column, "") for column in columns.read}
+    if not columns.read or "" in stated or len(stated) > 1 or kind in ("quaternion", "pose"):
         return columns
     units = list(UNITS[quantity])
-    unit = next((u for u in units if said == {"deg"} and u.startswith("deg")), units[0])
+    unit = next((u for u in units if stated == {"deg"} and u.startswith("deg")), units[0])
     factor = UNITS[quantity][unit]
     if columns.unit and columns.factor != factor and not columns.sums:
         raise LogError(f"{key} is mapped in another unit than the file's, which says {unit}; leave the unit out.")
@@ -108,10 +108,10 @@ def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping
 
 
 def _named(table: Table, what: str, names: Sequence[str]) -> str:
-    found = [name for name in names if name in table.cells]
-    if len(found) > 1:
-        raise LogError(f"columns {' and '.join(found)} may both be {what}; keep one of them, or map one.")
-    return found[0] if found else ""
+    present = [name for name in names if name in table.cells]
+    if len(present) > 1:
+        raise LogError(f"columns {' and '.join(present)} may both be {what}; keep one of them, or map one.")
+    return present[0] if present else ""
 
 
 def read_channels(

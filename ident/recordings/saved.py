@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
-from ident.recordings.wrench import sensors_told
+from ident.recordings.wrench import sensors_of
 
 
 def save(path: Path, fields: Mapping[str, Any]) -> None:
@@ -32,9 +32,9 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
         channels[BASE] = base.reshape(-1, 16)
     metadata = {name: fields[name] for name in ("units", "noise", "provenance")}
     sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
-    told = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
-    told["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
-    write_channels(path, channels, metadata | {name: content for name, content in told.items() if content})
+    annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
+    annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
+    write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
 
 def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
@@ -67,13 +67,13 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
     time, base = channels.pop("time"), channels.pop(BASE, None)
     true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
     measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
-    told = {name: metadata[name] for name in METADATA if name in metadata}
-    if "sensors" in told:
-        told["sensors"] = sensors_told(told["sensors"])
-    held = told.pop("stated", {}).get("held")
+    annotations = {name: metadata[name] for name in METADATA if name in metadata}
+    if "sensors" in annotations:
+        annotations["sensors"] = sensors_of(annotations["sensors"])
+    held = annotations.pop("stated", {}).get("held")
     if not isinstance(held, bool | None):
         raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")
-    told["held"] = held
+    annotations["held"] = held
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
-    return {"time": time, "measured": measured, "true": true, "base": base} | told
+    return {"time": time, "measured": measured, "true": true, "base": base} | annotations

@@ -45,7 +45,7 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
 
     Args:
         files: The files, in the order of the mapping's entries.
-        mapping: Their layouts, and their columns of times if names do not tell.
+        mapping: Their layouts, and their columns of times if names do not show them.
         limit: Bytes that each may take in memory.
 
     Raises:
@@ -55,7 +55,7 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
     """
     if twice := [file.name for file in files if [each.resolve() for each in files].count(file.resolve()) > 1]:
         raise LogError(f"a log is made of different files, but {twice[0]} is given twice.")
-    layouts, clocks = _told(files, mapping)
+    layouts, clocks = _layouts_and_clocks(files, mapping)
     tables: list[list[Table]] = []
     for file, layout, clock in zip(files, layouts, clocks, strict=True):
         try:
@@ -66,7 +66,7 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
     return _from_one_zero(files, _apart(tables))
 
 
-def _told(files: Sequence[Path], mapping: ColumnMapping) -> tuple[list[Layout], list[Columns | None]]:
+def _layouts_and_clocks(files: Sequence[Path], mapping: ColumnMapping) -> tuple[list[Layout], list[Columns | None]]:
     """Layout of each file, and its column of times; None to find it by name.
 
     Raises:
@@ -83,10 +83,10 @@ def _told(files: Sequence[Path], mapping: ColumnMapping) -> tuple[list[Layout], 
 def check_number(number: int, mapping: ColumnMapping) -> None:
     """Refuses a mapping whose entries for single files differ in number from the log's files."""
     layouts, clocks = len(mapping.layouts), len(mapping.clocks)
-    for what, told in (("[[file]]", layouts if layouts > 1 else number), ("time", clocks or number)):
-        if told != number:
+    for what, stated in (("[[file]]", layouts if layouts > 1 else number), ("time", clocks or number)):
+        if stated != number:
             raise LogError(
-                f"the mapping tells of {told} files ({what}), but this log has {number}; files that belong together "
+                f"the mapping describes {stated} files ({what}), but this log has {number}; files that belong together "
                 "are given as FILE+FILE."
             )
 

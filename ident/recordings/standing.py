@@ -19,7 +19,7 @@ from ident.recordings.wrench import Sensor, pose_in_base
 CLOSE = 1.5
 """Ratio of the distances of two bodies from a force below which the assignment is doubtful."""
 
-TOLD = 4
+LISTED = 4
 """Episodes on a plate that a note lists."""
 
 
@@ -118,10 +118,11 @@ def _taking_turns(recording: Recording, mechanism: Mechanism, name: str, plate: 
     """The recording with a separate wrench for each body that may be on a plate, zero while it is not."""
     sensor = recording.sensors[name]
     who, close = _standing(recording, mechanism, sensor, name, plate)
-    notes.append(_told(recording.time, who, close, name, plate.bodies))
+    notes.append(_contact_note(recording.time, who, close, name, plate.bodies))
     others = [body for k, body in enumerate(plate.bodies) if body != plate.expected and (who == k).any()]
     if plate.expected and others:
-        notes.append(f"On '{name}' was expected {plate.expected}; its force says {', '.join(others)}, which counts.")
+        here = f"{plate.expected} was expected on '{name}'"
+        notes.append(f"{here}; its force is that of {', '.join(others)}, which counts.")
     sensors = {key: x for key, x in recording.sensors.items() if key != name}
     measured, streams, units = dict(recording.measured), dict(recording.streams), dict(recording.units)
     for kind in ("force", "torque"):
@@ -169,13 +170,15 @@ def _standing(
     return who, close
 
 
-def _told(time: np.ndarray, who: np.ndarray, close: Sequence[tuple[int, str]], name: str, bodies: Sequence[str]) -> str:
+def _contact_note(
+    time: np.ndarray, who: np.ndarray, close: Sequence[tuple[int, str]], name: str, bodies: Sequence[str]
+) -> str:
     """A note on the bodies found on a plate, with times."""
     borders = np.flatnonzero(np.diff(who, prepend=-1, append=-1))
     spans = [(a, b - 1) for a, b in pairwise(borders) if who[a] >= 0]
-    listed = [f"{bodies[who[a]]} from {time[a]:.2f} to {time[b]:.2f} s" for a, b in spans[:TOLD]]
-    more = f", and {len(spans) - TOLD} times more" if len(spans) > TOLD else ""
-    doubt = "".join(f" From {time[a]:.2f} s on {body} is nearly as near." for a, body in close[:TOLD])
+    listed = [f"{bodies[who[a]]} from {time[a]:.2f} to {time[b]:.2f} s" for a, b in spans[:LISTED]]
+    more = f", and {len(spans) - LISTED} times more" if len(spans) > LISTED else ""
+    doubt = "".join(f" From {time[a]:.2f} s on {body} is nearly as near." for a, body in close[:LISTED])
     return f"By its force, on '{name}' is {', '.join(listed) or 'nobody'}{more}.{doubt}"
 
 

@@ -57,14 +57,14 @@ def _listed(group: dict[Component, str], kind: str) -> str:
 def _torques(names: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Lines for the joints' torques: by the joints' names, or in order if there are as many."""
     torques = [name for name in names if re.search(JOINT_TORQUE, name.lower().replace("_", " "))]
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for joint in sorted(joints, key=len, reverse=True):
-        own = [name for name in torques if joint.lower() in name.lower() and name not in found.values()]
+        own = [name for name in torques if joint.lower() in name.lower() and name not in columns.values()]
         if own:
-            found[joint] = own[0]
-    if not found and len(torques) == len(joints):
-        found = dict(zip(joints, torques, strict=True))
-    return [line for joint in joints if joint in found for line in _torque_lines(joint, found[joint])]
+            columns[joint] = own[0]
+    if not columns and len(torques) == len(joints):
+        columns = dict(zip(joints, torques, strict=True))
+    return [line for joint in joints if joint in columns for line in _torque_lines(joint, columns[joint])]
 
 
 def _torque_lines(joint: str, column: str) -> tuple[str, str]:

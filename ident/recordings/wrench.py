@@ -44,22 +44,22 @@ class Sensor:
         _check_frame(f"The sensor on '{self.body}'", self.frame, self.body)
 
 
-def sensors_told(told: Mapping[str, Any]) -> dict[str, Sensor]:
+def sensors_of(entries: Mapping[str, Any]) -> dict[str, Sensor]:
     """Sensors by name from a file's metadata.
 
     Raises:
         LogError: An entry is not `vars` of a sensor in JSON.
     """
     sensors = {}
-    for name, content in told.items():
+    for name, content in entries.items():
         try:
             place = content["body"], np.array(content["pose"], float), content["applied_to_link"]
             sensor = Sensor(*place, content.get("frame", "body"), content.get("plate", ""))
-            told_well = isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool)
-            told_well = told_well and isinstance(sensor.plate, str)
+            is_valid = isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool)
+            is_valid = is_valid and isinstance(sensor.plate, str)
         except (AttributeError, KeyError, TypeError, ValueError):
-            told_well = False
-        if not told_well or sensor.pose.shape != (4, 4) or not is_rigid(sensor.pose):
+            is_valid = False
+        if not is_valid or sensor.pose.shape != (4, 4) or not is_rigid(sensor.pose):
             raise LogError(f"the sensor '{name}' needs a body, a pose (4, 4) and applied_to_link, true or false.")
         sensors[name] = sensor
     return sensors

@@ -110,8 +110,8 @@ CONTRADICTIONS = {
     "another hour": (lambda a, f: (a, {**f, "time": f["time"] + 60}), "", "need a time that all of them cover"),
     "twice": (lambda a, f: (a, {**f, "joint2": f["time"]}), "", "joint 'joint2' needs a column of its positions"),
     "two clocks": (lambda a, f: (a, {**f, "t": f["time"]}), "", "wrench.csv: it needs one column of times, time or t"),
-    "three times": (lambda a, f: (a, f), 'time = ["t", "t", "t"]', "tells of 3 files (time), but this log has 2"),
-    "three files": (lambda a, f: (a, f), 3 * "[[file]]\n", "tells of 3 files ([[file]]), but this log has 2"),
+    "three times": (lambda a, f: (a, f), 'time = ["t", "t", "t"]', "describes 3 files (time), but this log has 2"),
+    "three files": (lambda a, f: (a, f), 3 * "[[file]]\n", "describes 3 files ([[file]]), but this log has 2"),
     "no such time": (lambda a, f: (a, f), 'time = "stamp"', "joints.csv: it needs times in a column 'stamp'"),
     "no times": (lambda a, f: (a, f), "time = []", "time needs the column of times of each file"),
     "rows": (lambda a, f: (a, f), "[select]\nrows = [1, 50]", "[select] rows are those of one table"),
@@ -156,7 +156,7 @@ def test_files_that_cannot_be_put_together(tmp_path):
             read_log(name, arm())
         assert sentence in str(error.value)
     for number, mapping in ((2, "[[file]]\n[[file]]"), (2, 'time = ["time", "time"]')):
-        with pytest.raises(LogError, match=f"tells of {number} files .* but this log has 1"):
+        with pytest.raises(LogError, match=f"describes {number} files .* but this log has 1"):
             read_log(joints, arm(), mapped(tmp_path, mapping))
     with pytest.raises(LogError, match="is not read in pieces"):
         list(read_log_pieces(f"{joints}+{wrench}", arm(), samples=100))

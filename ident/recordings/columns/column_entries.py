@@ -94,10 +94,10 @@ def joints_of_motors(where: str, entry: Mapping[str, Any], joints: Mapping[str, 
         if not all(motor.read for motor in motors):
             raise LogError(f"{key} needs {len(moved)} columns, none of them may be missing; got {short(named)}.")
         try:
-            found = joints_behind_motors(matrix, kind, motors)
+            of_joints = joints_behind_motors(matrix, kind, motors)
         except LogError as error:
             raise LogError(f"[{where}] {error}") from None
-        for joint, column in zip(moved, found, strict=True):
+        for joint, column in zip(moved, of_joints, strict=True):
             unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
             columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
     return columns

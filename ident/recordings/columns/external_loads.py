@@ -62,8 +62,8 @@ def external_loads(path: Path, bodies: Sequence[str]) -> dict[str, Any]:
 def _plate(name: str, force: ET.Element, body: str, among: Sequence[str]) -> dict[str, Any]:
     """Entry of one force."""
     for frame in ("force_expressed_in_body", "point_expressed_in_body"):
-        if (said := _text(force, frame)) not in GROUND:
-            raise LogError(f"<ExternalForce name=\"{name}\"> needs the ground as its {frame}, got '{short(said)}'.")
+        if (stated := _text(force, frame)) not in GROUND:
+            raise LogError(f"<ExternalForce name=\"{name}\"> needs the ground as its {frame}, got '{short(stated)}'.")
     entry: dict[str, Any] = {"frame": "world"}
     for quantity, tag in QUANTITIES.items():
         if not (begin := _text(force, tag)):

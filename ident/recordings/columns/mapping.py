@@ -20,7 +20,7 @@ from ident.recordings.columns.entries import check_keys, pose, table, toml
 from ident.recordings.columns.external_loads import LOADS, external_loads
 from ident.recordings.columns.file_entries import clocks, layouts, selection
 from ident.recordings.columns.plates import Plate
-from ident.recordings.columns.segments import segments_told
+from ident.recordings.columns.segments import segments_of
 from ident.recordings.wrench import GROUND, Sensor
 
 SETUP = {
@@ -122,14 +122,14 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
     tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
-    segments_told(entries.get("segments", {}))
+    segments_of(entries.get("segments", {}))
     mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
     mapping.layouts, mapping.selection = layouts(entries), selection(entries)
-    told = clocks(entries)
-    if len(told) == 1:
-        mapping.columns["time"] = told[0]
+    times = clocks(entries)
+    if len(times) == 1:
+        mapping.columns["time"] = times[0]
     else:
-        mapping.clocks = told
+        mapping.clocks = times
     of_joints = table("joints", entries.get("joints", {}))
     check_keys("[joints]", of_joints, tuple(joints))
     for joint, quantities in of_joints.items():

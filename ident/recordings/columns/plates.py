@@ -116,7 +116,7 @@ def pose_of_corners(where: str, corners: np.ndarray) -> np.ndarray:
 def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple[str, ...]:
     where, on, choices = f"wrenches.{name}", entry.get("on"), ", ".join(bodies)
     if "body" in entry:
-        raise LogError(f"[{where}] rests in the world: the body that touches it is told by 'on', not by 'body'.")
+        raise LogError(f"[{where}] rests in the world: the body that touches it is stated by 'on', not by 'body'.")
     if "among" in entry and on != AUTO:
         raise LogError(f'{where}.among belongs to on = "{AUTO}"; got on = {short(on)}.')
     if name == GROUND:

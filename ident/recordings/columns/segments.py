@@ -20,15 +20,15 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
         return None
     entries = toml(path)
     try:
-        return segments_told(entries["segments"]) if "segments" in entries else None
+        return segments_of(entries["segments"]) if "segments" in entries else None
     except LogError as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def segments_told(told: Any) -> dict[str, Placed]:
+def segments_of(entries: Any) -> dict[str, Placed]:
     """Segments by body, from entries `BODY = "SEGMENT"` or tables with the segment and its ends."""
     out = {}
-    for body, entry in table("segments", told).items():
+    for body, entry in table("segments", entries).items():
         where = f"segments.{body}"
         given = {"segment": entry} if isinstance(entry, str) else table(where, entry)
         check_keys(where, given, ("segment", "proximal", "distal"))

@@ -349,7 +349,7 @@ BAD = {
     "frame": ('frame = "lab"', "wrenches.p.frame needs one of body, world, plate; got lab"),
     "no frame": ('body = "arm"\n' + POINT, '\'point\', which takes a frame that rests: "plate" or "world"'),
     "on a body frame": ('on = "arm"', "[wrenches.p] has 'on', which takes a frame that rests"),
-    "body": ('frame = "world"\nbody = "arm"', "rests in the world: the body that touches it is told by 'on'"),
+    "body": ('frame = "world"\nbody = "arm"', "rests in the world: the body that touches it is stated by 'on'"),
     "no body": ('frame = "world"', "wrenches.p.on needs the body on it, one of pelvis"),
     "unknown body": ('frame = "world"\non = "hand"', 'arm, or "auto"; got hand'),
     "alone": ('frame = "world"\non = "auto"', "wrenches.p.among needs a list of the two bodies or more"),
