@@ -13,7 +13,7 @@ import ident
 import sim
 from ident.geometry.inertia import parameter_transform, parameters_from_com, symmetric
 from ident.payload.identification import identify_payload
-from ident.payload.rigid_body import described
+from ident.payload.payload import described
 from ident.recordings.wrench import Sensor
 
 TRUTH = np.array([wrist.TOOL["mass"], *wrist.TOOL["com"], *wrist.TOOL["inertia"]])
@@ -44,7 +44,7 @@ def test_mass_and_centre_of_a_light_tool_are_found_and_covered():
         body = payload.in_frame()
         assert abs(body.values[0] - TRUTH[0]) < 0.002
         assert np.linalg.norm(body.values[1:4] - TRUTH[1:4]) < 0.003
-        assert body.told[:4].all() and payload.verdict().startswith("Usable: 0.")
+        assert body.identifiable[:4].all() and payload.verdict().startswith("Usable: 0.")
         assert (body.std_setup >= body.std).all()
         distances.append((body.values - TRUTH) / body.std)
     assert (np.abs(distances) < 1.96).mean() > 0.85
@@ -72,13 +72,13 @@ def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
     """Slow turns do not determine inertias; fast turns of a heavy tool do."""
     payload = identify_payload(arm(stated=False), wrist.log(seconds=8.0), **GIVEN)
     body = payload.in_frame()
-    assert not body.told[4:].all() and payload.model is None
+    assert not body.identifiable[4:].all() and payload.model is None
     assert "inertias are not known" in payload.verdict()
     assert (np.abs(body.values - TRUTH) < 4 * body.std_setup).all()
     heavy = {"mass": 3.0, "com": (0.01, 0.02, 0.1), "inertia": (0.03, 0.025, 0.01, 1e-3, 1e-3, -1e-3)}
     log = wrist.log(text=wrist.model(tool=heavy), seconds=8.0, size=1.5)
     told = identify_payload(arm(stated=False), log, **GIVEN).in_frame()
-    assert told.told.all()
+    assert told.identifiable.all()
     assert (np.abs(told.values - [3.0, *heavy["com"], *heavy["inertia"]]) < 4 * told.std_setup).all()
 
 
@@ -157,5 +157,5 @@ def test_what_cannot_be_a_payload_is_refused():
 
 def test_nothing_that_is_carried_is_said_so():
     nothing = wrist.model(tool={"mass": 1e-5, "com": (0, 0, 0), "inertia": (1e-9, 1e-9, 1e-9, 0, 0, 0)})
-    with pytest.raises(ident.ExcitationError, match="there is no payload to be seen"):
+    with pytest.raises(ident.ExcitationError, match="they show no payload"):
         identify_payload(arm(), wrist.log(text=nothing, seconds=8.0), **GIVEN)

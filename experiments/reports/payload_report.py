@@ -15,8 +15,7 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
 from ident.geometry.inertia import symmetric
-from ident.payload.payload import Payload
-from ident.payload.rigid_body import QUANTITIES, RigidBody
+from ident.payload.payload import QUANTITIES, Payload, RigidBody
 from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
@@ -133,7 +132,7 @@ class PayloadReport:
         body, model = self.payload.in_frame(), self.payload.model
         columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
         columns["model"] = [None] * 10 if model is None else model.tolist()
-        columns["note"] = ["" if told else "not told by this motion" for told in body.told]
+        columns["note"] = ["" if told else "not told by this motion" for told in body.identifiable]
         title = f"What '{self.payload.sensor}' carries, in the frame of '{self.payload.body}'"
         return tabular.Table(title, *tabular.columns(**columns), decimals=6)
 

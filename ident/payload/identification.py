@@ -69,10 +69,10 @@ def identify_payload(
         recordings[number], notes = renamed, notes + [note for note in more if note not in notes]
     massless = replace(part, prior=np.zeros(10 * len(part.bodies)))
     ready = [prepared(massless, each, filters=False) for each in recordings]
-    found = weighing(ready[0], sensor, recordings[0].sensors[GROUND])
-    part = replace(part, prior=likely(part, found, places[0]))
+    weighed = weighing(ready[0], sensor, recordings[0].sensors[GROUND])
+    part = replace(part, prior=likely(part, weighed, places[0]))
     ready = [prepared(part, each, filters=False) for each in recordings]
-    told = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", {} if setup is None else setup, PRIORS)}
-    estimate = identified(ready, offsets=offsets, holdout=holdout, setup=told, known=known(part), report=report)
+    deviations = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", setup or {}, PRIORS)}
+    estimate = identified(ready, offsets=offsets, holdout=holdout, setup=deviations, known=known(part), report=report)
     # The prior is the weighed body instead of the model, so that the model is no rival.
     return Payload(robot, body, sensor, places[0], replace(estimate, rivals={}), tuple(notes))

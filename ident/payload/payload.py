@@ -7,19 +7,40 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.geometry.inertia import parameter_transform
+from ident.geometry.inertia import com_from_parameters, parameter_transform
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import payload_findings, payload_verdict
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.payload.mounting import place_of
-from ident.payload.rigid_body import SIZE, RigidBody, described
 from ident.recordings.wrench import GROUND
+
+QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+"""Quantities of a rigid body: mass in kg, centre of mass in m, inertia about the centre of mass in kg m²."""
+
+SIZE = 0.1
+"""Typical radius of gyration and distance of the centre of mass from the sensor, m."""
 
 OPEN = 0.5
 """A quantity is identifiable if its standard deviation is below this fraction of its size: the mass itself, `SIZE` for
 the centre of mass, the mean moment of inertia for inertias."""
+
+
+class RigidBody(NamedTuple):
+    """A rigid body in some frame.
+
+    Attributes:
+        values: Mass, centre of mass, and inertia about it in the axes of the frame, as `QUANTITIES` (10,).
+        std: Standard deviations from the noise (10,).
+        std_setup: Standard deviations including those of set-up errors (10,).
+        identifiable: True for identifiable values (10,).
+    """
+
+    values: np.ndarray
+    std: np.ndarray
+    std_setup: np.ndarray
+    identifiable: np.ndarray
 
 
 class SensorParameter(NamedTuple):
@@ -109,12 +130,12 @@ class Payload:
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the payload, the doubts first."""
-        return payload_findings(self.estimate, self.in_frame().told, self.sensor)
+        return payload_findings(self.estimate, self.in_frame().identifiable, self.sensor)
 
     def verdict(self) -> str:
         """A sentence on the reliability of the estimate and its standard deviations."""
-        values, _, std, told = self.in_frame()
-        return payload_verdict(self.findings, values, std, told)
+        values, _, std, identifiable = self.in_frame()
+        return payload_verdict(self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:
         """φ of the whole robot, with the identified values for the sensor's load (10 b,).
@@ -131,3 +152,9 @@ class Payload:
     def place_of(self, name: str) -> np.ndarray:
         """Pose of a body or site on the payload, in the frame of the payload's body (4, 4); as `place_of`."""
         return place_of(self.robot, self.body, name)
+
+
+def described(phi: np.ndarray) -> np.ndarray:
+    """φ of one body (10,) as `QUANTITIES` (10,)."""
+    mass, com, inertia = com_from_parameters(phi)
+    return np.array([mass, *com, *inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])

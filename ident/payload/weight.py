@@ -8,13 +8,13 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.weighing import TURNED, Weighing, weighed
 from ident.geometry.inertia import parameter_transform, parameters_from_com
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.rigid_body import SIZE
+from ident.payload.payload import SIZE
 from ident.recordings.wrench import GROUND, Sensor
 
 DENSITY = 500.0
 """Density of the ball that replaces a body of unknown inertia, kg/m³; low, as tools are mostly air."""
 
-SEEN = 4.0
+SIGNIFICANT = 4.0
 """Number of standard deviations from which a mass is significant."""
 
 
@@ -41,26 +41,26 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
             f"where they were stated{' and with the opposite sign' if out.opposite else ''}: its frame in that of the "
             f"payload's body looks like quaternion = [{quaternion}]."
         )
-    if out.opposite and out.mass < -SEEN * out.std:
+    if out.opposite and out.mass < -SIGNIFICANT * out.std:
         raise InputError(
             f"The forces of '{sensor}' weigh {out.mass:.3f} kg: they have the opposite sign; under [wrenches.{sensor}] "
             f"applied_to_link says whether they act on the body that is named there (true) or are what it exerts "
             "(false)."
         )
-    if out.mass < SEEN * out.std:
+    if out.mass < SIGNIFICANT * out.std:
         raise ExcitationError(
-            f"The forces of '{sensor}' weigh {out.mass:.2g} ± {out.std:.1g} kg: there is no payload to be seen."
+            f"The forces of '{sensor}' weigh {out.mass:.2g} ± {out.std:.1g} kg: they show no payload."
         )
     return out
 
 
-def likely(part: Mechanism, found: Weighing, place: np.ndarray) -> np.ndarray:
+def likely(part: Mechanism, fit: Weighing, place: np.ndarray) -> np.ndarray:
     """φ of bodies with the weighed mass: those of the model, scaled, or else a ball (10 b,)."""
     if part.prior is not None and part.prior[::10].sum() > 0:
-        return part.prior * (found.mass / part.prior[::10].sum())
-    radius = (3 * found.mass / (4 * np.pi * DENSITY)) ** (1 / 3)
-    ball = 0.4 * found.mass * radius**2 * np.eye(3)
-    own = parameters_from_com(found.mass, found.moment / found.mass, ball)
+        return part.prior * (fit.mass / part.prior[::10].sum())
+    radius = (3 * fit.mass / (4 * np.pi * DENSITY)) ** (1 / 3)
+    ball = 0.4 * fit.mass * radius**2 * np.eye(3)
+    own = parameters_from_com(fit.mass, fit.moment / fit.mass, ball)
     return np.concatenate([parameter_transform(place) @ own, np.zeros(10 * (len(part.bodies) - 1))])
 
 
