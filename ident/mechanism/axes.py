@@ -119,11 +119,13 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
     normal = np.einsum("nij,nik->jk", slope, slope)
     gradient = np.einsum("nij,ni->nj", slope, turn @ axis)
     influence = -np.linalg.solve(normal, gradient.T).T @ plane.T
-    found = Direction(axis, influence)
-    if not axis @ positive > 5 * found.std * np.linalg.norm(positive):
-        raise InputError("The axis is perpendicular to the one it should resemble, so that its sense cannot be told.")
+    direction = Direction(axis, influence)
+    if not axis @ positive > 5 * direction.std * np.linalg.norm(positive):
+        raise InputError(
+            "The axis is perpendicular to the one it should resemble, so that its sense is undefined."
+        )
     offset = np.linalg.solve(normal, np.einsum("nij,ni->j", slope, -displacement[:, :3, 3]))
-    return Screw(found, plane @ offset)
+    return Screw(direction, plane @ offset)
 
 
 def parallel_p_value(a: Direction, b: Direction) -> float:

@@ -120,18 +120,18 @@ def _bodies(frames: Sequence[Frame], mover: dict[str | None, str | None]) -> lis
 
 
 def _check(frames: Sequence[Frame]) -> None:
-    seen: set[str | None] = {None}
+    earlier: set[str | None] = {None}
     for row, frame in enumerate(frames, start=1):
         if frame.kind not in JOINT_TWISTS:
             raise ModelError(
                 f"Row {row} (frame '{frame.name}') needs a joint type out of {', '.join(JOINT_TWISTS)}, "
                 f"got '{frame.kind}'."
             )
-        if frame.name in seen:
+        if frame.name in earlier:
             raise ModelError(f"Row {row} gives frame '{frame.name}' a second time; every frame stands once in a tree.")
-        if frame.parent not in seen:
-            known = ", ".join(str(name) for name in seen if name) or "none but the base"
+        if frame.parent not in earlier:
+            known = ", ".join(str(name) for name in earlier if name) or "none but the base"
             raise ModelError(
                 f"Row {row} (frame '{frame.name}') needs a parent from a row before it ({known}), got '{frame.parent}'."
             )
-        seen.add(frame.name)
+        earlier.add(frame.name)

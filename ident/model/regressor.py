@@ -138,16 +138,16 @@ def _regressor(
 ) -> np.ndarray:
     """Rows of the base wrench or of the joint torques (N, rows, columns)."""
     tree, gravity = mechanism.tree, mechanism.gravity.astype(float)
-    motion, wanted = motion.checked(tree), _checked_columns(tree, columns)
+    motion, indices = motion.checked(tree), _checked_columns(tree, columns)
     samples, rows = len(motion), len(tree.freedoms) if torques else 6
-    shape = len(wanted), rows, samples
+    shape = len(indices), rows, samples
     memory = np.zeros(shape) if out is None else _checked_memory(out, shape)
-    flat = memory.reshape(len(wanted) * rows, samples)
+    flat = memory.reshape(len(indices) * rows, samples)
     if samples < FEW:
         for k, x in enumerate(program_inputs(motion, gravity).T):
-            flat[:, k] = one_sample(tree, gravity, wanted, x, torques)
+            flat[:, k] = one_sample(tree, gravity, indices, x, torques)
         return memory.transpose(2, 1, 0)
-    program = regressor_program(mechanism, wanted, moving=motion.base is not None, torques=torques)
+    program = regressor_program(mechanism, indices, moving=motion.base is not None, torques=torques)
     if out is not None:
         flat[~program.written] = 0
     program.fill(flat)
@@ -175,11 +175,11 @@ def _checked_memory(out: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
 
 def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ...]:
     number = 10 * len(tree.inertial)
-    wanted = tuple(range(number)) if columns is None else tuple(map(operator.index, columns))
-    missing = [k for k in wanted if not 0 <= k < number]
+    indices = tuple(range(number)) if columns is None else tuple(map(operator.index, columns))
+    missing = [k for k in indices if not 0 <= k < number]
     if missing:
         raise InputError(f"This mechanism has columns 0 to {number - 1}, not {missing[0]}.")
-    return wanted
+    return indices
 
 
 def regressor_program(mechanism: Mechanism, columns: Sequence[int], *, moving: bool, torques: bool) -> Program:

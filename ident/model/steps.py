@@ -30,12 +30,12 @@ def steps(code: Sequence[Instruction], registers: int, zero: int, one: int) -> n
         zero: Place of zeros.
         one: Place of ones.
     """
-    taken_up, found = _taken_up(code, registers), []
+    taken_up, rows = _taken_up(code, registers), []
     # Signed products that are fused instead of computed, by the places of their results.
     products = dict[int, tuple[int, int, bool]]()
     for k, (operation, x, y, target) in enumerate(code):
         if operation in OTHERS:
-            found.append((OTHERS[operation], x, x if y is None else y, zero, target, False, False))
+            rows.append((OTHERS[operation], x, x if y is None else y, zero, target, False, False))
             products.pop(target, None)
             continue
         term, c, minus = products.get(x, (x, one, False)), zero, False
@@ -52,8 +52,8 @@ def steps(code: Sequence[Instruction], registers: int, zero: int, one: int) -> n
             products[target] = term
         else:
             products.pop(target, None)
-            found.append((LINEAR, *term[:2], c, target, term[2], minus))
-    return np.fromiter(chain.from_iterable(found), np.int32).reshape(-1, 7)
+            rows.append((LINEAR, *term[:2], c, target, term[2], minus))
+    return np.fromiter(chain.from_iterable(rows), np.int32).reshape(-1, 7)
 
 
 def _taken_up(code: Sequence[Instruction], registers: int) -> set[int]:

@@ -160,14 +160,14 @@ class Program:
     @classmethod
     def of(cls, tape: Tape, results: Sequence[Signal | Number]) -> "Program":
         """Program for given results (K,), signals of a tape or numbers."""
-        wanted = {k: x.index for k, x in enumerate(results) if isinstance(x, Signal)}
-        last_use = _last_uses(tape, set(wanted.values()))
+        outputs = {k: x.index for k, x in enumerate(results) if isinstance(x, Signal)}
+        last_use = _last_uses(tape, set(outputs.values()))
         steps = [(i, *tape.steps[i]) for i in sorted(last_use)]
         numbers = dict.fromkeys(float(x) for *_, xs in steps for x in xs if not isinstance(x, Signal))
         numbered = {x: len(tape.inputs) + k for k, x in enumerate(numbers)}
         first_result = len(tape.inputs) + len(numbers)
         place = {signal.index: k for k, signal in enumerate(tape.inputs)}
-        for k, i in wanted.items():
+        for k, i in outputs.items():
             place.setdefault(i, first_result + k)
         registers, spare = 0, list[int]()
         code = list[Instruction]()
@@ -183,7 +183,7 @@ class Program:
                 place[i] = spare.pop()
             code.append((operation, used[0], used[1] if len(used) > 1 else None, place[i]))
         # Results that are inputs, or are requested twice, are copied from another place.
-        elsewhere = {first_result + k: place[i] for k, i in wanted.items() if place[i] != first_result + k}
+        elsewhere = {first_result + k: place[i] for k, i in outputs.items() if place[i] != first_result + k}
         code += [(np.positive, source, None, target) for target, source in elsewhere.items()]
         constants = tuple((k, float(x)) for k, x in enumerate(results) if not isinstance(x, Signal) and x != 0)
         return cls(len(tape.inputs), tuple(numbers), len(results), registers, constants, tuple(code))
@@ -229,10 +229,10 @@ class Program:
                 operation(row[a], row[b], row[target])
 
 
-def _last_uses(tape: Tape, wanted: set[int]) -> dict[int, int]:
+def _last_uses(tape: Tape, outputs: set[int]) -> dict[int, int]:
     """Last use of every step that the results depend on; beyond the tape for inputs and results."""
     never = len(tape.steps)
-    last = dict.fromkeys(wanted, never)
+    last = dict.fromkeys(outputs, never)
     for i in reversed(range(never)):
         for x in tape.steps[i][1] if i in last else ():
             if isinstance(x, Signal):
