@@ -13,7 +13,7 @@ from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
-from ident.parameters.prior import KNOWN, parameters_told
+from ident.parameters.prior import KNOWN, parameters_identified
 
 LEFT_OUT = " None are drawn where samples were left out."
 
@@ -41,7 +41,7 @@ def replay(result: Estimate) -> Replay:
         drawn=drawn,
         curves={"measured": samples.measured[drawn]} | predicted,
         estimate=result.consistent().phi,
-        told=parameters_told(arm, result.base, result.covariance, known, included=included),
+        told=parameters_identified(arm, result.base, result.covariance, known, included=included),
         spans=[(time[part.stop], time[-1])] if part.stop < len(time) - log.edge else [],
         shaded="held out, and only predicted",
         remark="All predictions take the set-up as it was found." + LEFT_OUT * (not used.all()),

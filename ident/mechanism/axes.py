@@ -121,9 +121,7 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
     influence = -np.linalg.solve(normal, gradient.T).T @ plane.T
     direction = Direction(axis, influence)
     if not axis @ positive > 5 * direction.std * np.linalg.norm(positive):
-        raise InputError(
-            "The axis is perpendicular to the one it should resemble, so that its sense is undefined."
-        )
+        raise InputError("The axis is perpendicular to the one it should resemble, so that its sense is undefined.")
     offset = np.linalg.solve(normal, np.einsum("nij,ni->j", slope, -displacement[:, :3, 3]))
     return Screw(direction, plane @ offset)
 

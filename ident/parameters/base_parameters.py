@@ -5,38 +5,27 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import linalg
 
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.parameters.echelon import reduced_rows
+from ident.parameters.independent_columns import (
+    DEPENDENT,
+    WRONG,
+    basis,
+    coefficients,
+    first_independent,
+    numerical_rank,
+    reduced_rows,
+    unit_columns,
+)
 from ident.parameters.sampled_structure import sampled_structure
 from ident.parameters.structure import Sensors, scaled_structure
-from ident.tolerances import ZERO_COLUMN
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
-
-SMALL_COLUMN = 1e-5
-"""Columns with a norm below this fraction of the largest are divided by that fraction, not scaled to unit length."""
-
-DEPENDENT = 1e-9
-"""Singular values of the unit-norm columns below this fraction of the largest, and coefficients between such columns
-below it, count as rounding errors."""
-
-COEFFICIENTS = 1e5, 1e3
-"""Largest coefficients between unit-norm columns. The first bound loses no column to rounding. The second is used if
-the first independent columns need larger coefficients, as along chains of many joints in general position, or if the
-first times the rounding of the dependencies is too large."""
-
-NEGLIGIBLE = 1e-11
-"""Largest part of a unit column that a regrouping may neglect."""
-
-WRONG = 1e-9
-"""Error of a regrouping, relative to the largest column, above which it is refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,15 +167,15 @@ def _of_regressor(
     names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
     if columns.shape[1] != len(names):
         raise InputError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")
-    unit, norms = _unit_columns(columns)
+    unit, norms = unit_columns(columns)
     s = np.linalg.svd(unit, compute_uv=False)
-    rank = _rank(s)
+    rank = numerical_rank(s)
     gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
-    chosen, passed = _first_independent(unit, rank, gap[1])
+    chosen, passed = first_independent(unit, rank, gap[1])
     if kept is not None:
-        chosen, passed = _basis(kept, names, unit, chosen), []
+        chosen, passed = basis(kept, names, unit, chosen), []
     others = [k for k in range(len(names)) if k not in chosen]
-    scaled = _coefficients(unit[:, chosen], unit[:, others])
+    scaled = coefficients(unit[:, chosen], unit[:, others])
     missed = (abs(unit[:, others] - unit[:, chosen] @ scaled) * norms[others]).max(initial=0) / norms.max()
     if missed > WRONG + 10 * gap[1]:
         raise InputError(
@@ -238,94 +227,8 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
         "with joint axes that are not parallel": (replace(mechanism, tree=Tree(tuple(skewed))), now),
     }
     names = structural_base_parameters(mechanism, sensors=now).names
-    seen = {what: structural_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
-    return {what: tuple(name for name in more if name not in names) for what, more in seen.items()}
-
-
-def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of unit length (or zero), with rows rotated into at most P, and their original norms (P,)."""
-    # The rotation of the rows by the QR decomposition preserves dependencies between columns.
-    triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
-    norms = np.linalg.norm(triangle, axis=0)
-    seen = norms > ZERO_COLUMN * norms.max()
-    # Small columns stay small: scaled to unit length their rounding errors would add to the rank.
-    norms = np.maximum(norms, SMALL_COLUMN * norms.max())
-    return np.where(seen, triangle / norms, 0), norms
-
-
-def _rank(singular_values: np.ndarray) -> int:
-    """Number of singular values above rounding."""
-    return int(np.sum(singular_values > DEPENDENT * singular_values.max(initial=0)))
-
-
-def _first_independent(unit: np.ndarray, rank: int, rounding: float) -> tuple[list[int], list[int]]:
-    """Indices of the first `rank` independent unit (or zero) columns, left to right, and of those passed over.
-
-    The columns that a pivoted QR selects are exchanged one by one: column j for a kept one further right on which it
-    depends. Without a bound on the coefficients the result is the first independent columns.
-
-    Args:
-        unit: The columns (…, P).
-        rank: Their rank r.
-        rounding: Largest singular value that is taken for zero.
-    """
-    triangle, order = linalg.qr(unit, mode="r", pivoting=True)
-    made = np.empty((rank, len(order)))
-    made[:, order] = linalg.solve_triangular(triangle[:rank, :rank], triangle[:rank])
-    bounds = COEFFICIENTS if COEFFICIENTS[0] * rounding < WRONG else COEFFICIENTS[1:]
-    for largest in bounds:
-        kept, passed = _exchanged(order[:rank], made, largest)
-        if not passed:
-            break
-    return sorted(kept), passed
-
-
-def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[list[int], list[int]]:
-    """Kept columns after exchanges to the left, and columns passed over because coefficients would be too large.
-
-    Args:
-        start: Indices of the kept columns (r,).
-        made: Coefficients of all columns in terms of them (r, P).
-        largest: Bound on the coefficients.
-    """
-    kept, passed = start.copy(), []
-    for j in range(made.shape[1]):
-        share = np.where(kept > j, abs(made[:, j]), 0)
-        i = int(share.argmax())
-        if j in kept or share[i] <= DEPENDENT:
-            continue
-        row = made[i] / made[i, j]
-        after = made - np.outer(made[:, j], row)
-        after[i] = row
-        if abs(after).max() <= largest:
-            made, kept[i] = after, j
-        else:
-            passed.append(j)
-    return kept.tolist(), passed
-
-
-def _coefficients(kept: np.ndarray, dependent: np.ndarray) -> np.ndarray:
-    """Coefficients of unit columns in terms of the kept ones, zero where they are only rounding errors."""
-    made = np.linalg.lstsq(kept, dependent, rcond=None)[0]
-    short = np.where(abs(made) < DEPENDENT, 0, made)
-    rounding = np.linalg.norm(dependent - kept @ short, axis=0) < NEGLIGIBLE
-    return np.where(rounding, short, made)
-
-
-def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first: list[int]) -> list[int]:
-    """Indices of pinned names, which must be as good a basis as the first independent columns."""
-    unknown = [name for name in kept if name not in names]
-    if unknown:
-        raise InputError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(names)}.")
-    chosen = [names.index(name) for name in kept]
-    rank = _rank(np.linalg.svd(unit[:, chosen], compute_uv=False))
-    if not rank == len(chosen) == len(first):
-        raise InputError(
-            f"The pinned base parameters {', '.join(kept)} are no basis: {len(chosen)} names of rank {rank}, where "
-            f"the regressor has rank {len(first)}; its first independent columns are "
-            f"{', '.join(names[k] for k in first)}."
-        )
-    return chosen
+    enlarged = {what: structural_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
+    return {what: tuple(name for name in more if name not in names) for what, more in enlarged.items()}
 
 
 def _without_rounding(row: np.ndarray) -> np.ndarray:

@@ -117,13 +117,13 @@ def _ends(
     joints: "JointPlaces", name: str, own: Placed, segment: Segment, height: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Proximal and distal end of a body's segment, in the body's frame."""
-    wanted = f"{segment.ends[0]} to {segment.ends[1]}"
+    ends = f"{segment.ends[0]} to {segment.ends[1]}"
     example = f"{name} = {{ segment = '{own.segment}', proximal = [0, 0, 0], distal = [0, -0.4, 0] }}"
     ask = f"say where in its frame, in m, as in {example}"
     doubtful = own.segment in LANDMARKS or segment.ends[0] == "heel"
     proximal = own.proximal if own.proximal is not None else joints.own(name)
     if proximal is None or (doubtful and own.proximal is None and not segment.length):
-        raise ModelError(f"The segment of '{name}' goes from {wanted}; {ask} under [segments].")
+        raise ModelError(f"The segment of '{name}' goes from {ends}; {ask} under [segments].")
     distal = own.distal
     if distal is None and not segment.length and not doubtful:
         distal = joints.next(name)
@@ -133,7 +133,7 @@ def _ends(
         if size := float(np.linalg.norm(toward)):
             distal = proximal + toward / size * segment.length * height
     if distal is None or not np.linalg.norm(distal - proximal) > 0:
-        raise ModelError(f"The segment of '{name}' goes from {wanted}; {ask} under [segments].")
+        raise ModelError(f"The segment of '{name}' goes from {ends}; {ask} under [segments].")
     return proximal, distal
 
 

@@ -170,7 +170,7 @@ def updated(
     return before + gain @ (psi - before), K - gain @ K
 
 
-def parameters_told(
+def parameters_identified(
     mechanism: Mechanism,
     parameters: BaseParameters,
     covariance: np.ndarray,
@@ -202,8 +202,7 @@ def parameters_told(
     B = _of_bodies(parameters)
     gains = np.linalg.solve(K, B.reshape(-1, parameters.rank).T).T.reshape(B.shape)
     after = covariance if included else K - K @ np.linalg.solve(K + covariance, K)
-    told = np.einsum("bij,bkj,bki->b", gains @ (K - after), gains, S)
-    return np.clip(told, 0, 10)
+    return np.clip(np.einsum("bij,bkj,bki->b", gains @ (K - after), gains, S), 0, 10)
 
 
 def _of_bodies(parameters: BaseParameters) -> np.ndarray:

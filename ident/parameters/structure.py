@@ -22,7 +22,7 @@ from ident.mechanism.body import BASE, Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.model.dim import momentum_regressor
-from ident.parameters.echelon import reduced_rows
+from ident.parameters.independent_columns import reduced_rows
 from ident.tolerances import SINGULAR
 
 TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)

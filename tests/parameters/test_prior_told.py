@@ -6,7 +6,7 @@ from scipy.linalg import block_diag
 
 import scenes
 from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.prior import known_covariances, parameters_told
+from ident.parameters.prior import known_covariances, parameters_identified
 from sim.models.mechanism import mechanism
 
 
@@ -24,15 +24,15 @@ def test_the_variances_that_bayes_rule_leaves(arm):
     information = B.T @ np.linalg.inv(covariance) @ B
     after = np.linalg.inv(np.linalg.inv(S) + information)
     expected = (1 - np.diag(np.linalg.solve(S, after))).reshape(-1, 10).sum(axis=1)
-    told = parameters_told(arm, base, covariance)
+    told = parameters_identified(arm, base, covariance)
     np.testing.assert_allclose(told, expected, atol=1e-4)
     # The same with the prior included in the estimate.
     both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(B @ S @ B.T))
-    np.testing.assert_allclose(parameters_told(arm, base, both, included=True), told, atol=1e-4)
+    np.testing.assert_allclose(parameters_identified(arm, base, both, included=True), told, atol=1e-4)
 
 
 def test_nothing_is_told_by_noise_and_no_more_than_the_rank_by_perfect_data(arm):
     base = find_base_parameters(arm)
-    assert parameters_told(arm, base, 1e12 * np.eye(base.rank)).max() < 1e-6
-    perfect = parameters_told(arm, base, 1e-12 * np.eye(base.rank))
+    assert parameters_identified(arm, base, 1e12 * np.eye(base.rank)).max() < 1e-6
+    perfect = parameters_identified(arm, base, 1e-12 * np.eye(base.rank))
     assert perfect.sum() == pytest.approx(base.rank, abs=0.01) and perfect.max() <= 10

@@ -1,0 +1,154 @@
+"""Independent columns of a regressor, from left to right, and coefficients of the others; exact or within rounding."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import linalg
+
+from ident.errors import InputError
+from ident.tolerances import ZERO_COLUMN
+
+SMALL_COLUMN = 1e-5
+"""Columns with a norm below this fraction of the largest are divided by that fraction, not scaled to unit length."""
+
+DEPENDENT = 1e-9
+"""Singular values of the unit-norm columns below this fraction of the largest, and coefficients between such columns
+below it, count as rounding errors."""
+
+COEFFICIENTS = 1e5, 1e3
+"""Largest coefficients between unit-norm columns. The first bound loses no column to rounding. The second is used if
+the first independent columns need larger coefficients, as along chains of many joints in general position, or if the
+first times the rounding of the dependencies is too large."""
+
+NEGLIGIBLE = 1e-11
+"""Largest part of a unit column that a regrouping may neglect."""
+
+WRONG = 1e-9
+"""Error of a regrouping, relative to the largest column, above which it is refused."""
+
+
+def unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of unit length (or zero), with rows rotated into at most P, and their original norms (P,)."""
+    # The rotation of the rows by the QR decomposition preserves dependencies between columns.
+    triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
+    norms = np.linalg.norm(triangle, axis=0)
+    nonzero = norms > ZERO_COLUMN * norms.max()
+    # Small columns stay small: scaled to unit length their rounding errors would add to the rank.
+    norms = np.maximum(norms, SMALL_COLUMN * norms.max())
+    return np.where(nonzero, triangle / norms, 0), norms
+
+
+def numerical_rank(singular_values: np.ndarray) -> int:
+    """Number of singular values above rounding."""
+    return int(np.sum(singular_values > DEPENDENT * singular_values.max(initial=0)))
+
+
+def first_independent(unit: np.ndarray, rank: int, rounding: float) -> tuple[list[int], list[int]]:
+    """Indices of the first `rank` independent unit (or zero) columns, left to right, and of those passed over.
+
+    The columns that a pivoted QR selects are exchanged one by one: column j for a kept one further right on which it
+    depends. Without a bound on the coefficients the result is the first independent columns.
+
+    Args:
+        unit: The columns (…, P).
+        rank: Their rank r.
+        rounding: Largest singular value that is taken for zero.
+    """
+    triangle, order = linalg.qr(unit, mode="r", pivoting=True)
+    made = np.empty((rank, len(order)))
+    made[:, order] = linalg.solve_triangular(triangle[:rank, :rank], triangle[:rank])
+    bounds = COEFFICIENTS if COEFFICIENTS[0] * rounding < WRONG else COEFFICIENTS[1:]
+    for largest in bounds:
+        kept, passed = _exchanged(order[:rank], made, largest)
+        if not passed:
+            break
+    return sorted(kept), passed
+
+
+def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[list[int], list[int]]:
+    """Kept columns after exchanges to the left, and columns passed over because coefficients would be too large.
+
+    Args:
+        start: Indices of the kept columns (r,).
+        made: Coefficients of all columns in terms of them (r, P).
+        largest: Bound on the coefficients.
+    """
+    kept, passed = start.copy(), []
+    for j in range(made.shape[1]):
+        share = np.where(kept > j, abs(made[:, j]), 0)
+        i = int(share.argmax())
+        if j in kept or share[i] <= DEPENDENT:
+            continue
+        row = made[i] / made[i, j]
+        after = made - np.outer(made[:, j], row)
+        after[i] = row
+        if abs(after).max() <= largest:
+            made, kept[i] = after, j
+        else:
+            passed.append(j)
+    return kept.tolist(), passed
+
+
+def coefficients(kept: np.ndarray, dependent: np.ndarray) -> np.ndarray:
+    """Coefficients of unit columns in terms of the kept ones, zero where they are only rounding errors."""
+    made = np.linalg.lstsq(kept, dependent, rcond=None)[0]
+    short = np.where(abs(made) < DEPENDENT, 0, made)
+    rounding = np.linalg.norm(dependent - kept @ short, axis=0) < NEGLIGIBLE
+    return np.where(rounding, short, made)
+
+
+def basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first: list[int]) -> list[int]:
+    """Indices of pinned names, which must be as good a basis as the first independent columns."""
+    unknown = [name for name in kept if name not in names]
+    if unknown:
+        raise InputError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(names)}.")
+    chosen = [names.index(name) for name in kept]
+    rank = numerical_rank(np.linalg.svd(unit[:, chosen], compute_uv=False))
+    if not rank == len(chosen) == len(first):
+        raise InputError(
+            f"The pinned base parameters {', '.join(kept)} are no basis: {len(chosen)} names of rank {rank}, where "
+            f"the regressor has rank {len(first)}; its first independent columns are "
+            f"{', '.join(names[k] for k in first)}."
+        )
+    return chosen
+
+
+def reduced_rows(rows: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    """Reduced row echelon form and its pivots, by Gaussian elimination without rounding.
+
+    The numbers may be of any type with exact arithmetic and an exact test for zero: integers as fractions, or rational
+    functions of a mechanism's lengths.
+
+    Args:
+        rows: Matrix of exact numbers (k, n).
+
+    Returns:
+        The r nonzero rows, with ones at the pivots and zeros above and below them (r, n), and the pivots' columns: the
+        first columns, from left to right, that do not depend on those before.
+    """
+    rest = [list(row) for row in rows]
+    done: list[list[object]] = []
+    pivots: list[int] = []
+    for column in range(rows.shape[1]):
+        # The sparsest row keeps the others sparse.
+        candidates = [row for row in rest if row[column] != 0]
+        if not candidates:
+            continue
+        pivot = min(candidates, key=lambda row: sum(x != 0 for x in row))
+        rest = [row for row in rest if row is not pivot]
+        pivot = [x / pivot[column] if x != 0 else x for x in pivot]
+        rest, done = ([_without(row, pivot, column) for row in group] for group in (rest, done))
+        done.append(pivot)
+        pivots.append(column)
+    out = np.empty((len(done), rows.shape[1]), dtype=object)
+    for k, row in enumerate(done):
+        out[k] = row
+    return out, pivots
+
+
+def _without(row: list, pivot: list, column: int) -> list:
+    """A row less the multiple of the pivot row that makes its entry in a column zero."""
+    factor = row[column]
+    if factor == 0:
+        return row
+    return [x - factor * y if y != 0 else x for x, y in zip(row, pivot, strict=True)]

@@ -1,0 +1,179 @@
+"""Pseudo-inertias nearest to a prior that fit base parameters: a convex problem, its weight, and Newton's method."""
+
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, special
+
+from ident.geometry.inertia import parameters_from_pseudo_inertia
+from ident.parameters.base_parameters import BaseParameters
+
+ROOM = 3.84
+"""Excess of minus twice the log-likelihood of a prior's width over its minimum within the 95 % interval."""
+
+CONFIDENCE = 0.95
+"""Probability of the confidence region of ψ, within which ψ counts as attained."""
+
+UNPHYSICAL = 1e-8
+"""Eigenvalue of `J P⁻¹` below which a body counts as not physical."""
+
+FINEST = 0.8
+"""The continuation towards the prior's width stops when a step can only reduce the weight by a factor above this."""
+
+NEWTON_STEPS = 50
+"""Largest number of Newton steps of a minimisation; ten are usual."""
+
+CONVERGED = 1e-9
+"""Relative change of a body at which Newton's method has converged; the next change would be below rounding."""
+
+
+class NearestBodies:
+    """`min |A K - ψ|²/2 + μ Σ (tr K - log det K)` with μ = 1/w².
+
+    At the minimum bodies K and multipliers λ satisfy `A K + μ λ = ψ` and `K (1 - A*λ) = 1`.
+
+    Attributes:
+        A: `A*λ = Σ_k λ_k A_k`, one symmetric matrix for each base parameter and body (r, b, 4, 4).
+        psi: ψ (r,).
+        prior: `K = 1` (b, 4, 4).
+    """
+
+    def __init__(self, A: np.ndarray, psi: np.ndarray) -> None:
+        self.A, self.psi = A, psi
+        self.prior = np.tile(np.eye(4), (A.shape[1], 1, 1))
+
+    @classmethod
+    def of(cls, psi: np.ndarray, base: BaseParameters, L: np.ndarray, root: np.ndarray) -> "NearestBodies":
+        """The problem in coordinates where the prior `L Lᵀ` is the identity and ψ has independent unit variances.
+
+        Args:
+            psi: Base parameters ψ (r,).
+            base: The regrouping behind them.
+            L: Roots of the prior's pseudo-inertias (b, 4, 4).
+            root: Lower triangular root of the covariance of ψ (r, r).
+        """
+        A = linalg.solve_triangular(root, _forms(base, L).reshape(base.rank, -1), lower=True)
+        return cls(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
+
+    def with_masses(self, L: np.ndarray, std: np.ndarray) -> "NearestBodies":
+        """The problem with additional prior standard deviations of masses, infinite for unknown ones (b,)."""
+        known = np.flatnonzero(np.isfinite(std) & (std > 0))
+        rows = np.zeros((len(known), *self.A.shape[1:]))
+        rows[range(len(known)), known] = np.einsum("bi,bj->bij", L[known, 3], L[known, 3]) / std[known, None, None]
+        masses = np.trace(rows.sum(axis=1), axis1=1, axis2=2)
+        return NearestBodies(np.concatenate([self.A, rows]), np.append(self.psi, masses))
+
+    @cached_property
+    def width(self) -> float:
+        """Estimated width w of the prior."""
+        return self._width(self.psi - np.tensordot(self.A, self.prior, 3))
+
+    def bodies(self, width: float | None = None) -> np.ndarray:
+        """Bodies K for a prior of some width, by default the estimated one (b, 4, 4)."""
+        misfit = self.psi - np.tensordot(self.A, self.prior, 3)
+        K, width = self.prior, self.width if width is None else width
+        if width == 0:
+            return K
+        goal, multipliers = width**-2, 0 * misfit
+        # The prior is the minimum for an infinite weight, and close to it for one larger than the misfit's gradient.
+        mu, ratio, heavy = np.inf, 0.1, 10 * np.abs(np.tensordot(misfit, self.A, 1)).max()
+        while mu > goal and ratio < FINEST:
+            following = max(goal, ratio * min(mu, heavy))
+            minimum = self._minimiser(K, multipliers, following)
+            if minimum is None:
+                ratio = np.sqrt(ratio)
+            elif np.linalg.eigvalsh(minimum[0]).min() < UNPHYSICAL:
+                break
+            else:
+                (K, multipliers), mu, ratio = minimum, following, max(0.1, ratio**2)
+        return K
+
+    @cached_property
+    def widest(self) -> float:
+        """The largest width that ψ allows."""
+        return self._width(self.psi - np.tensordot(self.A, self.prior, 3), least=False)
+
+    def _width(self, misfit: np.ndarray, *, least: bool = True) -> float:
+        """Largest w in the 95 % interval, for a misfit of covariance `1 + w² A A*`.
+
+        If the interval contains zero, the smallest w whose remaining misfit is in the confidence region: zero, unless a
+        few combinations alone contradict the prior.
+        """
+        values, axes = np.linalg.eigh(np.tensordot(self.A, self.A, ((1, 2, 3), (1, 2, 3))))
+        squares = np.append(0, np.geomspace(1e-2 / values[-1], 1e12, 1000))
+        variances = 1 + np.outer(squares, np.maximum(values, 0))
+        pulls = (axes.T @ misfit) ** 2
+        unlikely = np.sum(np.log(variances) + pulls / variances, axis=1)
+        allowed = squares[unlikely <= unlikely.min() + ROOM]
+        enough = squares[np.sum(pulls / variances**2, axis=1) <= region(len(misfit))]
+        return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) or not least else enough[0]))
+
+    def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Bodies and multipliers at the minimum, or None if Newton's method does not converge.
+
+        Steps are Nesterov-Todd steps: in axes in which K and `Z = 1 - A*λ` are the same diagonal matrix.
+        """
+        r = len(self.psi)
+        Z = self.prior - np.tensordot(multipliers, self.A, 1)
+        length = 1.0
+        for _ in range(NEWTON_STEPS):
+            G, s = _common_axes(K, Z)
+            if not s.all():
+                return None
+            rows = np.swapaxes(G, -1, -2)[None] @ self.A @ G
+            off = (1 / s - s)[..., None] * np.eye(4)
+            misfit = self.psi - np.tensordot(self.A, K, 3) - mu * multipliers
+            triangle = linalg.qr(np.vstack([rows.reshape(r, -1).T, np.sqrt(mu) * np.eye(r)]), mode="r")[0][:r]
+            # After a short step a centring step follows, which only brings K and Z closer to being inverse.
+            goal = misfit if length > 0.5 or np.abs(s - 1).max() < 0.5 else 0
+            whitened = linalg.solve_triangular(triangle, goal - np.tensordot(rows, off, 3), trans="T")
+            step = linalg.solve_triangular(triangle, whitened)
+            dZ = -np.tensordot(step, rows, 1)
+            dK = off - dZ
+            length = min(1.0, 0.9 * _longest(dK, s), 0.9 * _longest(dZ, s))
+            K = K + length * G @ dK @ np.swapaxes(G, -1, -2)
+            K = (K + np.swapaxes(K, -1, -2)) / 2
+            multipliers = multipliers + length * step
+            Z = self.prior - np.tensordot(multipliers, self.A, 1)
+            if length == 1 and max(np.abs(dK).max(), np.abs(dZ).max()) < CONVERGED:
+                return K, multipliers
+        return None
+
+    def std(self, K: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Standard deviations (b,) of `xᵀ K x` for vectors (b, 4), from ψ and a prior as wide as K alone."""
+        G = np.linalg.cholesky(K)
+        rows = (np.swapaxes(G, -1, -2)[None] @ self.A @ G).reshape(len(self.psi), -1)
+        triangle = linalg.qr(np.vstack([rows, np.eye(16 * len(K))]), mode="r")[0][: 16 * len(K)]
+        y = np.einsum("bi,bij->bj", x, G)
+        forms = np.einsum("bc,bi,bj->bcij", np.eye(len(K)), y, y).reshape(len(K), -1)
+        return np.linalg.norm(linalg.solve_triangular(triangle, forms.T, trans="T"), axis=0)
+
+
+def region(parameters: int) -> float:
+    """Largest squared Mahalanobis distance within the confidence region."""
+    return float(special.chdtri(parameters, 1 - CONFIDENCE))
+
+
+def _common_axes(K: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """G and s (b, 4) with `K = G diag(s) Gᵀ` and `Gᵀ Z G = diag(s)`; zeros where rounding has broken K or Z."""
+    try:
+        root = np.linalg.cholesky(K)
+        _, s, V = np.linalg.svd(np.swapaxes(np.linalg.cholesky(Z), -1, -2) @ root)
+    except np.linalg.LinAlgError:
+        return K, np.zeros(K.shape[:2])
+    return root @ np.swapaxes(V, -1, -2) / np.sqrt(s)[:, None, :], s
+
+
+def _longest(change: np.ndarray, s: np.ndarray) -> float:
+    """Step length along a change at which `diag(s)` becomes singular."""
+    least = np.linalg.eigvalsh(change / np.sqrt(s[:, :, None] * s[:, None, :])).min()
+    return -1 / least if least < 0 else np.inf
+
+
+def _forms(base: BaseParameters, L: np.ndarray) -> np.ndarray:
+    """Symmetric matrices (r, b, 4, 4) whose inner products with K are the base parameters of the bodies `L K Lᵀ`."""
+    units = np.eye(16).reshape(16, 4, 4)
+    units = (units + np.swapaxes(units, -1, -2)) / 2
+    phi = parameters_from_pseudo_inertia(L[:, None] @ units @ np.swapaxes(L, -1, -2)[:, None])
+    columns = base.regroup(np.eye(len(base.parameters))).T.reshape(base.rank, len(L), 10)
+    return np.einsum("rbp,bkp->rbk", columns, phi).reshape(base.rank, len(L), 4, 4)
