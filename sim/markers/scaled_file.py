@@ -10,7 +10,9 @@ import numpy as np
 from ident.errors import ModelError
 from ident.files.atomic import replacing
 from sim.models.inertials import OVERRIDING
+from sim.models.model_update import set_asset_folders
 from sim.models.refusals import refusals
+from sim.models.xml_places import digits
 
 READ_BACK = 1e-9
 """Tolerance of the verification: difference of a length in m, or of an inertia relative to the largest."""
@@ -36,7 +38,7 @@ def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None
     bodies = [body for world in root.findall("worldbody") for body in (world, *world.iter("body"))]
     for b, body in enumerate(bodies):
         _place(model, b, body)
-    _keep_files(root, spec)
+    set_asset_folders(root, spec, Path(spec.modelfiledir))
     with replacing(path) as temporary:
         temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
         with refusals(path):
@@ -68,18 +70,7 @@ def _place(model: mujoco.MjModel, b: int, body: ET.Element) -> None:
 def _set(element: ET.Element, **numbers: Iterable[float]) -> None:
     """Sets attributes with all digits."""
     for key, values in numbers.items():
-        element.set(key, " ".join(repr(float(x)) for x in values))
-
-
-def _keep_files(root: ET.Element, spec: mujoco.MjSpec) -> None:
-    """Sets the folders of the specification's meshes and textures, for a file in another folder."""
-    if root.findall("asset/*[@file]"):
-        home = Path(spec.modelfiledir)
-        for compiler in root.findall("compiler"):
-            for key in ("assetdir", "meshdir", "texturedir"):
-                compiler.attrib.pop(key, None)
-        folders = {key: str((home / getattr(spec, key)).resolve()) for key in ("meshdir", "texturedir")}
-        root.insert(0, ET.Element("compiler", folders))
+        element.set(key, digits(values))
 
 
 def _check(path: Path, written: mujoco.MjModel, model: mujoco.MjModel) -> None:

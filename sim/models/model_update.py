@@ -29,6 +29,7 @@ from sim.models.opensim.update import write_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
 from sim.models.urdf_update import SAME, updated_urdf
+from sim.models.xml_places import digits
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -177,7 +178,9 @@ def _mjcf(origin: Origin, phi: np.ndarray, folder: Path) -> bytes:
     if root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
         root = ET.fromstring(spec.to_xml())
     _state(root, inertials)
-    _keep_files(root, spec, folder, source)
+    home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
+    if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
+        set_asset_folders(root, spec, home)
     return (ET.tostring(root, encoding="unicode") + "\n").encode()
 
 
@@ -189,7 +192,7 @@ def _state(root: ET.Element, inertials: dict[int, Inertial]) -> None:
             body.remove(old)
         mass, pos, quat, moments = inertial
         numbers: dict[str, Iterable[float]] = {"mass": [mass], "pos": pos, "quat": quat, "diaginertia": moments}
-        body.insert(0, ET.Element("inertial", {key: _text(x) for key, x in numbers.items()}))
+        body.insert(0, ET.Element("inertial", {key: digits(x) for key, x in numbers.items()}))
         body[0].tail = body.text
     for compiler in root.findall("compiler"):
         for key in OVERRIDING:
@@ -198,11 +201,9 @@ def _state(root: ET.Element, inertials: dict[int, Inertial]) -> None:
             compiler.set("inertiafromgeom", "auto")
 
 
-def _keep_files(root: ET.Element, spec: mujoco.MjSpec, folder: Path, source: Editable) -> None:
-    """Sets the folders of the source's meshes and textures, for a file in another folder."""
-    home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
-    assets = root.findall("asset/*[@file]")
-    if not assets or (home.resolve() == folder.resolve() and not isinstance(source, mujoco.MjSpec)):
+def set_asset_folders(root: ET.Element, spec: mujoco.MjSpec, home: Path) -> None:
+    """Sets the folders of meshes and textures to those of a specification in `home`, for a file elsewhere."""
+    if not root.findall("asset/*[@file]"):
         return
     for compiler in root.findall("compiler"):
         for key in ("assetdir", "meshdir", "texturedir"):
@@ -242,8 +243,3 @@ def _compiled(spec: mujoco.MjSpec, source: Editable, *, as_stated: bool = False)
 
 def _is_urdf(path: str | Path) -> bool:
     return parsed(Path(path)).tag == "robot"
-
-
-def _text(numbers: Iterable[float]) -> str:
-    """Numbers with all their digits."""
-    return " ".join(repr(float(x)) for x in numbers)

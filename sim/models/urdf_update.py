@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
-from sim.models.xml_places import Edit, Place, edited, root_of
+from sim.models.xml_places import Edit, Place, digits, edited, root_of
 
 SAME = 1e-12
 """Difference, relative to the largest number of a vector or a matrix, that counts as rounding: the number is kept."""
@@ -92,9 +92,9 @@ def _number_edits(data: bytes, span: tuple[int, int], values: Sequence[float], n
     if len(words) == len(values):
         for word, value in zip(words, values, strict=True):
             if not abs(_number(data[slice(*word)]) - value) <= near:
-                yield Edit(*word, _text([value]))
+                yield Edit(*word, digits([value]).encode())
     elif words or max(map(abs, values)) > near:
-        yield Edit(*span, _text(values))
+        yield Edit(*span, digits(values).encode())
 
 
 def _number(word: bytes) -> float:
@@ -106,9 +106,4 @@ def _number(word: bytes) -> float:
 
 
 def _attribute(key: str, values: Sequence[float]) -> bytes:
-    return b" " + key.encode() + b'="' + _text(values) + b'"'
-
-
-def _text(numbers: Sequence[float]) -> bytes:
-    """Numbers with all their digits."""
-    return " ".join(repr(float(x)) for x in numbers).encode()
+    return b" " + key.encode() + b'="' + digits(values).encode() + b'"'

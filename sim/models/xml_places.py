@@ -118,3 +118,8 @@ def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
         parts += [data[done:first], text]
         done = last
     return b"".join([*parts, data[done:]])
+
+
+def digits(numbers: Iterable[float]) -> str:
+    """Numbers with all their digits."""
+    return " ".join(repr(float(x)) for x in numbers)

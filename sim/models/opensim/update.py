@@ -13,7 +13,7 @@ from sim.models.inertials import is_physical
 from sim.models.opensim.document import model_element
 from sim.models.opensim.frames import Frames
 from sim.models.opensim.mechanism import MOMENTS, OpenSimOrigin, body_parameters
-from sim.models.xml_places import Edit, Place, edited, root_of
+from sim.models.xml_places import Edit, Place, digits, edited, root_of
 
 BODIES = ("Model", "BodySet", "objects", "Body")
 """Path of tags from below the root to a body."""
@@ -77,7 +77,7 @@ def _edits(data: bytes, body: Place, phi: np.ndarray) -> Iterator[Edit]:
         numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries.tolist(), strict=True)}
     missing = b""
     for tag, values in numbers.items():
-        words = " ".join(repr(float(x)) for x in values).encode()
+        words = digits(values).encode()
         whole = b"<" + tag.encode() + b">" + words + b"</" + tag.encode() + b">"
         place = body.child(tag)
         if place is None:
