@@ -18,7 +18,7 @@ from experiments.guesses.alignments import (
 from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
 from experiments.guesses.families import Family, families
 from experiments.guesses.log_contents import LogContents
-from experiments.guesses.predicted import curves
+from experiments.guesses.predicted import curves, explained
 from experiments.guesses.signs import ENOUGH, LITTLE
 from experiments.guesses.unnamed import CLEAR, MOST
 from ident.mechanism.mechanism import Mechanism
@@ -84,14 +84,14 @@ def _add_best(problem: Problem, every: Sequence[Alignment]) -> None:
             _ask_which(problem, twins)
             return
         best = _with_one_family_of_torques(problem, best, twins)
-        why = f"{best.order}: with it the model explains {_percent(left)} of what is measured"
-        _add(problem, best, why + ("" if not others else f", otherwise at most {_percent(second)}"))
+        why = f"{best.order}: with it the model explains {explained(left)} of what is measured"
+        _add(problem, best, why + ("" if not others else f", otherwise at most {explained(second)}"))
         return
-    rival = f", with another one {_percent(second)}" if others else ""
+    rival = f", with another one {explained(second)}" if others else ""
     _ask(
         problem,
         f"which columns of {_listed(best.family.names)} are the positions of {_listed(problem.joints)}: "
-        f"{best.order}, from {next(iter(best.positions.values()))} on, the model explains {_percent(left)} of what is "
+        f"{best.order}, from {next(iter(best.positions.values()))} on, the model explains {explained(left)} of what is "
         f"measured{rival}",
     )
 
@@ -154,7 +154,7 @@ def _add(problem: Problem, way: Alignment, why: str) -> None:
             quantity = Quantity(joint, kind, column, LIKELY, [reason])
             belief.quantities.setdefault(quantity.key, quantity)
     if way.wrench:
-        share = f"agrees with the model's prediction ({_percent(way.left or 0.0)} of the variance)"
+        share = f"agrees with the model's prediction ({explained(way.left or 0.0)} of the variance)"
         parts = (("force", way.wrench[:3]), ("torque", way.wrench[3:]))
         belief.groups[GROUND] = Group(GROUND, {key: Entry(list(names), share) for key, names in parts})
 
@@ -193,10 +193,6 @@ def _are_rates(contents: LogContents, positions: Sequence[str], rates: Sequence[
     ]
     units = (1.0, 180 / np.pi, np.pi / 180)
     return all(any(isclose(size, unit, rel_tol=0.2) for unit in units) for size in sizes)
-
-
-def _percent(left: float) -> str:
-    return f"{100 * (1 - left):.0f} %"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -71,6 +71,11 @@ def unexplained(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
     return float((left**2).sum() / whole) if whole > 0 else 1.0
 
 
+def explained(left: float) -> str:
+    """Explained share of a variance as text, from the unexplained one."""
+    return f"{100 * (1 - left):.0f} %"
+
+
 def shares_of_torques(
     states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray], columns: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:

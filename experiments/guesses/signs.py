@@ -8,7 +8,7 @@ import numpy as np
 from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief
 from experiments.guesses.joints import factor, position
 from experiments.guesses.log_contents import LogContents
-from experiments.guesses.predicted import beside_friction, curves, prediction, unexplained
+from experiments.guesses.predicted import beside_friction, curves, explained, prediction, unexplained
 from ident.estimation.equations import COMPONENTS
 from ident.mechanism.mechanism import Mechanism
 
@@ -82,7 +82,7 @@ def check_positions(
         here = _other_unit(belief, contents, states, by_size, left, here)
     no_sign_is_open, here = _turn(belief, joints, left, here)
     if no_sign_is_open:
-        _doubt(belief, 1 - here.somehow)
+        _doubt(belief, here.somehow)
     return no_sign_is_open
 
 
@@ -107,18 +107,18 @@ def _other_unit(
     for joint in by_size:
         positions[joint].unit = other
         states[joint] = states[joint] * scale
-        shares = f"{_percent(there.somehow)} then, in {unit} {_percent(here.somehow)}"
+        shares = f"{explained(there.somehow)} then, in {unit} {explained(here.somehow)}"
         positions[joint].why.append(f"{other} since the model explains {shares}")
     return there
 
 
-def _doubt(belief: Belief, explained: float) -> None:
+def _doubt(belief: Belief, left: float) -> None:
     """Makes likely positions doubtful if the model explains next to nothing, and adds a note if it explains little."""
-    share = f"the model explains {100 * explained:.0f} % of the wrenches and torques"
+    share = f"the model explains {explained(left)} of the wrenches and torques"
     likely = [x for x in belief.of("position").values() if x.sure == LIKELY]
-    if explained >= ENOUGH:
+    if 1 - left >= ENOUGH:
         return
-    if not likely or not (belief.by_place or explained < LITTLE):
+    if not likely or not (belief.by_place or 1 - left < LITTLE):
         belief.notes.append(f"With the columns that are named like positions {share}: see names, units and the model.")
         return
     listed = ", ".join(f"'{x.joint}' in {x.column}" for x in likely)
@@ -162,13 +162,9 @@ def _turn(
         here, turned[joint] = ways[joint], -turned.get(joint, 1.0)
         positions[joint].gain = turned[joint]
         positions[joint].why.append(
-            f"turned, since the model explains {_percent(here.somehow)} then, else {_percent(before.somehow)}"
+            f"turned, since the model explains {explained(here.somehow)} then, else {explained(before.somehow)}"
         )
     return True, here
-
-
-def _percent(left: float) -> str:
-    return f"{100 * (1 - left):.0f} %"
 
 
 def _left(

@@ -56,7 +56,7 @@ def run(given: str, base: str | None, ignore: Sequence[str], parent: Path) -> No
     print(table.text())
     if not model.exact:
         print(f"The coefficients are decimals, because {model.reason}.")
-    print(wrapped(f"Not seen at all: {', '.join(model.regrouping.unseen) or 'nothing'}."))
+    print(wrapped(f"Without effect on the wrench: {', '.join(model.regrouping.unseen) or 'nothing'}."))
     if model.regrouping.remark:
         print(wrapped(model.regrouping.remark))
     for what, gained in separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY)).items():
