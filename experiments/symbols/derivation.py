@@ -60,7 +60,7 @@ def run(given: str, base: str | None, ignore: Sequence[str], parent: Path) -> No
     if model.regrouping.remark:
         print(wrapped(model.regrouping.remark))
     for what, gained in separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY)).items():
-        print(wrapped(f"Seen apart besides, {what}: {', '.join(gained) or 'nothing'}."))
+        print(wrapped(f"Separately identifiable {what}: {', '.join(gained) or 'nothing'}."))
     print(f"LaTeX, Python and C are in {out}.")
 
 

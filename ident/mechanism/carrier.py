@@ -82,7 +82,7 @@ def divided(tree: Tree, name: str) -> tuple[Carrier, Tree, tuple[int, ...]]:
         i = tree.bodies[i].parent
     carrier = Carrier(Tree(tuple(replace(tree.bodies[k], parent=place - 1) for place, k in enumerate(chain))))
     if not carrier.joints:
-        raise InputError(f"No joint moves '{name}', so that nothing tells what it weighs from what its sensor is off.")
+        raise InputError(f"No joint moves '{name}', so that its weight cannot be separated from its sensor's offset.")
     carried = tree.carried(chain[-1])
     root = replace(tree.bodies[carried[0]], parent=BASE, home=np.eye(4), twist=np.zeros(6), joint="")
     on_it = [replace(tree.bodies[k], parent=carried.index(tree.bodies[k].parent)) for k in carried[1:]]

@@ -128,7 +128,7 @@ def _check(frames: Sequence[Frame]) -> None:
                 f"got '{frame.kind}'."
             )
         if frame.name in earlier:
-            raise ModelError(f"Row {row} gives frame '{frame.name}' a second time; every frame stands once in a tree.")
+            raise ModelError(f"Row {row} gives frame '{frame.name}' a second time; a tree has every frame once.")
         if frame.parent not in earlier:
             known = ", ".join(str(name) for name in earlier if name) or "none but the base"
             raise ModelError(

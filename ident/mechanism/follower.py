@@ -32,7 +32,7 @@ class Follower:
         low, high = self.span
         if not self.coefficients or not np.isfinite([*self.coefficients, low, high]).all() or low >= high:
             raise ModelError(
-                f"What follows '{self.joint}' needs finite coefficients and a span from a smaller to a larger "
+                f"A follower of '{self.joint}' needs finite coefficients and a span from a smaller to a larger "
                 f"coordinate, got {self.coefficients} and {self.span}."
             )
 

@@ -51,7 +51,7 @@ class Mechanism:
         if not isinstance(self.prior_known, Mapping):
             raise ModelError(f"prior_known needs standard deviations by the bodies' names, got {self.prior_known}.")
         if absent := [name for name in self.prior_known if name not in self.bodies]:
-            raise ModelError(f"The prior of '{absent[0]}' is known, which is none of {', '.join(self.bodies)}.")
+            raise ModelError(f"prior_known names '{absent[0]}', which is none of {', '.join(self.bodies)}.")
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
 
@@ -72,7 +72,7 @@ class Mechanism:
             InputError: There is no such body, no joint moves it, or this mechanism has a carrier itself.
         """
         if self.carrier:
-            raise InputError(f"What is beyond '{body}' is to be taken from the whole mechanism, not from a part of it.")
+            raise InputError(f"The part beyond '{body}' is taken from the whole mechanism, not from a part of it.")
         carrier, tree, members = divided(self.tree, body)
         rows = [self.tree.inertial.index(i) for i in members if i in self.tree.inertial]
         prior = None if self.prior is None else self.prior.reshape(-1, 10)[rows].ravel()

@@ -32,7 +32,7 @@ class Tree:
         for what, names in (("body", list(self.names)), ("joint", joints)):
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
-                raise ModelError(f"A tree needs a name of its own for every {what}; '{twice}' stands twice.")
+                raise ModelError(f"A tree needs a name of its own for every {what}; '{twice}' occurs twice.")
         for i, body in enumerate(self.bodies):
             if not isinstance(body.parent, int | np.integer) or not BASE <= body.parent < i:
                 raise ModelError(

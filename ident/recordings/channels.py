@@ -52,8 +52,8 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             )
     if not columns["time"].names[0]:
         raise LogError(
-            "a log needs a column of times, named time or t or mapped, or in the mapping how many samples it has in a "
-            f"second, as in rate = 100; {table.available()}.{suggestion}"
+            "a log needs a column of times, named time or t or mapped, or in the mapping its samples per second, as in "
+            f"rate = 100; {table.available()}.{suggestion}"
         )
     for sensor, place in {GROUND: Sensor(), **sensors_of(table.metadata.get("sensors", {}))}.items():
         parts = {

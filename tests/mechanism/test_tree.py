@@ -78,10 +78,10 @@ def test_parents_come_first():
 
 def test_names_stand_once():
     body = Body("a", BASE, np.eye(4), np.zeros(6))
-    with pytest.raises(ModelError, match="name of its own for every body; 'a' stands twice"):
+    with pytest.raises(ModelError, match="name of its own for every body; 'a' occurs twice"):
         Tree((body, body))
     hinge = Body("a", BASE, np.eye(4), np.array([0, 0, 0, 1.0, 0, 0]), "elbow")
-    with pytest.raises(ModelError, match="for every joint; 'elbow' stands twice"):
+    with pytest.raises(ModelError, match="for every joint; 'elbow' occurs twice"):
         Tree((hinge, replace(hinge, name="b")))
 
 

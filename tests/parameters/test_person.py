@@ -170,5 +170,5 @@ def test_what_is_known_of_base_parameters_has_these_widths():
 def test_a_part_of_a_mechanism_keeps_how_well_its_bodies_are_known():
     arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh"), "foot_r": FOOT})
     assert set(arm.beyond("shank_r").prior_known) == {"foot_r"}
-    with pytest.raises(ModelError, match="prior of 'tail' is known, which is none of pelvis, thigh_r"):
+    with pytest.raises(ModelError, match="prior_known names 'tail', which is none of pelvis, thigh_r"):
         replace(arm, prior_known={"tail": {"mass": 0.1}})

@@ -33,7 +33,7 @@ def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
     """
     origin: OpenSimOrigin = mechanism.source
     if path.suffix.lower() != ".osim":
-        raise InputError(f"From an OpenSim file an OpenSim file is made; write '{path.stem}.osim' instead.")
+        raise InputError(f"An OpenSim model is written as an OpenSim file; write '{path.stem}.osim' instead.")
     before = Frames(model_element(origin.path)).bodies
     names = mechanism.bodies
     if phi.shape != (10 * len(names),) or not np.isfinite(phi).all() or not set(names) <= set(before):
