@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from experiments.cli import options, own_model, print_options, running
 from ident.errors import InputError
+from ident.setup import OWN
 from ident.tolerances import DRIVE, HOLDOUT
 
 if TYPE_CHECKING:
@@ -118,9 +119,7 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="samples may be missing, as empty cells or rows: for the trajectory estimate",
     )
-    out.add_argument(
-        "--own", nargs="*", choices=("offset", "delay"), default=[], help="what each of several logs has for itself"
-    )
+    out.add_argument("--own", nargs="*", choices=OWN, default=[], help="what each of several logs has for itself")
     out.add_argument(
         "--prior",
         choices=PRIOR,

@@ -9,7 +9,6 @@ from ident.arguments import check_holdout, checked_deviations, checked_names
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
-from ident.estimation.setup import PRIORS
 from ident.estimators import least_squares
 from ident.estimators.trajectory import trajectory
 from ident.judgement.unmeasured import without_unmeasured
@@ -17,8 +16,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN
 from ident.problem import Problem, problem_of
 from ident.recordings.recording import Recording
+from ident.setup import OWN, PRIORS
 from ident.tolerances import HOLDOUT
-from ident.trajectory.estimate import OWN
 from ident.trajectory.fit.iteration import Report
 
 

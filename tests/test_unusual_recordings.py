@@ -6,8 +6,8 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, 
 
 import ident
 from ident.errors import ExcitationError
-from ident.estimation.setup import PRIORS
 from ident.estimators.trajectory import _known_enough
+from ident.setup import PRIORS
 
 RECORDING = faulty(0)
 ANGLES, WRENCH = RECORDING.of_joints(JOINTS, "position"), wrench_of(RECORDING)

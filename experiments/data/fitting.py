@@ -9,7 +9,6 @@ from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
-from ident.estimation.setup import PRIORS
 from ident.identification import identified
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
@@ -18,6 +17,7 @@ from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.recordings.recording import STATES, Recording
 from ident.regression.ordinary import Fit, huber_white, least_squares
+from ident.setup import PRIORS
 
 ESTIMATORS = {
     "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",

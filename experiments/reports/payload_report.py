@@ -15,7 +15,7 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
 from ident.geometry.inertia import symmetric
-from ident.payload.payload import QUANTITIES, Payload, RigidBody
+from ident.payload.payload import QUANTITIES, Payload, RigidBody, SensorParameter
 from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
@@ -60,30 +60,16 @@ def _intervals(body: RigidBody) -> str:
     return "95 %: " + "; ".join(f"{name} ± {' '.join(f'{x:.2g}' for x in some)}" for name, some in parts)
 
 
-def _sensor_unit(name: str) -> str:
-    """Unit of a sensor's parameter by its name, such as `offset(Fx)` or `rotation_x(wrist)`."""
-    kind, _, _ = name.partition("(")
-    if kind == "offset":
-        return offset_unit(name)
-    return {"delay": "s", "clock": "1", "gain": "1", "origin": "m"}.get(kind.partition("_")[0], "rad")
+def _sensor_unit(each: SensorParameter) -> str:
+    """Unit of a sensor's parameter."""
+    return offset_unit(each.name) if each.setup is None else each.setup.row.unit.si
 
 
-def _in_words(name: str) -> str:
+def _in_words(each: SensorParameter) -> str:
     """A sensor's parameter in words: `rotation_x(wrist)` is its turn about x."""
-    kind, _, of = name.removesuffix(")").partition("(")
-    kind, _, axis = kind.partition("_")
-    kinds = {
-        "offset": f"offset of {of}",
-        "gain": f"gain of {of}, less 1",
-        "delay": "delay",
-        "clock": "rate of its clock, less 1",
-        "origin": f"shift along {axis}",
-        "rotation": f"turn about {axis}",
-        "gravity": f"tilt of gravity about {axis}",
-        "zero": f"zero of joint {of}",
-        "axis": f"tilt of the axis of joint {of} about {axis}",
-    }
-    return kinds.get(kind, name)
+    if each.setup is None:
+        return each.name.replace("offset(", "offset of ").removesuffix(")")
+    return each.setup.text(each.setup.row.label)
 
 
 def _text(*numbers: float) -> str:
@@ -143,11 +129,12 @@ class PayloadReport:
 
     def sensor_table(self) -> tabular.Table:
         """Offsets, delay, gains and frame of the sensor."""
-        name, value, std, taken = zip(*self.payload.sensor_parameters, strict=True)
+        parameters = self.payload.sensor_parameters
+        name, value, std, taken, _ = zip(*parameters, strict=True)
         words = ["taken out" if each else "taken as stated" for each in taken]
         columns: dict[str, Any] = {"parameter": name, "estimate": value, "std": std, "note": words}
-        units = tuple(map(_sensor_unit, name))
-        names = {each: _in_words(each) for each in name}
+        units = tuple(map(_sensor_unit, parameters))
+        names = {each.name: _in_words(each) for each in parameters}
         return tabular.Table("The sensor", *tabular.columns(**columns), decimals=5, units=units, names=names)
 
     def lines(self) -> list[str]:
@@ -174,7 +161,7 @@ class PayloadReport:
             "findings": [finding.to_dict() for finding in payload.findings],
             "quantities": list(QUANTITIES),
             "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},
-            "sensor": {each.name: each._asdict() for each in payload.sensor_parameters},
+            "sensor": {each.name: each.to_dict() for each in payload.sensor_parameters},
             "estimate": payload.estimate.to_dict(),
         }
 

@@ -29,6 +29,7 @@ from ident.model.adjoint import Value, gradient
 from ident.model.regressor import CHUNK
 from ident.model.tape import Program, Signal, Tape
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
+from ident.setup import Shift
 
 CHUNK_COMPILED = 256
 """Samples that compiled code differentiates at once, so that its results are still in cache when they are reordered."""
@@ -95,10 +96,20 @@ class Measurement:
             at += body.coordinates
         return out
 
+    @cached_property
+    def setup_at(self) -> dict[int, SetupParameter]:
+        """Set-up parameters by their index in θ."""
+        return dict(enumerate(self.setup, len(self.equations.names)))
+
+    @cached_property
+    def shifts(self) -> dict[int, Shift]:
+        """Shifts of the samples' true times by their index in θ, the rates of clocks before the delays."""
+        shifts = {at: each.row.shift for at, each in self.setup_at.items()}
+        return {at: shift for at, shift in reversed(shifts.items()) if shift is not None}
+
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
         """Indices in θ of the set-up parameters of a kind, by axis."""
-        first = len(self.equations.names)
-        return {s.axis: first + k for k, s in enumerate(self.setup) if s.kind == kind and (not of or s.of == of)}
+        return {s.axis: at for at, s in self.setup_at.items() if s.kind == kind and (not of or s.of == of)}
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels (C, N).

@@ -1,26 +1,14 @@
-"""Set-up parameters: errors of the stated sensor poses, gains, clocks and joint axes, with priors."""
+"""Set-up parameters of the channels of a recording: the kinds of `ident.setup`, for every object that has them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.recordings.wrench import GROUND
-
-PRIORS = {
-    "delay": 0.05,
-    "clock": 0.003,
-    "origin": 0.05,
-    "rotation": np.radians(3),
-    "gain": 0.03,
-    "gravity": np.radians(3),
-    "zero": np.radians(3),
-    "axis": np.radians(3),
-}
-"""Default standard deviations of the priors: delay of a wrench, s; a clock's rate; origin of a wrench's frame, m, and
-its rotation, rad; gain of a channel; tilt of gravity, zeros and tilts of joint axes, rad."""
-
+from ident.setup import PRIORS, SETUP, SetupKind
 
 TOGETHER = " + "
 """Separator of the names of wrenches that share a delay and a clock."""
@@ -31,22 +19,55 @@ class SetupParameter:
     """Parameter that is zero if the set-up is as stated.
 
     Attributes:
-        kind: One of `PRIORS`.
+        kind: One of `SETUP`.
         of: Wrench, channel or joint, "" for gravity; `contact Fx` for a gain of a contact.
         axis: Axis of the frame, or None.
         std: Standard deviation of the prior, whose mean is zero, in SI units and radians.
+        log: Number of the log that has it separately, counted from 1; None if it is that of the first or of all.
+        place: Names of the wrenches, channels or joints that it belongs to, by `wrenches`, `channels` and `joints`.
     """
 
     kind: str
     of: str
     axis: int | None
     std: float
+    log: int | None = None
+    place: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
+
+    @property
+    def row(self) -> SetupKind:
+        """Its kind's row."""
+        return SETUP[self.kind]
 
     @property
     def name(self) -> str:
-        """Name of the column: `origin_x(ground)`."""
-        suffix = "" if self.axis is None else "_" + "xyz"[self.axis]
-        return f"{self.kind}{suffix}({self.of})" if self.of else f"{self.kind}{suffix}"
+        """Name of the column: `origin_x(ground)`, `delay(ground) of log 2`."""
+        name = self.kind if self.axis is None else f"{self.kind}_{'xyz'[self.axis]}"
+        name = f"{name}({self.of})" if self.of else name
+        return name if self.log is None else name_in_log(name, self.log)
+
+    def text(self, template: str, **values: str) -> str:
+        """A template of its row, with its object, its axis and other values."""
+        return template.format(of=self.of, axis="" if self.axis is None else "xyz"[self.axis], **values)
+
+
+def name_in_log(name: str, log: int) -> str:
+    """Name of a parameter that a log has separately."""
+    return f"{name} of log {log}"
+
+
+class Subject(NamedTuple):
+    """Something that may differ from what is stated.
+
+    Attributes:
+        name: Its name, "" for gravity.
+        axes: Axes along which it may; one None if it has no axes.
+        place: As for `SetupParameter`.
+    """
+
+    name: str
+    axes: Sequence[int | None]
+    place: Mapping[str, tuple[str, ...]]
 
 
 def setup_parameters(
@@ -61,24 +82,39 @@ def setup_parameters(
         held: True if there is a ground wrench; without one, all contacts share a delay and a clock, and their sum has
             no gains besides theirs.
     """
-    std = PRIORS | (priors or {})
+    std, every = PRIORS | (priors or {}), objects(equations, contacts, held=held)
+    return tuple(
+        SetupParameter(kind, subject.name, axis, std[kind], place=subject.place)
+        for group in dict.fromkeys(row.of for row in SETUP.values())
+        for subject in every[group]
+        for kind, row in SETUP.items()
+        if row.of == group and std[kind] > 0
+        for axis in subject.axes
+    )
+
+
+def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dict[str, list[Subject]]:
+    """Objects of the kinds of set-up errors, by `SetupKind.of`; arguments as for `setup_parameters`.
+
+    Returns:
+        `clocks` of the wrenches, one for all that share it; `frames` of the wrenches; `channels`, and those of the
+        contacts; `gravity`, about the axes across it; `angles` of the hinges, and their `axes`, about those across.
+    """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
-    felt = len(equations.channels) > len(equations.torques)
-    ground = [GROUND] if felt and held else []
-    wrenches, together = [*ground, *contacts], [TOGETHER.join(contacts)] if felt and contacts else []
-    hinges = [body for body in tree.bodies if body.coordinates and body.turns]
-    rows: list[tuple[str, str, int | None]] = []
-    for wrench in ground if held else together:
-        rows += [("delay", wrench, None), ("clock", wrench, None)]
-    for wrench in wrenches:
-        rows += [(kind, wrench, axis) for kind in ("origin", "rotation") for axis in range(3)]
+    wrench = len(equations.channels) > len(equations.torques)
+    ground = (GROUND,) if wrench and held else ()
+    together = ground if held else tuple(contacts) if wrench else ()
     channels = equations.channels[0 if held else len(equations.channels) - len(equations.torques) :]
-    rows += [("gain", channel, None) for channel in channels]
-    rows += [("gain", f"{contact} {component}", None) for contact in contacts for component in COMPONENTS]
-    rows += [("gravity", "", axis) for axis in across(gravity)] if np.any(gravity) else []
-    rows += [("zero", body.joint, None) for body in hinges]
-    rows += [("axis", body.joint, axis) for body in hinges for axis in across(body.twist[3:])]
-    return tuple(SetupParameter(kind, of, axis, std[kind]) for kind, of, axis in rows if std[kind] > 0)
+    hinges = [(body, {"joints": (body.joint,)}) for body in tree.bodies if body.coordinates and body.turns]
+    return {
+        "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
+        "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)],
+        "channels": [Subject(name, (None,), {"channels": (name,)}) for name in channels]
+        + [Subject(f"{name} {x}", (None,), {"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
+        "gravity": [Subject("", across(gravity), {})] if np.any(gravity) else [],
+        "angles": [Subject(body.joint, (None,), place) for body, place in hinges],
+        "axes": [Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges],
+    }
 
 
 def across(direction: np.ndarray) -> list[int]:

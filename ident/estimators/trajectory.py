@@ -12,7 +12,6 @@ from ident.estimation.equations import Equations
 from ident.estimation.excitation import excited
 from ident.estimation.preparation import Prepared
 from ident.estimation.separable import separable
-from ident.estimation.setup import PRIORS
 from ident.estimators.least_squares import model_as_it_came
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
@@ -21,6 +20,7 @@ from ident.parameters.prior import known_covariance
 from ident.problem import Problem
 from ident.regression.filtered import filtered_least_squares
 from ident.regression.ordinary import Fit
+from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit, corrected
 from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.result import TrajectoryEstimate

@@ -13,7 +13,6 @@ import numpy as np
 from ident.arguments import checked_deviations
 from ident.errors import InputError
 from ident.estimation.preparation import prepared
-from ident.estimation.setup import PRIORS
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
 from ident.payload.mounting import on_payload
@@ -21,6 +20,7 @@ from ident.payload.payload import Payload
 from ident.payload.weight import known, likely, weighing
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
+from ident.setup import PRIORS
 from ident.tolerances import HOLDOUT
 from ident.trajectory.fit.iteration import Report
 

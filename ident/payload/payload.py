@@ -1,12 +1,13 @@
 """An identified payload: a rigid body in any frame, the sensor's errors, findings and a verdict."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ident.estimate import Estimate
+from ident.estimation.setup import SetupParameter
 from ident.geometry.inertia import com_from_parameters, parameter_transform
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
@@ -51,12 +52,18 @@ class SensorParameter(NamedTuple):
         value: Its estimate, or for one that was not fitted the estimate if it were, in SI units and radians.
         std: Its standard deviation.
         taken_out: True if it was fitted, so that the estimate is corrected for it.
+        setup: The set-up parameter, None for an offset.
     """
 
     name: str
     value: float
     std: float
     taken_out: bool
+    setup: SetupParameter | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For scripts, in JSON's types."""
+        return {"name": self.name, "value": self.value, "std": self.std, "taken_out": self.taken_out}
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +129,10 @@ class Payload:
         at = np.flatnonzero(joint.is_setup)
         moves, open_ = joint.fit.scores(np.eye(len(joint.is_setup))[at])
         for k, move, left in zip(at.tolist(), moves.tolist(), open_.tolist(), strict=True):
-            name, free = str(joint.fit.names[k]), bool(joint.fit.free[k])
+            each, free = joint.setup[k], bool(joint.fit.free[k])
+            each = replace(each, of=self.sensor) if each.of == GROUND else each
             value, s = (float(joint.fit.theta[k]), float(joint.fit.covariance[k, k] ** 0.5)) if free else (move, left)
-            out.append(SensorParameter(name.replace(f"({GROUND})", f"({self.sensor})"), value, s, free))
+            out.append(SensorParameter(each.name, value, s, free, each))
         return out
 
     @cached_property

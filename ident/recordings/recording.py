@@ -46,7 +46,7 @@ class Recording:
         base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base at rest.
         held: True if something holds the base, whose wrench is the ground's; None to infer it from the mechanism.
         setup: Standard deviations of set-up errors that differ from the defaults, in SI units and radians, by the
-            kinds of `ident.estimation.setup.PRIORS`; zero for what is exactly as stated.
+            kinds of `ident.setup.SETUP`; zero for what is exactly as stated.
         known: Standard deviations of the model's body parameters that differ from the defaults, by the kinds of
             `ident.parameters.prior.KNOWN`.
         notes: Sentences on what was detected and repaired.

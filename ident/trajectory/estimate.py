@@ -10,9 +10,10 @@ from ident.arguments import checked_names
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
-from ident.estimation.setup import setup_parameters
+from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
+from ident.setup import OFFSET, OWN
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import inverse_of_precision
@@ -25,9 +26,6 @@ FINEST = 0.005
 
 ENOUGH = 10_000
 """Number of samples for the first estimate of noise, knots and set-up: more would hardly improve it."""
-
-OWN = ("offset", "delay")
-"""Kinds of parameters that each recording may have separately."""
 
 
 def trajectory_estimate(
@@ -60,9 +58,11 @@ def trajectory_estimate(
     own = checked_names("own", own, OWN)
     first, joints = recordings[0][0], recordings[0][0].mechanism.joints
     measurement = _measurement(first, equations, setup)
-    names, selections = _shared(measurement, len(recordings), own)
-    prior = _prior(measurement, names, known)
-    stages = Stages(measurement, recordings, names, selections, prior, known is not None, search, executor, report)
+    names, setup_at, selections = _shared(measurement, len(recordings), own)
+    prior = _prior(measurement, setup_at, len(names), known)
+    stages = Stages(
+        measurement, recordings, names, setup_at, selections, prior, known is not None, search, executor, report
+    )
     samples = sum(part.stop - part.start for _, part in recordings)
     share = max(1, round(samples / ENOUGH))
     finest = KNOTS_PER_SAMPLE / min(prepared.recording.rate for prepared, _ in recordings)
@@ -92,25 +92,29 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
     )
 
 
-def _shared(measurement: Measurement, recordings: int, own: Sequence[str]) -> tuple[list[str], list[np.ndarray]]:
-    """Names of all parameters, and the indices of each recording's."""
-    names, selections = list(measurement.names), [np.arange(len(measurement.names))]
-    mine = [k for k, name in enumerate(measurement.names) if name.partition("(")[0] in own]
+def _shared(
+    measurement: Measurement, recordings: int, own: Sequence[str]
+) -> tuple[list[str], dict[int, SetupParameter], list[np.ndarray]]:
+    """Names of all parameters, those of the set-up by index, and the indices of each recording's."""
+    names, setup, selections = list(measurement.names), dict(measurement.setup_at), [np.arange(len(measurement.names))]
+    columns = len(measurement.equations.names)
+    offsets = range(columns - len(measurement.equations.offsets), columns)
+    mine = [*(offsets if OFFSET in own else ()), *(k for k, each in measurement.setup_at.items() if each.kind in own)]
     for number in range(2, recordings + 1):
         chosen = np.arange(len(measurement.names))
         chosen[mine] = len(names) + np.arange(len(mine))
-        names += [f"{measurement.names[k]} of log {number}" for k in mine]
+        setup |= {int(chosen[k]): replace(setup[k], log=number) for k in mine if k in setup}
+        names += [name_in_log(measurement.names[k], number) for k in mine]
         selections.append(chosen)
-    return names, selections
+    return names, setup, selections
 
 
-def _prior(measurement: Measurement, names: Sequence[str], known: Mapping[str, float] | None) -> Prior:
-    """Prior of all parameters."""
-    std = {each.name: each.std for each in measurement.setup}
-    precision = np.diag(
-        [1 / std[base] ** 2 if base in std else 0.0 for base in (n.partition(" of log ")[0] for n in names)]
-    )
-    mean = np.zeros(len(names))
+def _prior(
+    measurement: Measurement, setup: Mapping[int, SetupParameter], number: int, known: Mapping[str, float] | None
+) -> Prior:
+    """Prior of all parameters, of which there is a number, those of the set-up by index."""
+    precision = np.diag([1 / setup[k].std ** 2 if k in setup else 0.0 for k in range(number)])
+    mean = np.zeros(number)
     if known is not None:
         parameters, mechanism = measurement.equations.parameters, measurement.equations.mechanism
         mean[: parameters.rank] = parameters.regroup(mechanism.known)

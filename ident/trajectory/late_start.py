@@ -3,6 +3,7 @@
 A force plate under a person may be late by a tenth of a second or more, as long as accelerations take to change sign.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,27 +35,26 @@ TRIED, COMPARED = 20_000, 400
 """Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
 
 
-def with_long_delays(search: Search, refit: Refit, measurement: Measurement, candidates: np.ndarray) -> Search:
+def with_long_delays(search: Search, refit: Refit, measurement: Measurement, delays: Sequence[int]) -> Search:
     """Adds delays far from zero to a search if the channels' noise is smaller with them.
 
     Args:
         search: The fit with the set-up as stated, or as estimated so far.
         refit: Function that fits again.
         measurement: Channels and parameters.
-        candidates: Mask of the set-up parameters (p,).
+        delays: Indices of the delays in θ.
     """
-    tried = candidates & ~search.fit.free & (search.fit.status != "interrupted")
-    for at in np.flatnonzero(tried).tolist():
-        name = search.fit.names[at]
-        if name.startswith("delay(") and (delay := likely_delay(search.fit, measurement, at)):
+    tried = [at for at in delays if not search.fit.free[at] and search.fit.status != "interrupted"]
+    for at in tried:
+        if delay := likely_delay(search.fit, measurement, at):
             search = _with(search, refit, at, delay)
     return search
 
 
-def without_idle_delays(search: Search, refit: Refit) -> Search:
+def without_idle_delays(search: Search, refit: Refit, delays: Sequence[int]) -> Search:
     """Search without delays that are no longer significant because a clock error found later explains them."""
     fit = search.fit
-    idle = [each for each in search.deviations if fit.names[each.index].startswith("delay(")]
+    idle = [each for each in search.deviations if each.index in delays]
     idle = [
         each for each in idle if abs(fit.theta[each.index]) < IDLE * np.sqrt(fit.covariance[each.index, each.index])
     ]

@@ -1,6 +1,6 @@
 """Result of the trajectory estimate: parameters of each recording, and the uncertainty due to the set-up."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -8,6 +8,7 @@ import numpy as np
 from scipy import special
 
 from ident.estimation.measurement import Measurement
+from ident.estimation.setup import SetupParameter
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.precision import inverse_of_precision
@@ -34,6 +35,7 @@ class TrajectoryEstimate:
         coloured: True if the fit's weights assume noise correlated over time.
         reversals: Slack of the torques at low velocity, None if no joint has friction.
         errors: Root mean squared errors of left-out pieces relative to their signals, by noise model (C,).
+        setup: Set-up parameters of all recordings by their index among all parameters.
     """
 
     measurement: Measurement
@@ -44,6 +46,7 @@ class TrajectoryEstimate:
     coloured: bool = False
     reversals: Reversals | None = None
     errors: dict[str, np.ndarray] = field(default_factory=dict)
+    setup: Mapping[int, SetupParameter] = field(default_factory=dict)
 
     @property
     def fit(self) -> TrajectoryFit:
@@ -57,7 +60,7 @@ class TrajectoryEstimate:
     @cached_property
     def is_setup(self) -> np.ndarray:
         """Mask of the parameters that belong to the set-up (p,)."""
-        return is_setup(self.measurement, self.fit.names)
+        return np.isin(np.arange(len(self.fit.names)), list(self.setup))
 
     @cached_property
     def covariance_of_setup(self) -> np.ndarray:
@@ -127,12 +130,6 @@ class TrajectoryEstimate:
         """Constant offsets of the first recording less those of another one (C,)."""
         constants = self.measurement.constants
         return constants(self.parameters_of(0)) - constants(self.parameters_of(which))
-
-
-def is_setup(measurement: Measurement, names: Sequence[str]) -> np.ndarray:
-    """Mask of the parameters that belong to the set-up (p,)."""
-    own = {each.name for each in measurement.setup}
-    return np.array([name.partition(" of log ")[0] in own for name in names], bool)
 
 
 def is_drive(measurement: Measurement, parameters: int) -> np.ndarray:

@@ -8,7 +8,8 @@
 5. Standard deviations follow from noise estimated independently of the weights (`ident.trajectory.fit.sandwich`).
 """
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -18,6 +19,7 @@ import numpy as np
 from ident.errors import ExcitationError, InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
+from ident.estimation.setup import SetupParameter
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.iteration import Report
@@ -29,7 +31,7 @@ from ident.trajectory.left_out import prediction_errors, preferred
 from ident.trajectory.physical import physical_fit
 from ident.trajectory.pieces import cut
 from ident.trajectory.residual_correlation import CORRELATED, correlated, correlation, jumps, residual
-from ident.trajectory.result import TrajectoryEstimate, is_drive, is_setup
+from ident.trajectory.result import TrajectoryEstimate, is_drive
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Refit, Search, searched
 from ident.trajectory.start import smoothed, start
@@ -73,6 +75,7 @@ class Stages:
         measurement: Channels, and the parameters of one recording.
         recordings: Mechanism and recording, and the samples to use.
         names: Names of all parameters.
+        setup: Those of the set-up by index.
         selections: Indices of each recording's parameters among all.
         prior: Prior of all parameters.
         known: True if it includes a prior of the model's parameters.
@@ -84,6 +87,7 @@ class Stages:
     measurement: Measurement
     recordings: Sequence[tuple[Prepared, slice]]
     names: Sequence[str]
+    setup: Mapping[int, SetupParameter]
     selections: Sequence[np.ndarray]
     prior: Prior
     known: bool
@@ -94,7 +98,7 @@ class Stages:
     @cached_property
     def is_setup(self) -> np.ndarray:
         """Mask of the parameters that belong to the set-up (p,)."""
-        return is_setup(self.measurement, list(self.names))
+        return np.isin(np.arange(len(self.names)), list(self.setup))
 
     def explored(self, step: float, share: int, finest: float) -> TrajectoryEstimate:
         """Unconverged fit with white noise and the densest knots that decrease the noise enough.
@@ -131,7 +135,8 @@ class Stages:
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
         fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup, EXPLORED)
-        return TrajectoryEstimate(self.measurement, Search(fit), counts, step, self.known, reversals=reversals)
+        search, setup = Search(fit), self.setup
+        return TrajectoryEstimate(self.measurement, search, counts, step, self.known, reversals=reversals, setup=setup)
 
     def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:
         """Starting point: coordinates smoothed alone, and parameters by least squares, equal in all recordings."""
@@ -254,11 +259,12 @@ class Stages:
         if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
             return estimate
         refit = self._refit_of(estimate)
-        groups, scatter = _groups(self.measurement, self.names), partial(with_scatter, estimate.measurement)
-        first = with_long_delays(estimate.search, refit, estimate.measurement, self.is_setup)
+        groups, scatter = _groups(self.setup, len(self.names)), partial(with_scatter, estimate.measurement)
+        delays = [at for at, each in self.setup.items() if each.row.far]
+        first = with_long_delays(estimate.search, refit, estimate.measurement, delays)
         first = first if first is estimate.search else replace(first, fit=scatter(first.fit))
         search = searched(first, refit, self.is_setup, groups, scatter, self._unfollowed(estimate))
-        left = search if search.incredible else without_idle_delays(search, refit)
+        left = search if search.incredible else without_idle_delays(search, refit, delays)
         return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
 
     def _unfollowed(self, estimate: TrajectoryEstimate) -> np.ndarray:
@@ -266,9 +272,10 @@ class Stages:
         pieces, out = estimate.fit.pieces, np.zeros(len(self.names))
         between = min(float(np.median(np.diff(piece.when))) for piece in pieces)
         if estimate.step <= KNOTS_PER_SAMPLE * between * (1 + ROUNDING):
-            half = max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2
-            sizes = {"delay": UNFOLLOWED * estimate.step, "clock": UNFOLLOWED * estimate.step / half}
-            out += [sizes.get(name.partition("(")[0], 0.0) for name in self.names]
+            half = np.array(max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2)
+            for at, each in self.setup.items():
+                if each.row.shift is not None:
+                    out[at] = UNFOLLOWED * estimate.step / abs(each.row.shift(half))
         return out
 
     def _scattered(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
@@ -343,8 +350,10 @@ def _next(step: float, finest: float) -> float:
     return finest if step < np.sqrt(2) * finest else step
 
 
-def _groups(measurement: Measurement, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Directions in θ in which the axes of all joints rotate alike, by description (p,) each."""
-    axes = {each.name: each.axis for each in measurement.setup if each.kind == "axis"}
-    turned = {axis: np.array([axes.get(name) == axis for name in names], float) for axis in range(3)}
-    return {f"a turn of all joint axes about {'xyz'[k]}": d for k, d in turned.items() if d.sum() > 1}
+def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:
+    """Directions in θ in which all parameters of a kind change alike along one axis, by description (p,) each."""
+    groups = defaultdict[str, np.ndarray](lambda: np.zeros(number))
+    for at, each in setup.items():
+        if each.row.together:
+            groups[each.text(each.row.together)][at] = 1
+    return {text: direction for text, direction in sorted(groups.items()) if direction.sum() > 1}

@@ -10,6 +10,7 @@ import numpy as np
 from ident.estimation.least_noise import least_noise, rounding
 from ident.estimation.measurement import Measurement
 from ident.recordings.resolution import at_rest, white_noise
+from ident.setup import Shift
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.piece import Noise, Piece, channel_times
@@ -52,8 +53,9 @@ class _Coordinates:
         """No zeros."""
         return {}
 
-    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
-        """No set-up parameters."""
+    @property
+    def shifts(self) -> dict[int, Shift]:
+        """No shifts of time."""
         return {}
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:

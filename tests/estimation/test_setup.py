@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from measurements import random_measurement
 
-from ident.estimation.setup import PRIORS, across, setup_parameters
+from ident.estimation.setup import across, setup_parameters
+from ident.setup import PRIORS
 
 
 def names(m, contacts=(), **priors):

@@ -7,10 +7,10 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from ident.estimation.setup import PRIORS
 from ident.estimators import trajectory as estimator
 from ident.judgement.fit_findings import halves_findings
 from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements
+from ident.setup import PRIORS
 
 
 def joint(told, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):

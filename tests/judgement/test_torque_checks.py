@@ -12,9 +12,9 @@ import wrist
 import ident
 import sim
 from ident.estimation.preparation import prepared
-from ident.estimation.setup import PRIORS
 from ident.judgement.body_findings import rotor_findings
 from ident.judgement.torque_checks import FRICTION, _mounted, torque_checks
+from ident.setup import PRIORS
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
 NO_HAND = {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0, 0)}

@@ -6,11 +6,11 @@ import pytest
 from opensim_files import quietly_read
 
 from ident.estimation.preparation import prepared
-from ident.estimation.setup import PRIORS
 from ident.identification import identified
 from ident.judgement.unmeasured import unmeasured_contacts
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.log import read_log
+from ident.setup import PRIORS
 from ident.trajectory.fit import iteration
 
 WALK = gait.Walk(seed=1)

@@ -11,8 +11,9 @@ from recorded_faults import PENDULUM, faulty
 import ident
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import prepared
-from ident.estimation.setup import PRIORS, SetupParameter
+from ident.estimation.setup import SetupParameter
 from ident.model.regressor import base_wrench_regressor
+from ident.setup import PRIORS
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.pieces import cut

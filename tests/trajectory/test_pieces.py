@@ -8,8 +8,8 @@ from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, strea
 
 import ident
 from ident.estimation.preparation import prepared
-from ident.estimation.setup import PRIORS
 from ident.recordings.wrench import Sensor, transform_wrench
+from ident.setup import PRIORS
 from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.pieces import coordinates
 

@@ -9,9 +9,9 @@ import ident
 import scenes
 import sim
 from ident.estimation.preparation import prepared
-from ident.estimation.setup import PRIORS
 from ident.judgement.setup_findings import setup_findings
 from ident.recordings.wrench import transform_wrench
+from ident.setup import PRIORS
 from ident.trajectory.estimate import trajectory_estimate
 from sim.motion.excitation import DOUBLE_PENDULUM
 

@@ -36,8 +36,7 @@ def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
         gradient=np.zeros(4) + gradient,
         prior=SimpleNamespace(known=KNOWN, weight=weight),
     )
-    setup = [SimpleNamespace(name=name) for name in ("delay", "tilt")]
-    return TrajectoryEstimate(SimpleNamespace(setup=setup), Search(fit), (1,), 0.1, False)
+    return TrajectoryEstimate(None, Search(fit), (1,), 0.1, False, setup=dict.fromkeys((2, 3)))
 
 
 @pytest.mark.parametrize("weight", [0.3, 1.0])

@@ -5,8 +5,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
@@ -22,12 +20,13 @@ from ident.recordings.columns.file_entries import clocks, layouts, selection
 from ident.recordings.columns.plates import Plate
 from ident.recordings.columns.segments import segments_of
 from ident.recordings.wrench import GROUND, Sensor
+from ident.setup import ANGLE, SETUP
 
-SETUP = {
-    **dict.fromkeys(("delay", "clock", "origin", "gain"), 1.0),
-    **dict.fromkeys(("rotation_deg", "gravity_deg", "zero_deg", "axis_deg"), np.pi / 180),
+DEVIATIONS = {
+    f"{kind}{row.unit.suffix}": row.unit.stated
+    for kind, row in sorted(SETUP.items(), key=lambda item: item[1].unit.suffix)
 }
-"""Set-up errors whose standard deviation may be stated, in s, 1, m, 1, and degrees; factors to SI and radians."""
+"""Set-up errors whose standard deviation may be stated, those in degrees last; factors to SI and radians."""
 
 KNOWN = dict.fromkeys(OF_BODIES, 1.0)
 """Body parameters whose standard deviation may be stated: relative to the model's, m, relative."""
@@ -123,7 +122,7 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
     tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
-    mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
+    mapping = ColumnMapping(setup=_deviations("setup", entries, DEVIATIONS), known=_deviations("known", entries, KNOWN))
     mapping.layouts, mapping.selection = layouts(entries), selection(entries)
     times = clocks(entries)
     if len(times) == 1:
@@ -171,7 +170,7 @@ def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, flo
     entry = table(name, entries.get(name, {}))
     check_keys(f"[{name}]", entry, tuple(factors))
     deviations = checked_deviations(name, entry, factors, LogError)
-    return {key.removesuffix("_deg"): value * factors[key] for key, value in deviations.items()}
+    return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()}
 
 
 def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:

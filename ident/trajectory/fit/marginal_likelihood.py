@@ -74,8 +74,7 @@ def _along(
         whole = new[stream.which].reshape(*old.shape[:-1], draws, -1)
         out.append((whole - old[..., None, :]) / SMALL)
     # Derivatives by a delay and a clock follow from those by the states.
-    for kind in ("clock", "delay"):
-        out[1][:, list(measurement.of_kind(kind).values())] = 0
+    out[1][:, list(measurement.shifts)] = 0
     return out[0], out[1]
 
 

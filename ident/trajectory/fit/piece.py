@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ident.setup import Shift
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior
 from ident.trajectory.algebra.intervals import Intervals
 from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
@@ -154,8 +155,9 @@ class Predictor(Protocol):
     def zeros(self) -> dict[int, int]:
         """Indices in θ of the coordinates' zeros, by coordinate."""
 
-    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
-        """Indices in θ of the set-up parameters of a kind, by axis."""
+    @property
+    def shifts(self) -> dict[int, Shift]:
+        """Shifts of the samples' true times by their index in θ."""
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels (C, M)."""
@@ -311,11 +313,9 @@ def _cost(every: Iterable[Innovations], noise: Noise, bends: np.ndarray) -> floa
 
 def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:
     """True times of the channels' samples, corrected for delays and the clock's rate, s (M,)."""
-    when = piece.when
-    for at in measurement.of_kind("clock").values():
-        when = when + theta[at] * (piece.when - piece.origin)
-    for at in measurement.of_kind("delay").values():
-        when = when - theta[at]
+    when, elapsed = piece.when, piece.when - piece.origin
+    for at, shift in measurement.shifts.items():
+        when = when + theta[at] * shift(elapsed)
     return when
 
 
@@ -330,10 +330,9 @@ def clocks(
         theta: Parameters (p,).
         columns: Entries of θ by which channels are differentiated.
     """
-    of_clock = [*measurement.of_kind("clock").values(), *measurement.of_kind("delay").values()]
     number = piece.measured.shape[1]
     whole = piece.late is None or piece.late >= number
-    if whole or not any(theta[at] or at in columns for at in of_clock):
+    if whole or not any(theta[at] or at in columns for at in measurement.shifts):
         return [(slice(0, number), channel_times(measurement, piece, theta))]
     return [(slice(0, piece.late), channel_times(measurement, piece, theta)), (slice(piece.late, number), piece.when)]
 
@@ -381,10 +380,8 @@ def _channel_rows(
         by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
         if k == 0:
             rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
-            for at in measurement.of_kind("clock").values():
-                by_theta[..., columns == at] = (rate * (piece.when - piece.origin)[:, None])[..., None]
-            for at in measurement.of_kind("delay").values():
-                by_theta[..., columns == at] = -rate[..., None]
+            for at, shift in measurement.shifts.items():
+                by_theta[..., columns == at] = (rate * shift(piece.when - piece.origin)[:, None])[..., None]
         intervals = Intervals(local.interval, piece.spline.intervals)
         new = _channels(piece, own, when, local, values, noise)
         rows = ChannelRows(

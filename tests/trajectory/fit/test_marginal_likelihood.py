@@ -25,8 +25,7 @@ def test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows(
         return response(p.measurement, p.piece, c, p.theta + e, p.noise).factor.log_determinant
 
     slopes = np.array([(log_determinant(e) - log_determinant(-e)) / (2 * STEP) for e in STEP * np.eye(len(p.theta))])
-    clocks = [k for kind in ("clock", "delay") for k in p.measurement.of_kind(kind).values()]
-    others = np.delete(np.arange(len(p.theta)), clocks)
+    others = np.delete(np.arange(len(p.theta)), list(p.measurement.shifts))
     off, error = (pulls.mean(axis=0) - slopes / 2)[others], (pulls.std(axis=0) / np.sqrt(RUNS))[others]
     assert np.all(np.abs(off) <= 5 * error + 1e-4 * np.abs(slopes).max())
     assert np.sqrt(np.mean(off**2)) < 0.1 * np.sqrt(np.mean(slopes[others] ** 2))

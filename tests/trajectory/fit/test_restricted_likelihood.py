@@ -25,10 +25,7 @@ class Linear:
     """One channel `ẍ + w·θ` of one coordinate x, where w is measured at a contact."""
 
     names = ("a", "b")
-    zeros = {}  # noqa: RUF012
-
-    def of_kind(self, kind, of=""):
-        return {}
+    zeros = shifts = {}  # noqa: RUF012
 
     def values(self, states, wrenches, theta):
         return (states[2, :, 0] + wrenches[:, 0, :2] @ theta)[None]
@@ -43,10 +40,7 @@ class Turned:
     """One channel `θ ẍ` of one coordinate x: a larger inertia compensates a smaller motion."""
 
     names = ("inertia",)
-    zeros = {}  # noqa: RUF012
-
-    def of_kind(self, kind, of=""):
-        return {}
+    zeros = shifts = {}  # noqa: RUF012
 
     def values(self, states, wrenches, theta):
         return (theta[0] * states[2, :, 0])[None]

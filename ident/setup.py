@@ -1,0 +1,168 @@
+"""Kinds of set-up errors, one row each: all that the rest of the program asks of a kind, except its mathematics.
+
+A set-up parameter is zero if the set-up is as stated. Its effect on the channels is computed by
+`ident.estimation.measurement`, except for a shift of time, which is in the row. To add a kind is to add its row and,
+for any other effect, its mathematics there.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+Shift = Callable[[np.ndarray], np.ndarray]
+"""Shift of the samples' true times per unit of a parameter, by the time since the recording's origin, s."""
+
+
+class Unit(NamedTuple):
+    """Unit of a set-up error.
+
+    Attributes:
+        si: The SI unit, in which it is computed.
+        factor: Factor to the unit in which sentences give it.
+        shown: That unit, with the space before it.
+        suffix: Suffix of the key in columns files that give it in another unit.
+        stated: Factor from that other unit to SI.
+    """
+
+    si: str
+    factor: float
+    shown: str
+    suffix: str = ""
+    stated: float = 1.0
+
+
+TIME = Unit("s", 1e3, " ms")
+SHARE = Unit("1", 100.0, " %")
+LENGTH = Unit("m", 1e3, " mm")
+ANGLE = Unit("rad", 180 / np.pi, "°", "_deg", np.pi / 180)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetupKind:
+    """A kind of set-up errors.
+
+    In templates, `{of}` is the object's name and `{axis}` the axis.
+
+    Attributes:
+        std: Default standard deviation of the prior, whose mean is zero, in SI units and radians.
+        unit: Its unit.
+        of: The objects that have it, each along its axes: a key of `ident.estimation.setup.objects`.
+        sentence: Template of the finding, with `{size}` and `{sign}`.
+        signs: Words for `{sign}`, of a positive and of a negative error.
+        short: Template of a few words, for an error that the data cannot distinguish from another one.
+        label: Template of its label in the table of a payload's sensor.
+        together: Template of the cause that changes the parameters of all objects along one axis alike, which the data
+            may not be able to distinguish from another error; empty for none.
+        shift: Shift of the samples' true times; None if the error acts on something else.
+        own: True if each of several recordings may have its own.
+        far: True if values beyond the reach of a local search are tried first.
+    """
+
+    std: float
+    unit: Unit
+    of: str
+    sentence: str
+    signs: tuple[str, str] = ("+", "-")
+    short: str
+    label: str
+    together: str = ""
+    shift: Shift | None = None
+    own: bool = False
+    far: bool = False
+
+
+def _later(elapsed: np.ndarray) -> np.ndarray:
+    """Shift by a delay of one second."""
+    return -np.ones_like(elapsed)
+
+
+def _slower(elapsed: np.ndarray) -> np.ndarray:
+    """Shift by a clock whose unit is twice as long."""
+    return elapsed
+
+
+SETUP: Mapping[str, SetupKind] = {
+    "delay": SetupKind(
+        std=0.05,
+        unit=TIME,
+        of="clocks",
+        sentence="The wrench '{of}' is {size} {sign}",
+        signs=("late", "early"),
+        short="a delay of the wrench '{of}'",
+        label="delay",
+        shift=_later,
+        own=True,
+        far=True,
+    ),
+    "clock": SetupKind(
+        std=0.003,
+        unit=SHARE,
+        of="clocks",
+        sentence="The clock of the wrench '{of}' runs {size} {sign}",
+        signs=("slow", "fast"),
+        short="another clock of the wrench '{of}'",
+        label="rate of its clock, less 1",
+        shift=_slower,
+    ),
+    "origin": SetupKind(
+        std=0.05,
+        unit=LENGTH,
+        of="frames",
+        sentence="The origin of the wrench '{of}' is {size} further along {sign}{axis} than stated",
+        short="another origin of the wrench '{of}' along {axis}",
+        label="shift along {axis}",
+    ),
+    "rotation": SetupKind(
+        std=np.radians(3),
+        unit=ANGLE,
+        of="frames",
+        sentence="The frame of the wrench '{of}' is turned by {size} about {sign}{axis} from where it was stated",
+        short="a turn of the wrench '{of}' about {axis}",
+        label="turn about {axis}",
+    ),
+    "gain": SetupKind(
+        std=0.03,
+        unit=SHARE,
+        of="channels",
+        sentence="The channel {of} reads {size} too {sign}",
+        signs=("much", "little"),
+        short="another gain of the channel {of}",
+        label="gain of {of}, less 1",
+    ),
+    "gravity": SetupKind(
+        std=np.radians(3),
+        unit=ANGLE,
+        of="gravity",
+        sentence="Gravity is tilted by {size} about {sign}{axis} of the base frame",
+        short="a tilt of gravity about {axis}",
+        label="tilt of gravity about {axis}",
+    ),
+    "zero": SetupKind(
+        std=np.radians(3),
+        unit=ANGLE,
+        of="angles",
+        sentence="The joint '{of}' reads {size} too {sign}",
+        signs=("much", "little"),
+        short="another zero of joint '{of}'",
+        label="zero of joint {of}",
+    ),
+    "axis": SetupKind(
+        std=np.radians(3),
+        unit=ANGLE,
+        of="axes",
+        sentence="The axis of joint '{of}' is tilted by {size} about {sign}{axis} of the base frame",
+        short="a tilt of the axis of joint '{of}' about {axis}",
+        label="tilt of the axis of joint {of} about {axis}",
+        together="a turn of all joint axes about {axis}",
+    ),
+}
+"""Every kind of set-up error by its name, in the order of the parameters."""
+
+OFFSET = "offset"
+OWN = (OFFSET, *(kind for kind, row in SETUP.items() if row.own))
+"""Kinds of parameters that each of several recordings may have separately."""
+
+PRIORS = {kind: row.std for kind, row in SETUP.items()}
+"""Default standard deviations of the priors."""

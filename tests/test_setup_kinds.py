@@ -1,0 +1,111 @@
+"""The table of set-up errors: its sentences and labels, and what other rooms take from it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from measurements import random_measurement
+
+from ident.estimation.setup import SetupParameter, objects, setup_parameters
+from ident.judgement.finding import Place
+from ident.judgement.setup_findings import place_of, sentence, setup_findings, short
+from ident.recordings.columns.mapping import DEVIATIONS
+from ident.setup import OWN, SETUP
+from ident.trajectory.setup_search import Deviation
+
+ROWS = {
+    ("delay", "ground", None): (
+        "The wrench 'ground' is 30.00 ± 0.10 ms late",
+        "a delay of the wrench 'ground'",
+        "delay",
+    ),
+    ("clock", "a + b", None): (
+        "The clock of the wrench 'a + b' runs 3.000 ± 0.010 % slow",
+        "another clock of the wrench 'a + b'",
+        "rate of its clock, less 1",
+    ),
+    ("origin", "hand", 1): (
+        "The origin of the wrench 'hand' is 30.00 ± 0.10 mm further along +y than stated",
+        "another origin of the wrench 'hand' along y",
+        "shift along y",
+    ),
+    ("rotation", "hand", 0): (
+        "The frame of the wrench 'hand' is turned by 1.7189 ± 0.0057° about +x from where it was stated",
+        "a turn of the wrench 'hand' about x",
+        "turn about x",
+    ),
+    ("gain", "hand Fx", None): (
+        "The channel hand Fx reads 3.000 ± 0.010 % too much",
+        "another gain of the channel hand Fx",
+        "gain of hand Fx, less 1",
+    ),
+    ("gravity", "", 1): (
+        "Gravity is tilted by 1.7189 ± 0.0057° about +y of the base frame",
+        "a tilt of gravity about y",
+        "tilt of gravity about y",
+    ),
+    ("zero", "knee", None): (
+        "The joint 'knee' reads 1.7189 ± 0.0057° too much",
+        "another zero of joint 'knee'",
+        "zero of joint knee",
+    ),
+    ("axis", "knee", 2): (
+        "The axis of joint 'knee' is tilted by 1.7189 ± 0.0057° about +z of the base frame",
+        "a tilt of the axis of joint 'knee' about z",
+        "tilt of the axis of joint knee about z",
+    ),
+}
+NEGATIVE = {"late": "early", "slow": "fast", "+y": "-y", "+x": "-x", "+z": "-z", "much": "little"}
+
+
+@pytest.mark.parametrize("key", ROWS, ids=lambda key: key[0])
+def test_sentence_short_form_and_label_of_every_kind(key):
+    each, (text, few, label) = SetupParameter(*key, std=0.1), ROWS[key]
+    assert sentence(each, 0.03, 1e-4) == f"{text}; the estimate includes this."
+    for word, other in NEGATIVE.items():
+        text = text.replace(word, other)
+    assert sentence(each, -0.03, 1e-4) == f"{text}; the estimate includes this."
+    assert short(each) == few and each.text(each.row.label) == label
+
+
+def test_every_kind_has_a_sentence_of_its_own_here():
+    assert [kind for kind, _, _ in ROWS] == list(SETUP)
+
+
+def test_every_kind_has_objects_and_every_parameter_a_place():
+    m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
+    every = objects(m.equations, ["hand"], held=True)
+    assert {row.of for row in SETUP.values()} == {*every} and all(every.values())
+    places = {each.name: place_of(each) for each in setup_parameters(m.equations, ["hand"])}
+    joint = m.tree.joints[0]
+    for name, place in {
+        "delay(ground)": Place(wrenches=("ground",)),
+        "origin_x(hand)": Place(wrenches=("hand",)),
+        "gain(Fx)": Place(channels=("Fx",)),
+        "gain(hand Mz)": Place(wrenches=("hand",)),
+        f"zero({joint})": Place(joints=(joint,)),
+    }.items():
+        assert places[name] == place
+    assert {place for name, place in places.items() if name.startswith("gravity")} == {Place()}
+    alone = setup_parameters(m.equations, ["left", "right"], held=False)[0]
+    assert place_of(alone) == Place(wrenches=("left", "right"))
+
+
+def test_a_parameter_of_one_log_is_named_and_placed_there():
+    """Names of objects may look like anything, because nobody reads them."""
+    shared = SetupParameter("delay", "plate of log 7", None, 0.05, place={"wrenches": ("plate of log 7",)})
+    own = SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
+    fit = SimpleNamespace(names=[shared.name, own.name], covariance=np.eye(2) * 1e-8, theta=np.array([0.02, 0.03]))
+    search = SimpleNamespace(deviations=(Deviation(1, (0,)),))
+    (found,) = setup_findings(SimpleNamespace(fit=fit, search=search, setup={0: shared, 1: own}))
+    assert found.name == "delay(plate of log 7) of log 2" and found.alternatives == ("delay(plate of log 7)",)
+    assert found.place == Place(wrenches=("plate of log 7",), log=1)
+    assert found.text.startswith("The wrench 'plate of log 7' is 30.00 ± 0.10 ms late in log 2; the estimate includes")
+    assert own != shared and own == SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
+
+
+def test_columns_files_and_arguments_take_every_kind():
+    angles = ("rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
+    assert list(DEVIATIONS) == ["delay", "clock", "origin", "gain", *angles]
+    assert {key: factor for key, factor in DEVIATIONS.items() if factor != 1} == dict.fromkeys(angles, np.pi / 180)
+    assert OWN == ("offset", "delay")
