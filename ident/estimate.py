@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
+from ident.estimation.part import Part
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples, joined
 from ident.geometry.inertia import PARAMETERS
@@ -95,7 +96,7 @@ class Estimate:
             the drive free.
     """
 
-    logs: Sequence[tuple[Prepared, slice]]
+    logs: Sequence[Part[slice]]
     fit: Fit
     offsets: dict[str, tuple[float, float]]
     held_out: HeldOut
@@ -111,12 +112,12 @@ class Estimate:
     @property
     def prepared(self) -> Prepared:
         """The first recording."""
-        return self.logs[0][0]
+        return self.logs[0].log
 
     @property
     def part(self) -> slice:
         """Fitted samples of the first recording."""
-        return self.logs[0][1]
+        return self.logs[0].samples
 
     @property
     def base(self) -> BaseParameters:
@@ -196,7 +197,7 @@ class Estimate:
 
     @cached_property
     def _fitted(self) -> Samples:
-        return joined([prepared.samples[prepared.taken(part)] for prepared, part in self.logs])
+        return joined([part.used for part in self.logs])
 
     @cached_property
     def near_reversals(self) -> np.ndarray:
@@ -225,8 +226,7 @@ class Estimate:
     @cached_property
     def residual(self) -> np.ndarray:
         """Measured minus predicted channels of the fitted parts (N, C)."""
-        samples = (prepared.samples[prepared.taken(part)] for prepared, part in self.logs)
-        return np.concatenate([self.fit.residual(each) for each in samples])
+        return np.concatenate([self.fit.residual(part.used) for part in self.logs])
 
     @cached_property
     def model_error(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from ident.estimate import HeldOut
 from ident.estimation import repairs
 from ident.estimation.equations import Equations
 from ident.estimation.flat_channels import flat_channels, without_channels
+from ident.estimation.part import Part
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
@@ -30,8 +31,8 @@ class Problem:
     """What every estimator takes: samples to fit and to judge by, and what is known beforehand.
 
     Attributes:
-        fitted: Recordings and the samples of each to fit.
-        judged: Recordings and the samples of each to judge by.
+        fitted: Parts of recordings to fit.
+        judged: Parts of recordings to judge by.
         apart: True if the latter are separate recordings.
         offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.
         known: Standard deviations of the model's φ, as for `body_covariance`.
@@ -44,8 +45,8 @@ class Problem:
         smoothing: Time constant with which the angles of samples to judge by are smoothed, s.
     """
 
-    fitted: list[tuple[Prepared, slice]]
-    judged: list[tuple[Prepared, slice | np.ndarray]]
+    fitted: list[Part[slice]]
+    judged: list[Part[slice | np.ndarray]]
     apart: bool
     offsets: bool = True
     known: Mapping[str, float] = field(default_factory=lambda: dict(KNOWN))
@@ -60,32 +61,31 @@ class Problem:
     @property
     def equations(self) -> Equations:
         """Channels and columns, without offsets."""
-        return self.fitted[0][0].equations
+        return self.fitted[0].log.equations
 
     @property
     def held(self) -> bool:
         """True if something besides the contacts holds the base, measured or not."""
-        first = self.fitted[0][0].recording
+        first = self.fitted[0].log.recording
         return GROUND in first.wrenches or not first.wrenches
 
     @property
     def samples(self) -> Samples:
         """All samples to fit."""
-        return joined([log.samples[log.taken(part)] for log, part in self.fitted])
+        return joined([part.used for part in self.fitted])
 
     def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "Problem":
         """Problem of other versions of the recordings, divided into the same parts."""
-        fitted = [(log, part) for log, (_, part) in zip(logs, self.fitted, strict=True)]
-        return replace(
-            self, fitted=fitted, judged=[(log, part) for log, (_, part) in zip(judges, self.judged, strict=True)]
-        )
+        fitted = [part.of(log) for log, part in zip(logs, self.fitted, strict=True)]
+        judged = [part.of(log) for log, part in zip(judges, self.judged, strict=True)]
+        return replace(self, fitted=fitted, judged=judged)
 
     def held_out(self, fits: Sequence[Fit]) -> HeldOut:
         """Residuals on the samples to judge by, of one fit for all recordings or one for each."""
-        samples = [log.samples[log.taken(part)] for log, part in self.judged]
+        samples = [part.used for part in self.judged]
         each = list(fits) * len(samples) if len(fits) == 1 else fits
         residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
-        time, starts = _in_a_row([log.recording.time[log.taken(part)] for log, part in self.judged])
+        time, starts = _in_a_row([part.times for part in self.judged])
         return HeldOut(time, joined(samples), fits[0], residual, starts)
 
 
@@ -142,8 +142,8 @@ def problem_of(
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
             f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)}"
         )
-    fitted = [(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
-    to_judge = [(log, _settled(log, end) if alone else end) for log, end in zip(judges or logs, ends, strict=True)]
+    fitted = [Part(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
+    to_judge = [_settled(log, end) if alone else Part(log, end) for log, end in zip(judges or logs, ends, strict=True)]
     return _without_flat(Problem(fitted, to_judge, bool(judges), **more))
 
 
@@ -173,7 +173,8 @@ def _without_flat(problem: Problem) -> Problem:
     flat = {name: x for name, x in flat.items() if name in problem.equations.channels}
     if not flat or len(flat) == len(problem.equations.channels):
         return problem
-    logs, judges = ([without_channels(log, flat) for log, _ in several] for several in (problem.fitted, problem.judged))
+    every = (problem.fitted, problem.judged)
+    logs, judges = ([without_channels(part.log, flat) for part in parts] for parts in every)
     return problem.with_logs(logs, judges)
 
 
@@ -192,7 +193,7 @@ def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
     return slice(edge, split), slice(split, samples - edge)
 
 
-def _settled(log: Prepared, part: slice) -> slice | np.ndarray:
+def _settled(log: Prepared, part: slice) -> Part[slice | np.ndarray]:
     """Part to judge by without the ends of the recording and at gaps, unless too little would remain."""
     time, kept = log.recording.time, np.zeros(len(log.samples), bool)
     for run in stretches(time, log.covered):
@@ -200,4 +201,5 @@ def _settled(log: Prepared, part: slice) -> slice | np.ndarray:
         edge = min(UNSETTLED, LARGEST_END * (last - first))
         kept[run] = (time[run] > first + edge) & (time[run] < last - edge)
     settled = np.arange(len(kept))[part][kept[part]]
-    return settled if len(log.taken(settled)) >= LEAST_HELD_OUT else part
+    chosen = Part(log, settled)
+    return chosen if len(chosen.indices) >= LEAST_HELD_OUT else Part(log, part)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from ident.estimation.preparation import Prepared
+    from ident.estimation.part import Part
 
 
 def folder(args: argparse.Namespace) -> Path:
@@ -57,12 +57,12 @@ def progress(round_: int, step: float) -> None:
         print(f"\rround {round_ + 1}: parameters move by {step:.2g} of their deviations ", end="", file=sys.stderr)
 
 
-def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]]) -> dict[str, Any]:
+def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[str, Any]:
     """Options, versions and commit, and the input files with their SHA-256 sums, so that a log can be recognized.
 
     Args:
         args: The options.
-        logs: The prepared logs, and their fitted parts.
+        logs: The fitted parts of the logs.
     """
     from experiments.document.provenance import provenance as origin
 

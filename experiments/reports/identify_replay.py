@@ -20,7 +20,7 @@ LEFT_OUT = " None are drawn where samples were left out."
 
 def replay(result: Estimate) -> Replay:
     """Replay of an estimate's first recording, with the predictions of the estimate and of its rivals."""
-    log, part = result.logs[0]
+    log, part = result.prepared, result.part
     arm, samples, time = log.mechanism, log.samples, log.recording.time
     fits = {
         "predicted": result.fit,
@@ -81,7 +81,7 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
 
 def place(finding: Finding, result: Estimate) -> dict[str, Any]:
     """Text and places shown for a pressed finding: body, channels and span of time in the first log, if any."""
-    log, at = result.logs[0][0], finding.place
+    log, at = result.logs[0].log, finding.place
     tree, sensors = log.mechanism.tree, log.recording.sensors
     moved = {body.joint: name for body, name in zip(tree.bodies, tree.names, strict=True) if body.joint}
     touched = [sensors[name].body for name in at.wrenches if name in sensors]

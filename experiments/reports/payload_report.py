@@ -14,6 +14,7 @@ from experiments.document.layout import offset_unit
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
+from ident.estimation.part import length
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import QUANTITIES, Payload, RigidBody, SensorParameter
 from ident.recordings.several_files import name_of
@@ -141,7 +142,7 @@ class PayloadReport:
         """Lines on the logs, the payload's bodies and the sensor's place."""
         result, payload = self.payload.estimate, self.payload
         place = _listed(payload.place[:3, 3].round(6) + 0)
-        samples = sum(part.stop - part.start for _, part in result.logs)
+        samples = length(result.logs)
         return [
             f"{len(result.logs)} log{'s' * (len(result.logs) > 1)}, {samples} samples fitted, "
             f"{len(result.held_out.time)} predicted; condition number {result.condition_number:.3g}.",

@@ -37,7 +37,7 @@ LEAST_SEEN = 1e-3
 
 def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
     """Base parameters next to the prior with the best fit at filtered states, treated as exact (r,)."""
-    logs = [prepared(log.mechanism, log.recording, cutoff=USUAL) for log, _ in estimate.logs]
+    logs = [prepared(part.log.mechanism, part.log.recording, cutoff=USUAL) for part in estimate.logs]
     equations = logs[0].equations
     samples = joined([log.samples[slice(log.edge, len(log.samples) - log.edge)] for log in logs])
     R = accumulate(equations, samples).root

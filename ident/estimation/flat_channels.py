@@ -7,15 +7,16 @@ import numpy as np
 
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.part import Part
 from ident.estimation.preparation import Prepared, predicted_channels
 from ident.estimation.separable import separable
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
 
 
-def flat_channels(logs: Sequence[tuple[Prepared, slice]]) -> dict[str, float]:
+def flat_channels(parts: Sequence[Part[slice]]) -> dict[str, float]:
     """Channels that are constant in the parts of recordings to fit, with their values."""
-    every = [repairs.constants(log.recording, log.mechanism.tree, part) for log, part in logs]
+    every = [repairs.constants(part.log.recording, part.log.mechanism.tree, part.samples) for part in parts]
     return {name: x for name, x in every[0].items() if all(each.get(name) == x for each in every)}
 
 

@@ -44,7 +44,7 @@ def trajectory(problem: Problem) -> Estimate:
         components = len(equations.channels) - len(equations.torques)
         with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
     # No search if the set-up is exact, or if something is grossly wrong.
-    search = any({**PRIORS, **problem.setup}.values()) and not any(_grossly_wrong(log) for log, _ in problem.fitted)
+    search = any({**PRIORS, **problem.setup}.values()) and not any(_grossly_wrong(part.log) for part in problem.fitted)
     columns = with_offsets if problem.offsets else equations
     estimate = partial(
         trajectory_estimate,
@@ -131,11 +131,11 @@ def _solvable(estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, f
 def _corrected(problem: Problem, trajectory: TrajectoryEstimate) -> Problem:
     """Recordings with the set-up of a trajectory estimate and smoothed motion, that to judge by from angles alone."""
     smoothing = problem.smoothing
-    logs = [corrected(log, trajectory, k, smoothing, part) for k, (log, part) in enumerate(problem.fitted)]
+    logs = [corrected(part.log, trajectory, k, smoothing, part.samples) for k, part in enumerate(problem.fitted)]
     if problem.apart:
-        judges = [corrected(log, trajectory, None, smoothing) for log, _ in problem.judged]
+        judges = [corrected(part.log, trajectory, None, smoothing) for part in problem.judged]
     elif len(problem.fitted) > 2:
-        judges = [corrected(log, trajectory, k, smoothing) for k, (log, _) in enumerate(problem.judged)]
+        judges = [corrected(part.log, trajectory, k, smoothing) for k, part in enumerate(problem.judged)]
     else:
         judges = logs
     return problem.with_logs(logs, judges)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.estimation.equations import Equations
+from ident.estimation.part import Part, length
 from ident.estimation.preparation import Filtered, Prepared, coordinates, filtered
 from ident.estimation.samples import Samples
 from ident.recordings.smoothing import HIGHEST, chosen_cutoff, settling
@@ -95,8 +96,8 @@ class _Sums:
 
 
 def filtered_least_squares(
-    fitted: Sequence[tuple[Prepared, slice]],
-    judged: Sequence[tuple[Prepared, slice | np.ndarray]],
+    fitted: Sequence[Part[slice]],
+    judged: Sequence[Part[slice | np.ndarray]],
     equations: Equations,
     prior: tuple[np.ndarray, np.ndarray],
     *,
@@ -105,18 +106,17 @@ def filtered_least_squares(
     """Predictions by least squares at the cut-off at which halves of the fitted samples predict each other best.
 
     Args:
-        fitted: Recordings and the samples of each to fit.
-        judged: Recordings and the samples of each to predict.
+        fitted: Parts of recordings to fit.
+        judged: Parts of recordings to predict.
         equations: Channels and columns.
         prior: Mean of ψ and its precision, zero where nothing is known (r,), (r, r).
         others: True if the recordings to predict are the fitted ones, each predicted from the others.
     """
-    cutoffs = _cutoffs([log for log, _ in (*fitted, *judged)])
-    samples = sum(part.stop - part.start for _, part in fitted)
-    thin = max(1, round(samples / ENOUGH))
-    halves = {c: [_halves(log, part, equations, c, thin) for log, part in fitted] for c in cutoffs}
+    cutoffs = _cutoffs([part.log for part in (*fitted, *judged)])
+    thin = max(1, round(length(fitted) / ENOUGH))
+    halves = {c: [_halves(part, equations, c, thin) for part in fitted] for c in cutoffs}
     best, predicted = list[float | None](), list[np.ndarray]()
-    for k, (log, part) in enumerate(judged):
+    for k, part in enumerate(judged):
         used = [i for i in range(len(fitted)) if not others or i != k]
         sums = {
             c: [reduce(add, pair) for pair in zip(*(own[i] for i in used), strict=True)] for c, own in halves.items()
@@ -124,7 +124,7 @@ def filtered_least_squares(
         chosen = min(cutoffs, key=lambda c: _error(sums[c], prior))
         x = _solved(sums[chosen][0] + sums[chosen][1], prior)
         best.append(chosen)
-        motion = filtered(log, chosen).motion[log.taken(part)]
+        motion = filtered(part.log, chosen).motion[part.indices]
         rows = equations.rows(Samples(motion, np.zeros((len(motion), len(equations.channels)))))
         predicted.append(np.hstack([np.tensordot(x, r[:-1], axes=1) for r in rows]).T)
     return FilteredLeastSquares(tuple(best), tuple(predicted))
@@ -146,11 +146,12 @@ def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:
     return list(dict.fromkeys(min(max(factor * usual, lowest), highest) for factor in FACTORS))
 
 
-def _halves(log: Prepared, part: slice, equations: Equations, cutoff: float | None, thin: int) -> tuple[_Sums, _Sums]:
+def _halves(part: Part[slice], equations: Equations, cutoff: float | None, thin: int) -> tuple[_Sums, _Sums]:
     """Sums over either half of a part of a recording."""
+    log, span = part
     own, size = filtered(log, cutoff), len(log.samples)
     edge = 0 if cutoff is None else min(settling(log.recording.rate, cutoff), size // SETTLES)
-    taken = log.taken(slice(max(part.start, edge), min(part.stop, size - edge)))[::thin]
+    taken = log.taken(slice(max(span.start, edge), min(span.stop, size - edge)))[::thin]
     first, second = np.array_split(taken, 2)
     return _sums(own, first, equations), _sums(own, second, equations)
 

@@ -9,6 +9,7 @@ import numpy as np
 from ident.arguments import checked_names
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
+from ident.estimation.part import Part, length
 from ident.estimation.preparation import Prepared
 from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
 from ident.parameters.prior import known_covariance
@@ -29,7 +30,7 @@ ENOUGH = 10_000
 
 
 def trajectory_estimate(
-    recordings: Sequence[tuple[Prepared, slice]],
+    recordings: Sequence[Part[slice]],
     equations: Equations,
     *,
     setup: Mapping[str, float] | None = None,
@@ -44,7 +45,7 @@ def trajectory_estimate(
     """Estimates trajectories, parameters, set-up and noise of recordings that share their parameters.
 
     Args:
-        recordings: Mechanism and recording, and the samples to use.
+        recordings: Parts of recordings to fit.
         equations: Channels and columns.
         setup: Standard deviations of the set-up, as for `setup_parameters`.
         known: Standard deviations of the model's φ, as for `known_deviations`; None for no prior.
@@ -56,18 +57,18 @@ def trajectory_estimate(
         report: Called with every round and its step in standard deviations.
     """
     own = checked_names("own", own, OWN)
-    first, joints = recordings[0][0], recordings[0][0].mechanism.joints
-    measurement = _measurement(first, equations, setup)
+    logs = [part.log for part in recordings]
+    joints = logs[0].mechanism.joints
+    measurement = _measurement(logs[0], equations, setup)
     names, setup_at, selections = _shared(measurement, len(recordings), own)
     prior = _prior(measurement, setup_at, len(names), known)
     stages = Stages(
         measurement, recordings, names, setup_at, selections, prior, known is not None, search, executor, report
     )
-    samples = sum(part.stop - part.start for _, part in recordings)
-    share = max(1, round(samples / ENOUGH))
-    finest = KNOTS_PER_SAMPLE / min(prepared.recording.rate for prepared, _ in recordings)
+    share = max(1, round(length(recordings) / ENOUGH))
+    finest = KNOTS_PER_SAMPLE / min(log.recording.rate for log in logs)
     widest = WIDEST if measurement.components else WIDEST_BESIDE_TORQUES
-    step = knots or min(knot_distance(prepared.recording, joints, widest) for prepared, _ in recordings)
+    step = knots or min(knot_distance(log.recording, joints, widest) for log in logs)
     estimate = stages.searched(stages.settled(stages.explored(step, share, knots or max(finest, FINEST))))
     if share > 1:
         estimate = stages.searched(stages.whole(estimate))

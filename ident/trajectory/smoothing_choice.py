@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from ident.estimation.preparation import Prepared
+from ident.estimation.part import Part
 from ident.trajectory.from_angles import FromAngles, unexplained, unexplained_anew
 from ident.trajectory.pieces import cut
 from ident.trajectory.result import TrajectoryEstimate
@@ -24,25 +24,25 @@ FAR_BETTER = 0.5
 estimate is too poor to choose by."""
 
 
-def chosen_smoothing(recordings: Sequence[tuple[Prepared, slice]], estimate: TrajectoryEstimate) -> float:
+def chosen_smoothing(fitted: Sequence[Part[slice]], estimate: TrajectoryEstimate) -> float:
     """Time constant with which angles alone predict the channels of the fitted parts best, s.
 
     The estimate's parameters predict: columns fitted again for every constant would compensate for accelerations that
     are smoothed too much. Only if these explain far more, because the estimate is poor, do they choose.
     """
     measurement = estimate.measurement
-    thetas = [estimate.parameters_of(k) for k in range(len(recordings))]
-    cuts = [cut(log, measurement, part, estimate.step, least=1) for log, part in recordings]
+    thetas = [estimate.parameters_of(k) for k in range(len(fitted))]
+    cuts = [cut(part.log, measurement, part.samples, estimate.step, least=1) for part in fitted]
     parts = [(piece, theta) for own, theta in zip(cuts, thetas, strict=True) for piece in own]
     parts = parts[:: -(-sum(len(piece.time) for piece, _ in parts) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in parts) // COMPARED)
-    fitted = [(FromAngles(measurement, piece, share), theta) for piece, theta in parts]
+    thin = [(FromAngles(measurement, piece, share), theta) for piece, theta in parts]
 
     def left(T: float) -> float:
-        return unexplained([piece.compared(T, theta) for piece, theta in fitted])
+        return unexplained([piece.compared(T, theta) for piece, theta in thin])
 
     def left_anew(T: float) -> float:
-        return unexplained_anew([piece.compared(T, theta, columns=True) for piece, theta in fitted])
+        return unexplained_anew([piece.compared(T, theta, columns=True) for piece, theta in thin])
 
     finest = min(float(np.median(np.diff(piece.time))) for piece, _ in parts)
     best = _minimised(left, finest)

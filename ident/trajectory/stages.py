@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.errors import ExcitationError, InputError
 from ident.estimation.measurement import Measurement
-from ident.estimation.preparation import Prepared
+from ident.estimation.part import Part
 from ident.estimation.setup import SetupParameter
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
@@ -73,7 +73,7 @@ class Stages:
 
     Attributes:
         measurement: Channels, and the parameters of one recording.
-        recordings: Mechanism and recording, and the samples to use.
+        recordings: Parts of recordings to fit.
         names: Names of all parameters.
         setup: Those of the set-up by index.
         selections: Indices of each recording's parameters among all.
@@ -85,7 +85,7 @@ class Stages:
     """
 
     measurement: Measurement
-    recordings: Sequence[tuple[Prepared, slice]]
+    recordings: Sequence[Part[slice]]
     names: Sequence[str]
     setup: Mapping[int, SetupParameter]
     selections: Sequence[np.ndarray]
@@ -162,22 +162,22 @@ class Stages:
 
     def _cut(self, step: float, share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
         """Pieces of all recordings, the indices in θ of each piece's parameters, and numbers of pieces by recording."""
-        cuts = [self._cut_one(log, own, step)[::share] for log, own in self.recordings]
+        cuts = [self._cut_one(part, step)[::share] for part in self.recordings]
         selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
         return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
 
-    def _cut_one(self, log: Prepared, part: slice, step: float) -> list[Piece]:
+    def _cut_one(self, part: Part[slice], step: float) -> list[Piece]:
         """Pieces of a recording, fewer if a coordinate is missing in one of them."""
         fewest = 2 if len(self.recordings) == 1 else 1
         try:
-            return cut(log, self.measurement, part, step, least=max(fewest, self._least(log, part)))
+            return cut(part.log, self.measurement, part.samples, step, least=max(fewest, self._least(part)))
         except InputError:
-            return cut(log, self.measurement, part, step, least=fewest)
+            return cut(part.log, self.measurement, part.samples, step, least=fewest)
 
-    def _least(self, log: Prepared, part: slice) -> int:
+    def _least(self, part: Part[slice]) -> int:
         """Least number of pieces of a recording."""
         own = -(-LEAST_PIECES // len(self.recordings))
-        seconds = float(np.ptp(log.recording.time[part]))
+        seconds = float(np.ptp(part.log.recording.time[part.samples]))
         return min(int(seconds / SHORTEST), own)
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:

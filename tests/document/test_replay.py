@@ -20,6 +20,7 @@ from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
 from experiments.document.tabular import Table
 from experiments.document.writer import Output, written
 from experiments.reports.identify_replay import place
+from ident.estimation.part import Part
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.finding import Finding, Place
 from ident.mechanism.motion import Motion
@@ -72,7 +73,7 @@ def test_a_place_is_shown_by_its_data_whatever_the_sentence_says(tmp_path):
     recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
     recording = recording.with_sensors({"contact": Sensor(*mechanism(spec, "base").site("contact"))})
     log = SimpleNamespace(mechanism=arm, recording=recording)
-    result = SimpleNamespace(logs=[(log, slice(0))], channels=("Fx", "Mz"))
+    result = SimpleNamespace(logs=[Part(log, slice(0))], channels=("Fx", "Mz"))
 
     def shown(**where):
         found = place(Finding("Fx of 'base' from 0.00 to 1.00 s, m2rz2.", True, Place(**where)), result)

@@ -12,6 +12,7 @@ from test_torque_checks import NO_HAND, log
 
 import ident
 import sim
+from ident.estimation.part import Part
 from ident.estimation.preparation import LeftOut
 from ident.judgement.body_findings import tool_findings
 from ident.judgement.candidates import Candidates
@@ -191,9 +192,9 @@ def test_what_is_left_beyond_fast_noise_is_listed_unless_it_is_everywhere(estima
 
 def test_spans_of_several_logs_say_which_log(estimate):
     prepared = replace(estimate.prepared, left_out=(LeftOut(1.0, 2.0, "From 1.00 to 2.00 s a chair.", None),))
-    alone, part = replace(estimate, logs=[(prepared, estimate.part)]), estimate.part
+    alone, part = replace(estimate, logs=[Part(prepared, estimate.part)]), estimate.part
     assert [each.text for each in unmeasured_findings(alone)] == ["From 1.00 to 2.00 s a chair."]
-    several = replace(estimate, logs=[(estimate.prepared, part), (prepared, part)])
+    several = replace(estimate, logs=[Part(estimate.prepared, part), Part(prepared, part)])
     assert [each.text for each in unmeasured_findings(several)] == ["Log 2: From 1.00 to 2.00 s a chair."]
 
 

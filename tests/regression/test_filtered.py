@@ -11,6 +11,7 @@ from recorded_faults import PENDULUM, angles_and_wrench, faulty, wrench_of
 
 import ident
 import sim
+from ident.estimation.part import Part
 from ident.estimation.preparation import prepared
 from ident.regression.filtered import _Sums, filtered_least_squares
 
@@ -34,22 +35,24 @@ def left(log, part, found):
 @pytest.mark.parametrize("noise", [1.0, 4.0])
 def test_halves_of_what_is_fitted_choose_a_cut_off_that_is_hardly_worse_than_the_best(noise, monkeypatch):
     log, fitted, judged = ready(noise=noise), slice(0, 560), slice(560, 913)
-    chosen = filtered_least_squares([(log, fitted)], [(log, judged)], log.equations, NOTHING)
+    chosen = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, NOTHING)
     each = []
     for factor in (0.25, 0.5, 1.0, 2.0, 4.0):
         monkeypatch.setattr("ident.regression.filtered.FACTORS", (factor,))
-        each.append(left(log, judged, filtered_least_squares([(log, fitted)], [(log, judged)], log.equations, NOTHING)))
+        each.append(
+            left(log, judged, filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, NOTHING))
+        )
     overall = np.exp(np.log(each).mean(axis=1))
     assert np.exp(np.log(left(log, judged, chosen)).mean()) < 1.1 * overall.min() < 0.5 * overall.max()
 
 
 def test_what_is_judged_has_no_say_but_by_its_angles():
     logs = [ready(seed) for seed in range(3)]
-    parts = [(log, slice(0, 943)) for log in logs]
+    parts = [Part(log, slice(0, 943)) for log in logs]
     every = filtered_least_squares(parts, parts, logs[0].equations, NOTHING, others=True)
     wrong = logs[2].recording
     wrong = replace(wrong, measured=wrong.measured | {"ground_torque": 2 * wrong["ground_torque"]})
-    parts[2] = (prepared(PENDULUM, wrong), slice(0, 943))
+    parts[2] = Part(prepared(PENDULUM, wrong), slice(0, 943))
     spoilt = filtered_least_squares(parts, parts, logs[0].equations, NOTHING, others=True)
     np.testing.assert_array_equal(every.predicted[2], spoilt.predicted[2])
     assert np.abs(every.predicted[1] - spoilt.predicted[1]).max() > 1
@@ -92,7 +95,7 @@ def test_samples_near_reversals_are_left_alone(monkeypatch):
     errors = []
     for slow in (0.1, 0.0):
         monkeypatch.setattr("ident.regression.filtered.SLOW", slow)
-        found = filtered_least_squares([(log, fitted)], [(log, judged)], log.equations, known)
+        found = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, known)
         error = log.recording.torques(arm().tree.joints)[judged] - found.predicted[0]
         errors.append(np.sqrt((error[moving] ** 2).mean()))
     assert errors[0] < 0.8 * errors[1]

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, streams, ticks, z_of
 
 import ident
+from ident.estimation.part import Part
 from ident.estimation.preparation import prepared
 from ident.recordings.wrench import Sensor, transform_wrench
 from ident.setup import PRIORS
@@ -42,7 +43,7 @@ def test_of_eight_recordings_the_intervals_cover_the_truth():
         own = streams(np.random.default_rng(seed), wrench=250.0, missing=0.05)
         # The trajectory estimate has no cut-off: a given one needs no search.
         log = prepared(pendulum(), ident.Recording.from_streams(own), cutoff=10.0)
-        fit = trajectory_estimate([(log, slice(0, len(log.samples)))], log.equations, search=False, knots=0.1).fit
+        fit = trajectory_estimate([Part(log, slice(0, len(log.samples)))], log.equations, search=False, knots=0.1).fit
         z.append(z_of(fit.theta, fit.covariance))
     assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
 

@@ -8,6 +8,7 @@ import walker
 import ident
 import scenes
 import sim
+from ident.estimation.part import Part
 from ident.estimation.preparation import prepared
 from ident.judgement.setup_findings import setup_findings
 from ident.recordings.wrench import transform_wrench
@@ -38,7 +39,9 @@ def on_plates(late=0, gains=(1,) * 6):
 def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
     """The pelvis's coordinates are joints; a plate and a rail, both 30 ms late, add up to the total wrench."""
     ready = on_plates(late=3)
-    found = trajectory_estimate([(ready, slice(0, 300))], ready.equations, setup=EXACT | {"delay": 0.05}, knots=0.12)
+    found = trajectory_estimate(
+        [Part(ready, slice(0, 300))], ready.equations, setup=EXACT | {"delay": 0.05}, knots=0.12
+    )
     (finding,) = setup_findings(found)
     assert finding.text.startswith("The wrench 'plate + rail' is ") and abs(finding.value - 0.03) < 3 * finding.std
     assert finding.std < 0.002
@@ -50,7 +53,7 @@ def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
 
 def test_a_plate_that_reads_too_much_along_one_axis_is_found_beside_a_rail():
     ready = on_plates(gains=(1, 1.05, 1, 1, 1, 1))
-    found = trajectory_estimate([(ready, slice(0, 300))], ready.equations, setup=EXACT | {"gain": 0.03}, knots=0.12)
+    found = trajectory_estimate([Part(ready, slice(0, 300))], ready.equations, setup=EXACT | {"gain": 0.03}, knots=0.12)
     finding = setup_findings(found)[0]
     assert finding.text.startswith("The channel plate Fy reads ") and abs(finding.value - 0.05) < 3 * finding.std
     assert finding.std < 0.01 and finding.place.wrenches == ("plate",)
@@ -75,7 +78,7 @@ def test_a_rail_in_the_world_tells_what_a_cell_on_the_link_does():
     fits = []
     for each in (fixed, resting):
         ready = prepared(pendulum, each, cutoff=8.0)
-        fits.append(trajectory_estimate([(ready, slice(0, 500))], ready.equations, setup=EXACT, knots=0.1).fit)
+        fits.append(trajectory_estimate([Part(ready, slice(0, 500))], ready.equations, setup=EXACT, knots=0.1).fit)
     std = np.sqrt(np.diag(fits[0].covariance))
     assert np.abs((fits[1].theta - fits[0].theta) / std).max() < 0.5
     truth = ready.equations.parameters.regroup(pendulum.known)
