@@ -1,4 +1,4 @@
-"""What of the set-up was found not to be as stated, in words."""
+"""Findings on the set-up: each error in one sentence, with the causes that the data cannot distinguish from it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,14 +13,14 @@ from ident.trajectory.result import TrajectoryEstimate
 
 @dataclass(frozen=True)
 class SetupFinding:
-    """Something of the set-up that is not as stated.
+    """Error of the set-up, which the estimate includes.
 
     Attributes:
         name: Name of the set-up parameter.
-        value: What it was found to be, in SI units and radians.
+        value: Its estimate, in SI units and radians.
         std: Its standard deviation.
         text: The finding in one sentence.
-        alternatives: Names of others that the data could mean as well.
+        alternatives: Names of other causes that the data cannot distinguish from it.
         place: What it belongs to.
     """
 
@@ -38,7 +38,7 @@ class SetupFinding:
 
 
 def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
-    """What a trajectory estimate found, the most significant first."""
+    """Set-up errors of a trajectory estimate, the most significant first."""
     fit, names = joint.fit, joint.fit.names
     std = np.sqrt(np.diag(fit.covariance))
     out = []
@@ -69,7 +69,7 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
 
 
 def short(each: SetupParameter) -> str:
-    """What a set-up parameter is, in a few words."""
+    """Set-up error in a few words."""
     return each.text(each.row.short)
 
 
