@@ -13,7 +13,7 @@ CAREFUL = {
     "zero": np.radians(0.5),
     "axis": np.radians(0.5),
 }
-"""Set-up uncertainty of a laboratory with calibrated plates and joints, as `ident.estimation.setup.PRIORS`."""
+"""Set-up uncertainty of a laboratory with calibrated plates and joints, as `ident.setup.PRIORS`."""
 
 
 @dataclass(frozen=True)
