@@ -78,7 +78,7 @@ class Mortal:
 WITHOUT_FIGURES = """
 from types import SimpleNamespace
 from experiments import multicontact
-from experiments.cli import options, running
+from experiments.cli import running
 from experiments.document import figures
 from truth import told
 running.GRACE = 60.0

@@ -54,7 +54,7 @@ def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
 
 
 def test_such_an_error_ends_the_command_with_1():
-    script = "from experiments import mechanism; from experiments.cli import options; ", running
+    script = "from experiments import mechanism; from experiments.cli import running; "
     script += "running.run(lambda args: float('x'), mechanism.parser)"
     ended = subprocess.run([sys.executable, "-c", script, "--out", "x"], capture_output=True, text=True)
     assert ended.returncode == 1
