@@ -12,14 +12,15 @@ from ident.estimation.part import Part
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples, joined
 from ident.geometry.inertia import PARAMETERS
-from ident.judgement.candidates import Candidates
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time, explained_by_motion
+from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
+from ident.judgement.judges import findings
 from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.torque_checks import friction_shares
-from ident.judgement.verdict import findings, verdict
+from ident.judgement.verdict import Precision, Verdict
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
@@ -289,17 +290,48 @@ class Estimate:
         return [] if self.trajectory is None else setup_findings(self.trajectory)
 
     @cached_property
+    def evidence(self) -> Evidence:
+        """What the estimate is judged by."""
+        joint, channels = self.trajectory, self.channels
+        return Evidence(
+            fit=self.fit,
+            ratios=dict(zip(channels, self.held_out.ratio.tolist(), strict=True)),
+            part="held-out",
+            condition_number=self.condition_number,
+            checks=self.checks,
+            offsets=self.offsets,
+            inseparable=self.inseparable,
+            scale=dict(zip(channels, self.scale.tolist(), strict=True)),
+            logs=[prepared for prepared, _ in self.logs],
+            trajectory=joint,
+            setup=self.setup,
+            rivals=self.rivals,
+            filtered_at=self.filtered_at,
+            disagreement=self.disagreement,
+            disagreements=self.disagreements,
+            widening=self.widening,
+            bounded=self.bounded,
+            friction=self.friction,
+            moving_ratio=None if joint is None else self.moving_ratio,
+            model_error=None if joint is None else self.model_error,
+            covariance_setup=self.covariance_setup,
+            consistent=self.consistent(),
+        )
+
+    @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the estimate, doubts first."""
-        return findings(self)
+        return findings(self.evidence)
 
-    def verdict(self) -> str:
-        """One sentence on whether the estimate can be trusted."""
-        return verdict(self, self.findings)
+    def verdict(self) -> Verdict:
+        """Whether the estimate can be used, and what for; sentences when printed."""
+        names, bodies = self.base.names, self.prepared.mechanism.bodies
+        precision = Precision.of(names, self.psi, self.std, self.std_setup, bodies)
+        return Verdict.of(self.evidence, self.findings, precision)
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
-        held, full = self.held_out, self.consistent()
+        held, full, verdict = self.held_out, self.consistent(), self.verdict()
         rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
         keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_without_reversals")
         moving = [x if np.isfinite(x) else None for x in self.moving_ratio.tolist()]
@@ -307,7 +339,8 @@ class Estimate:
         numbers = zip(rms.tolist(), signal.tolist(), *ratios, strict=True)
         bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
         return {
-            "verdict": self.verdict(),
+            "verdict": str(verdict),
+            "outcome": verdict.outcome.value,
             "findings": [finding.to_dict() for finding in self.findings],
             "columns": list(self.names),
             "values": self.fit.values.tolist(),
@@ -320,7 +353,7 @@ class Estimate:
             "cutoff_hz": self.prepared.cutoff,
             "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(self.channels, numbers, strict=True)},
             "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
-            "best_candidate": Candidates.of(self).best,
+            "best_candidate": verdict.best,
             "filtered_at_hz": self.filtered_at,
             "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in self.bounded.items()},
             "setup": [each.to_dict() for each in self.setup],
@@ -356,7 +389,7 @@ class Estimate:
                 *lines,
                 *more,
                 f"Residual over signal: {ratios}; condition number {self.condition_number:.3g}.",
-                self.verdict(),
+                str(self.verdict()),
             ]
         )
 

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
+from coded import coded
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -44,7 +45,7 @@ def test_mass_and_centre_of_a_light_tool_are_found_and_covered():
         body = payload.in_frame()
         assert abs(body.values[0] - TRUTH[0]) < 0.002
         assert np.linalg.norm(body.values[1:4] - TRUTH[1:4]) < 0.003
-        assert body.identifiable[:4].all() and payload.verdict().startswith("Usable: 0.")
+        assert body.identifiable[:4].all() and payload.verdict().usable
         assert (body.std_setup >= body.std).all()
         distances.append((body.values - TRUTH) / body.std)
     assert (np.abs(distances) < 1.96).mean() > 0.85
@@ -64,8 +65,9 @@ def test_a_late_sensor_is_found_and_named():
     payload = identify_payload(arm(), wrist.log(seconds=8.0, delay=4), **GIVEN)
     delay = next(each for each in payload.sensor_parameters if each.name == "delay(wrist)")
     assert delay.taken_out and abs(delay.value - 0.04) < 4 * delay.std
-    said = [f for f in payload.findings if "The wrench 'wrist' is" in f.text and "ms late" in f.text]
-    assert [finding.place.wrenches for finding in said] == [("wrist",)]
+    (finding,) = coded(payload, "setup_delay")
+    assert finding.values["of"] == "wrist" and finding.values["value"] == delay.value
+    assert finding.place.wrenches == ("wrist",) and finding.text.startswith("The wrench 'wrist' is ")
 
 
 def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
@@ -73,7 +75,7 @@ def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
     payload = identify_payload(arm(stated=False), wrist.log(seconds=8.0), **GIVEN)
     body = payload.in_frame()
     assert not body.identifiable[4:].all() and payload.model is None
-    assert "inertias are not known" in payload.verdict()
+    assert payload.verdict().inertia_within is None and coded(payload, "payload_inertia_unknown")
     assert (np.abs(body.values - TRUTH) < 4 * body.std_setup).all()
     heavy = {"mass": 3.0, "com": (0.01, 0.02, 0.1), "inertia": (0.03, 0.025, 0.01, 1e-3, 1e-3, -1e-3)}
     log = wrist.log(text=wrist.model(tool=heavy), seconds=8.0, size=1.5)

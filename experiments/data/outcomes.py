@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ident.files.markers import Markers
+from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.verdict import sentence
+from ident.judgement.verdict import Verdict
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
@@ -152,22 +153,25 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Verdict on an estimate from one pass, and its reasons.
+    """Evidence of one pass, and the findings on it, the doubts first."""
 
-    Attributes:
-        ratio: RMS residual over the signal's standard deviation, for each channel that changes.
-        findings: Findings, the doubts first.
-        part: Samples of the ratios, "fitted" or "held-out".
-    """
-
-    ratio: Mapping[str, float]
+    evidence: Evidence
     findings: Sequence[Finding]
-    part: str
 
     @property
-    def verdict(self) -> str:
-        """The verdict in one sentence."""
-        return sentence(self.ratio, self.findings, self.part)
+    def ratio(self) -> Mapping[str, float]:
+        """RMS residual over the signal's standard deviation, for each channel that changes."""
+        return self.evidence.ratios
+
+    @property
+    def part(self) -> str:
+        """Samples of the ratios, "fitted" or "held-out"."""
+        return self.evidence.part
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the estimate."""
+        return Verdict.of(self.evidence, self.findings)
 
 
 @dataclass(frozen=True, eq=False)

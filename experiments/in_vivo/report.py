@@ -110,7 +110,7 @@ def numbers(study: Study) -> dict[str, Any]:
     ratios = {name: dict(zip(study.trajectory.channels, x.tolist(), strict=True)) for name, x in study.ratios.items()}
     setup = [{"name": each.name, "value": each.value, "std": each.std} for each in study.trajectory.setup]
     estimates = {"names": study.names, "parameters": parameters, "held_out": ratios}
-    return {**estimates, "set_up": setup, "verdict": study.trajectory.verdict()}
+    return {**estimates, "set_up": setup, "verdict": str(study.trajectory.verdict())}
 
 
 def results(study: Study) -> Results:

@@ -101,7 +101,7 @@ def numbers(found: Study) -> dict[str, Any]:
         "coverage_of_determined": found.coverage if found.determined.any() else None,
         "rms_z": float(np.sqrt((found.distances[1] ** 2).mean())),
         "set_up": [{"name": each.name, "value": each.value, "std": each.std} for each in estimate.setup],
-        "verdict": estimate.verdict(),
+        "verdict": str(estimate.verdict()),
         "segments": segments,
         "growth": growth(found).tolist(),
         "foretold": {name: dict(zip(("seconds", "deviation"), x, strict=True)) for name, x in told.items()},
@@ -139,7 +139,7 @@ def document(found: Study, feet_alone: Study, others: Sequence[Study], provenanc
     return Document(
         "A person on two force plates, at a rail",
         f"{ABOUT} {measured(found.laboratory)}",
-        verdict=estimate.verdict(),
+        verdict=str(estimate.verdict()),
         findings=[(finding.text, finding.doubt) for finding in estimate.findings],
         lines=[f"{line}."],
         tables=tables,

@@ -196,7 +196,7 @@ def document(
     updated = {"robot": "model.urdf", "OpenSimDocument": "model.osim"}.get(parsed(model).tag, "model.xml")
     made = Document(
         f"{model.name}, identified from {', '.join(map(name_of, logs))}",
-        verdict=result.verdict(),
+        verdict=str(result.verdict()),
         findings=[(finding.text, finding.doubt) for finding in result.findings],
         lines=data_lines(result),
         heading="The recording",

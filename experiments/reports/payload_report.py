@@ -158,7 +158,8 @@ class PayloadReport:
         payload = self.payload
         frames = {payload.body: payload.in_frame(), self.flange: self.at_flange}
         return {
-            "verdict": payload.verdict(),
+            "verdict": str(payload.verdict()),
+            "outcome": payload.verdict().outcome.value,
             "findings": [finding.to_dict() for finding in payload.findings],
             "quantities": list(QUANTITIES),
             "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},
@@ -192,7 +193,7 @@ class PayloadReport:
         held_out = identify_figures.held_out_figure(payload.estimate)
         return Document(
             f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
-            verdict=payload.verdict(),
+            verdict=str(payload.verdict()),
             findings=[(finding.text, finding.doubt) for finding in payload.findings],
             lines=self.lines(),
             heading="The recording",

@@ -35,7 +35,8 @@ def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
     """All numbers of the estimate for scripts."""
     rank = estimate.parameters.rank
     return {
-        "verdict": judged.verdict,
+        "verdict": str(judged.verdict),
+        "outcome": judged.verdict.outcome.value,
         "findings": [finding.to_dict() for finding in judged.findings],
         "residual_ratio": dict(judged.ratio),
         "names": list(estimate.parameters.names),
@@ -68,7 +69,7 @@ def _lines(estimate: Fit, judged: Judged) -> list[str]:
 
 def document(found: Streamed, model: Path, recordings: Sequence[Path], provenance: dict[str, Any]) -> Document:
     """Base parameters, their numbers, and what is said of them."""
-    estimate, judged, verdict = found.estimate, found.judged, found.judged.verdict
+    estimate, judged, verdict = found.estimate, found.judged, str(found.judged.verdict)
     shown, lines = table(estimate), _lines(estimate, judged)
     reasons = [finding.line for finding in judged.findings]
     return Document(

@@ -1,6 +1,6 @@
 """One pass over a recording: statistics of its channels, and the verdict on the estimate."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -13,18 +13,17 @@ from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.samples import Samples
 from ident.estimation.separable import independent, separable
 from ident.files.column import UNITS
-from ident.judgement.checks import Weight
+from ident.judgement.checks import Checks, Unchecked, Weight
 from ident.judgement.diagnosis import FrameCheck
-from ident.judgement.finding import Finding, Place
-from ident.judgement.fit_findings import inseparable_findings, quality_findings
-from ident.judgement.wrench_findings import offset_findings, weight_findings
+from ident.judgement.evidence import Evidence
+from ident.judgement.judges import findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.columns.mapping import joint_kinds
 from ident.recordings.recording import STATES, Recording
 from ident.regression.ordinary import Fit
-from ident.tolerances import HUGE, KILONEWTONS, TURNS
+from ident.tolerances import HUGE, TURNS
 
 MOVES = 0.01
 """Range, in SI units, above which a joint or its velocity counts as changing."""
@@ -194,55 +193,36 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
     predicted, straight, opposite = (fitted.squares(*x) for x in ((model, 0), (-model, 1), (-model, -1)))
     constant = ~(seen.extent("wrench") > 0)
     differs = straight > np.maximum(STUCK**2 * predicted, ROUNDING**2 * predicted.max())
-    stuck = [*seen.resting(), *np.array(COMPONENTS)[constant & differs]]
-    findings = [
-        *_sign(predicted, straight, opposite),
-        *_weight(seen, mechanism),
-        *_stuck(stuck),
-        *_offsets(fit),
-        *quality_findings(ratios, part),
-    ]
-    return Judged(ratios, sorted(findings, key=lambda finding: not finding.doubt), part)
-
-
-def _stuck(channels: Sequence[str]) -> Iterator[Finding]:
-    if channels:
-        place = Place(channels=tuple(channels))
-        yield Finding(f"Constant, though the motion would change it: {', '.join(channels)}.", True, place)
-
-
-def _offsets(fit: Fit) -> Iterator[Finding]:
     offsets = fit.offsets
-    if not offsets:
-        return
-    scale = dict(zip(COMPONENTS, fit.residual_norms / np.sqrt(fit.samples), strict=True))
-    # The mechanism's reach, to which moments would be compared, is not known here.
-    weights = {"F": fit.equations.mechanism.weight or np.inf, "M": np.inf}
-    yield from offset_findings(offsets, scale, weights)
-    yield from inseparable_findings([channel for channel in COMPONENTS if channel not in offsets])
+    evidence = Evidence(
+        fit=fit,
+        ratios=ratios,
+        part=part,
+        condition_number=fit.condition_number,
+        checks=_checks(seen, mechanism, _sign(predicted, straight, opposite)),
+        offsets=offsets,
+        inseparable=tuple(channel for channel in COMPONENTS if offsets and channel not in offsets),
+        scale=dict(zip(COMPONENTS, (fit.residual_norms / np.sqrt(fit.samples)).tolist(), strict=True)),
+        constant=(*seen.resting(), *np.array(COMPONENTS)[constant & differs].tolist()),
+    )
+    return Judged(evidence, findings(evidence))
 
 
-def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> Iterator[Finding]:
-    """Finding if the wrench fits the model far better with the opposite sign; arguments are sums of squares (6,)."""
+def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> FrameCheck:
+    """Check of the opposite sign of the total wrench; arguments are sums of squares (6,)."""
     size = predicted.reshape(2, 3).sum(axis=1)
     scale = np.repeat(np.maximum(size, 1e-6 * size.max(initial=1e-24)), 3)
     error, turned = (float(np.sqrt((left / scale).sum() / 2)) for left in (straight, opposite))
-    if FrameCheck(-1, np.eye(3), error, turned).suspicious:
-        yield Finding(
-            "The total wrench looks as if it had the opposite sign: against the model's own prediction its relative "
-            f"error would fall from {error:.2f} to {turned:.2f}.",
-            True,
-        )
+    return FrameCheck(-1, np.eye(3), error, turned)
 
 
-def _weight(seen: Seen, mechanism: Mechanism) -> Iterator[Finding]:
+def _checks(seen: Seen, mechanism: Mechanism, sign: FrameCheck) -> Checks:
+    """Checks of the total wrench: its sign, what it weighs and its largest components."""
     g = float(np.linalg.norm(mechanism.gravity))
-    if g == 0:
-        yield Finding("The model has no gravity, so nothing could be weighed.", False)
-        return
-    weighed = float(-seen.total[:3] @ mechanism.gravity) / (seen.samples * g**2)
-    yield from weight_findings(Weight(weighed, mechanism.mass, 0.0))
+    weight, unchecked = None, []
+    if g:
+        weight = Weight(float(-seen.total[:3] @ mechanism.gravity) / (seen.samples * g**2), mechanism.mass, 0.0)
+    else:
+        unchecked.append(Unchecked("weight", "no gravity"))
     largest = float(np.linalg.norm(np.maximum(-seen.low["wrench"], seen.high["wrench"])[:3]))
-    if 0 < largest < mechanism.weight / KILONEWTONS:
-        less = f"The force is at most {largest:.3g} N where the mechanism weighs {mechanism.weight:.4g} N"
-        yield Finding(f"{less}: its unit may be kN.", True)
+    return Checks(weight, {}, None, None, None, tuple(unchecked), total=sign, largest_force=largest)

@@ -38,7 +38,7 @@ def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
     equations = Equations(mechanism, parameters, rows, torques, names, old.drives if torques else ())
     samples = replace(log.samples, measured=log.samples.measured[:, kept])
     predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
-    stuck = repairs.stuck(flat, predicted, notes, " in what is fitted")
+    stuck = repairs.stuck(flat, predicted, notes, in_fitted=True)
     return replace(
         log,
         recording=repairs.without_channels(log.recording, mechanism.tree, flat),

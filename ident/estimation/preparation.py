@@ -13,7 +13,7 @@ from ident.errors import InputError, LogError
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.measurement import base_motion, joint_states
-from ident.estimation.repairs import Clipped
+from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
 from ident.estimation.separable import separable
 from ident.files.table import BASE
@@ -41,13 +41,13 @@ class LeftOut(NamedTuple):
     Attributes:
         start: Time of the first sample, s.
         end: Time of the last sample, s.
-        why: Sentence on the reason.
-        body: Body concerned, None for none.
+        carries: The most that an unmeasured contact carries, of the weight.
+        body: Body that the contact may be on, None for none.
     """
 
     start: float
     end: float
-    why: str
+    carries: float
     body: str | None = None
 
 
@@ -65,7 +65,7 @@ class Prepared:
         wrench: Total wrench in that frame, NaN in channels that are not measured (N, 6).
         cutoff: Cut-off of the low-pass, Hz; None if the recording's own derivatives are used.
         notes: Notes on what was detected and done.
-        stuck: Channels left out because they are constant although the model predicts a change, with their values.
+        stuck: Channels left out because they are constant although the model predicts a change.
         left_out: Spans whose samples are not used.
         clipped: Channels clipped by a sensor's range; their clipped samples are not used.
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
@@ -80,7 +80,7 @@ class Prepared:
     wrench: np.ndarray
     cutoff: float | None
     notes: tuple[str, ...]
-    stuck: tuple[str, ...]
+    stuck: tuple[Stuck, ...]
     left_out: tuple[LeftOut, ...] = ()
     clipped: tuple[Clipped, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)

@@ -42,6 +42,20 @@ class Clipped(NamedTuple):
         return float(self.samples.mean())
 
 
+class Stuck(NamedTuple):
+    """Channel that is constant although the model predicts a change.
+
+    Attributes:
+        channel: Name of the channel.
+        value: Its value.
+        in_fitted: True if it is constant in the fitted samples only.
+    """
+
+    channel: str
+    value: float
+    in_fitted: bool
+
+
 def _components(recording: Recording, tree: Tree) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yields channels of wrenches and torques with the names of their components."""
     for name in recording.wrenches:
@@ -162,19 +176,20 @@ def without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recordi
 
 
 def stuck(
-    constant: Mapping[str, float], predicted: Mapping[str, np.ndarray], notes: list[str], where: str = ""
-) -> tuple[str, ...]:
+    constant: Mapping[str, float], predicted: Mapping[str, np.ndarray], notes: list[str], *, in_fitted: bool = False
+) -> tuple[Stuck, ...]:
     """Constant channels that should change by the model; the others are noted.
 
     Args:
         constant: Constant channels and their values.
         predicted: Channels predicted by the model (N,) each.
         notes: List to which a note is added.
-        where: Phrase on the samples in which they are constant, with a leading space; by default all samples.
+        in_fitted: True if they are constant in the fitted samples, by default in all.
     """
     largest = max((np.abs(x).max() for x in predicted.values()), default=0.0)
     changing = [name for name in constant if np.ptp(predicted[name]) > 1e-6 * largest]
     still = [name for name in constant if name not in changing]
     if still:
+        where = " in what is fitted" if in_fitted else ""
         notes.append(f"{', '.join(still)} never change{where}, nor do they by the model, and are left out.")
-    return tuple(f"{name} ({constant[name]:g}{where})" for name in changing)
+    return tuple(Stuck(name, float(constant[name]), in_fitted) for name in changing)

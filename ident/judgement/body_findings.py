@@ -2,20 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.estimation.separable import separable
-from ident.geometry.inertia import body_of_parameter, with_bodies
-from ident.judgement.finding import Finding, Place
+from ident.geometry.inertia import body_of_parameter
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import Finding
+from ident.judgement.place import Place
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import ConsistentParameters
-from ident.parameters.prior import KNOWN, conditioned, known_deviations, updated
+from ident.parameters.prior import conditioned, known_deviations, updated
 from ident.tolerances import DRIVE
-
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
 
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
@@ -35,50 +33,49 @@ SLIGHT = 1e-3
 """Bodies below this fraction of the whole mass are not worth a remark."""
 
 
-def consistency_finding(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
-    """What physical consistency has cost, with the names of the bodies."""
+def consistency_findings(evidence: Evidence) -> Iterator[Finding]:
+    """How far the base parameters are moved to make the bodies physical."""
+    if evidence.consistent is not None:
+        yield _consistency(evidence.consistent, evidence.mechanism.bodies)
+
+
+def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
     if not full.divergence.any():
-        return Finding("The estimate does not contradict the model, whose bodies stay as they are.", False)
-    moved = full.moved(0.1)[:5]
-    listed = ", ".join(f"{with_bodies([name], bodies)} by {shift:+.1f}" for name, shift in moved)
-    owners = (body_of_parameter(name, bodies) for name, _ in moved)
-    place = Place(bodies=tuple(dict.fromkeys(filter(None, owners))))
-    moves = f"it moves {listed} standard deviations" if listed else "it moves none of them"
+        return Finding.of("model_not_contradicted")
+    moved = [(name, body_of_parameter(name, bodies), z) for name, z in full.moved(0.1)[:5]]
+    place = Place(bodies=tuple(dict.fromkeys(body for _, body, _ in moved if body)))
+    values = [{"name": name, "body": body, "z": z} for name, body, z in moved]
     if full.attainable:
-        text = f"The updated model has the base parameters within their joint 95 % region: {moves}."
-        return Finding(text, False, place)
-    return Finding(
-        f"No physical bodies near the model's have these base parameters; of the updated model's, {moves}.",
-        full.distance > FAR * float(np.sqrt(len(full.psi))),
-        place,
-    )
+        return Finding.of("physical_within_region", place, moved=values)
+    far = full.distance > FAR * float(np.sqrt(len(full.psi)))
+    return Finding.of("no_physical_bodies", place, doubt=far, moved=values)
 
 
-def mass_findings(result: "Estimate") -> Iterator[Finding]:
+def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remarks on bodies that end far from the model's mass, seen or not, and on what a last link or a rotor adds."""
-    full, mechanism = result.consistent(), result.prepared.mechanism
-    listed: dict[bool, dict[str, str]] = {True: {}, False: {}}
+    full, mechanism = evidence.consistent, evidence.mechanism
+    if full is None:
+        return
+    far: dict[bool, dict[str, dict[str, float]]] = {False: {}, True: {}}
     masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], full.unseen, strict=True)
     for name, mass, std, before, unseen in masses:
         if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
-            was = f"{before:.3g} kg" if before else "none"
-            listed[bool(unseen)][name] = f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})"
-    for unseen, how in ((False, "which the data show"), (True, "though the data hardly see them")):
-        if texts := listed[unseen]:
-            text = f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(texts.values())}."
-            yield Finding(text, False, Place(bodies=tuple(texts)))
-    yield from rotor_findings(result, [name for texts in listed.values() for name in texts])
-    yield from tool_findings(result)
+            far[bool(unseen)][name] = {"mass": float(mass), "std": float(std), "model": float(before)}
+    for unseen, code in ((False, "masses_shown"), (True, "masses_hardly_shown")):
+        if masses_of := far[unseen]:
+            yield Finding.of(code, Place(bodies=tuple(masses_of)), masses=masses_of, factor=FACTOR)
+    yield from rotor_findings(evidence, [*far[True], *far[False]])
+    yield from tool_findings(evidence, full)
 
 
-def rotor_findings(result: "Estimate", far: Sequence[str]) -> Iterator[Finding]:
+def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
     """Bodies far from the model's mass on joints whose rotor inertia was not fitted or cannot be told from the links'.
 
     Args:
         result: The estimate.
         far: Names of the bodies.
     """
-    mechanism, equations = result.prepared.mechanism, result.fit.equations
+    mechanism, equations = evidence.mechanism, evidence.fit.equations
     torques = {mechanism.tree.freedoms[k] for k in equations.torques}
     joints = {body.name: body.joint for body in mechanism.tree.bodies}
     without = [
@@ -88,48 +85,34 @@ def rotor_findings(result: "Estimate", far: Sequence[str]) -> Iterator[Finding]:
     ]
     columns = {name: f"{DRIVE['rotor']}({joints[name]})" for name in without}
     with_rotors = replace(equations, drives=(*equations.drives, *columns.values()))
-    apart = separable(with_rotors, result.prepared.samples).drives if without else ()
-    kinds = (
-        ("was not fitted beside the inertias of the links, which take it up (--drive rotor)", True),
-        ("cannot be told from the inertias of the links, which take it up, with or without --drive rotor", False),
-    )
-    for what, is_apart in kinds:
-        if bodies := [name for name in without if (columns[name] in apart) == is_apart]:
-            named = ", ".join(f"{name} (joint {joints[name]})" for name in bodies)
-            yield Finding(
-                f"Rotor inertia may explain the masses of {named}: it turns with the joint and {what}.",
-                False,
-                Place(bodies=tuple(bodies), joints=tuple(str(joints[name]) for name in bodies)),
-            )
+    apart = separable(with_rotors, evidence.logs[0].samples).drives if without else ()
+    for code, is_apart in (("rotor_not_fitted", True), ("rotor_inseparable", False)):
+        if of := {name: str(joints[name]) for name in without if (columns[name] in apart) == is_apart}:
+            yield Finding.of(code, Place(bodies=tuple(of), joints=tuple(of.values())), joints=of)
 
 
-def tool_findings(result: "Estimate") -> Iterator[Finding]:
+def tool_findings(evidence: Evidence, full: ConsistentParameters) -> Iterator[Finding]:
     """Last links that are significantly heavier than the model, where the data themselves tell that they are."""
-    full, mechanism = result.consistent(), result.prepared.mechanism
-    known = {**KNOWN, **result.prepared.recording.known}["mass"]
+    mechanism, known = evidence.mechanism, evidence.known["mass"]
     last = _last_links(mechanism)
-    heavier = _heavier(result)
+    heavier = _heavier(evidence)
     masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
     for name, mass, std, before in masses:
         more = mass - before
         if name in last and name in heavier and more > max(SEEN * std, known * before):
-            yield Finding(
-                f"The last link '{name}' carries {more:.2g} ± {std:.1g} kg more than the model: a tool? "
-                "(experiments.payload)",
-                False,
-                Place(bodies=(name,)),
-            )
+            place = Place(bodies=(name,))
+            yield Finding.of("heavier_last_link", place, body=name, mass=float(more), std=float(std))
 
 
-def _heavier(result: "Estimate") -> set[str]:
+def _heavier(evidence: Evidence) -> set[str]:
     """Names of the bodies whose mass the data tell and whose first moments they show to be larger than the model's.
 
     Torques tell no mass, but combinations: the physical bodies that have them may be heavier for no other reason than
     that these are likelier.
     """
-    mechanism, base, psi, covariance = result.prepared.mechanism, result.base, result.psi, result.covariance
-    known = {**KNOWN, **result.prepared.recording.known}
-    if result.trajectory is None or not result.trajectory.known:
+    mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
+    psi, covariance = evidence.fit.psi, evidence.covariance
+    if evidence.trajectory is None or not evidence.trajectory.known:
         psi, covariance = updated(mechanism, base, psi, covariance, known)
     after = conditioned(mechanism, base, psi, covariance, known)
     phi, std, before, std_before = (

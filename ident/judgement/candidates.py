@@ -2,19 +2,18 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-from ident.judgement.finding import Finding, Place
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import Finding
+from ident.judgement.place import Place
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
-
-ESTIMATE, MODEL, LEAST_SQUARES = "the estimate", "the model as it came", "least squares"
-RIVALS = {"least squares": LEAST_SQUARES, "model": MODEL}
-"""Names of the other candidates in sentences, by what they are in `Estimate.rivals`."""
+ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"
+RIVALS = LEAST_SQUARES, MODEL
+"""The other candidates, as they are called in `Estimate.rivals`."""
 
 NOTABLY = 1.1
 """Ratio of two residuals from which one prediction is better than another."""
@@ -25,6 +24,15 @@ the root mean square is known to 7 % and the ratio of two to 10 %."""
 
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever others are."""
+
+
+class Compared(NamedTuple):
+    """Channels in which the estimate predicts notably better than another candidate, as well, and worse."""
+
+    other: str
+    better: tuple[str, ...]
+    alike: tuple[str, ...]
+    worse: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +48,12 @@ class Candidates:
     ratios: dict[str, np.ndarray]
 
     @classmethod
-    def of(cls, result: "Estimate") -> "Candidates":
+    def of(cls, evidence: Evidence) -> "Candidates":
         """The candidates of an identification."""
-        every = {ESTIMATE: result.held_out.ratio}
-        every |= {name: np.asarray(result.rivals[key]) for key, name in RIVALS.items() if key in result.rivals}
+        every = {ESTIMATE: np.array(list(evidence.ratios.values()))}
+        every |= {name: np.asarray(evidence.rivals[name]) for name in RIVALS if name in evidence.rivals}
         explained = np.min(list(every.values()), axis=0) <= UNEXPLAINED
-        channels = tuple(c for c, e in zip(result.channels, explained, strict=True) if e)
+        channels = tuple(c for c, e in zip(evidence.channels, explained, strict=True) if e)
         return cls(channels, {name: ratio[explained] for name, ratio in every.items()})
 
     def overall(self, name: str) -> float:
@@ -71,57 +79,39 @@ class Candidates:
             return ()
         return self.better(other, ESTIMATE, CLEARLY)
 
-    def listed(self, channels: Sequence[str], other: str) -> str:
-        """Channels with what the estimate and another candidate leave."""
+    def pairs(self, channels: Sequence[str], other: str) -> dict[str, tuple[float, float]]:
+        """Ratios that the estimate and another candidate leave of some channels."""
         at = [self.channels.index(channel) for channel in channels]
         own, others = self.ratios[ESTIMATE], self.ratios[other]
-        return ", ".join(f"{self.channels[k]} ({own[k]:.3g} against {others[k]:.3g})" for k in at)
+        return {self.channels[k]: (float(own[k]), float(others[k])) for k in at}
+
+    def compared(self) -> Iterator["Compared"]:
+        """Yields how the estimate predicts beside each of the others."""
+        for name in RIVALS:
+            if self.channels and name in self.ratios:
+                better, worse = self.better(ESTIMATE, name, NOTABLY), self.better(name, ESTIMATE, NOTABLY)
+                alike = tuple(c for c in self.channels if c not in (*better, *worse))
+                yield Compared(name, better, alike, worse)
 
 
-def candidate_findings(result: "Estimate") -> Iterator[Finding]:
+def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
     """The doubt that another candidate predicts better, and which one to take."""
-    candidates = Candidates.of(result)
-    worse = {name: channels for name in RIVALS.values() if (channels := candidates.clearly_worse(name))}
+    candidates = Candidates.of(evidence)
+    worse = {name: channels for name in RIVALS if (channels := candidates.clearly_worse(name))}
     if not worse:
         return
-    parts = [f"{name} in {candidates.listed(channels, name)}" for name, channels in worse.items()]
     named = {channel: None for channels in worse.values() for channel in channels}
-    yield Finding(
-        f"Worse than {', and than '.join(parts)}, held-out residual over standard deviation in brackets: "
-        f"{_advice(result, candidates, worse)}.",
-        True,
+    yield Finding.of(
+        "worse_than_candidate",
         Place(channels=tuple(named)),
+        worse={name: candidates.pairs(channels, name) for name, channels in worse.items()},
+        take=_instead(evidence, candidates, worse),
+        cutoff_hz=evidence.filtered_at,
     )
 
 
-def _advice(result: "Estimate", candidates: Candidates, better: Collection[str]) -> str:
-    """Advice on what to take instead of an estimate to which some candidates are clearly better in a channel."""
+def _instead(evidence: Evidence, candidates: Candidates, better: Collection[str]) -> str | None:
+    """Candidate to take instead of an estimate to which some are clearly better in a channel; None if none serves."""
     if min(better, key=candidates.overall) == MODEL:
-        return "keep the model"
-    if result.condition_number < CONDITION_LIMIT:
-        cutoff = "" if result.filtered_at is None else f" --cutoff {result.filtered_at:.3g}"
-        return f"take least squares, --estimator weighted{cutoff}"
-    keep = "keep the model, or " if MODEL in better else ""
-    return (
-        f"{keep}move the joints further; least squares had the model's bodies for a prior here, without which "
-        "--estimator weighted does not separate the parameters"
-    )
-
-
-def comparisons(result: "Estimate") -> Iterator[str]:
-    """Sentences on how the estimate predicts beside the others, channel by channel, and which candidate is best."""
-    candidates = Candidates.of(result)
-    others = [name for name in RIVALS.values() if name in candidates.ratios]
-    if not others:
-        return
-    if not candidates.channels:
-        yield "No candidate explains any channel, so that none is best."
-        return
-    for name in others:
-        better = candidates.better(ESTIMATE, name, NOTABLY)
-        worse = candidates.better(name, ESTIMATE, NOTABLY)
-        alike = [c for c in candidates.channels if c not in (*better, *worse)]
-        kinds = ((better, "better than"), (alike, "as well as"), (worse, "worse than"))
-        parts = [f"{how} {name} in {', '.join(channels)}" for channels, how in kinds if channels]
-        yield f"It predicts {', '.join(parts)}."
-    yield f"Over all channels {candidates.best} predicts best."
+        return MODEL
+    return LEAST_SQUARES if evidence.condition_number < CONDITION_LIMIT else None

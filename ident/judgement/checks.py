@@ -1,8 +1,8 @@
 """What can be checked of a fitted recording: weight, signs and axes of wrenches, and contacts left out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,14 +16,39 @@ from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 NOISE_WANDERS = 1 / 15
 """How far from a measured contact its noise may seem to act, of the mechanism's size: half a foot of a person's."""
 
 
 class NotCheckedError(Exception):
-    """Something cannot be checked; the message says why."""
+    """A check that cannot be made.
+
+    Attributes:
+        reason: Why, as `Unchecked.reason`.
+        channels: Channels in which it would show.
+    """
+
+    def __init__(self, reason: str, channels: Iterable[str] = ()) -> None:
+        self.reason, self.channels = reason, tuple(channels)
+        super().__init__(reason)
+
+
+class Unchecked(NamedTuple):
+    """What could not be checked.
+
+    Attributes:
+        check: `weight`, `contact` or `torques`.
+        reason: `no gravity`, `no force`, channels `not measured` or `not fitted`, or an `error`.
+        channels: Channels in which it would show.
+        error: Message of the error.
+    """
+
+    check: str
+    reason: str
+    channels: tuple[str, ...] = ()
+    error: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +76,9 @@ class Checks:
         base: Where else on resting bodies the ground's wrench may be measured; None where there is no choice.
         contact: What an unmeasured contact would explain, None where not all six components are there.
         torques: Checks of the joint torques, None where there are none.
-        unchecked: Sentences on what could not be checked, and why.
+        unchecked: What could not be checked, and why.
+        total: Check of the total wrench's sign, None where each wrench's is checked.
+        largest_force: Size of the largest components of the total force, N; None where units were checked before.
     """
 
     weight: Weight | None
@@ -59,7 +86,9 @@ class Checks:
     base: BaseCheck | None
     contact: ContactCheck | None
     torques: TorqueChecks | None
-    unchecked: tuple[str, ...]
+    unchecked: tuple[Unchecked, ...]
+    total: FrameCheck | None = None
+    largest_force: float | None = None
 
 
 def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
@@ -71,20 +100,22 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
         part: That part.
     """
     residual = fit.residual(prepared.samples[prepared.taken(part)])
-    unchecked: list[str] = []
+    unchecked: list[Unchecked] = []
 
-    def attempt(what: str, check: Callable[[], Found]) -> Found | None:
-        """What a check finds; if it cannot be made, None and a sentence more."""
+    def attempt(name: str, check: Callable[[], Result]) -> Result | None:
+        """Result of a check, None if it cannot be made."""
         try:
             return check()
-        except (NotCheckedError, InputError, np.linalg.LinAlgError) as error:
-            unchecked.append(f"{what} could not be checked: {error}.")
-            return None
+        except NotCheckedError as error:
+            unchecked.append(Unchecked(name, error.reason, error.channels))
+        except (InputError, np.linalg.LinAlgError) as error:
+            unchecked.append(Unchecked(name, "error", error=str(error)))
+        return None
 
-    weight = attempt("The weight", lambda: _weight(prepared, residual, part))
+    weight = attempt("weight", lambda: _weight(prepared, residual, part))
     frames, base = wrench_checks(prepared)
-    contact = attempt("A contact left out", lambda: _contact(prepared, residual, part))
-    torques = attempt("Joint torques", lambda: torque_checks(prepared))
+    contact = attempt("contact", lambda: _contact(prepared, residual, part))
+    torques = attempt("torques", lambda: torque_checks(prepared))
     return Checks(weight, frames, base, contact, torques, tuple(unchecked))
 
 
@@ -128,15 +159,15 @@ def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
     g = float(np.linalg.norm(mechanism.gravity))
     known = np.isfinite(force).all(axis=0)
     if g == 0:
-        raise NotCheckedError("the model has no gravity")
+        raise NotCheckedError("no gravity")
     if not known.any():
-        raise NotCheckedError("no force is measured")
+        raise NotCheckedError("no force")
     in_base = mechanism.gravity if base is None else mechanism.gravity @ base.T[:, :3, :3]
     up = np.broadcast_to(-in_base @ prepared.frame[:3, :3] / g, force.shape)
     most = np.abs(up).max(axis=0)
     missing = [c for c, k, d in zip(COMPONENTS[:3], known, most, strict=True) if d > 0.1 and not k]
     if missing:
-        raise NotCheckedError(f"it shows in {', '.join(missing)} of the sensor, not measured here")
+        raise NotCheckedError("not measured", missing)
     return up, known
 
 
@@ -194,7 +225,7 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
     if not known.any():
         return None
     if not known.all():
-        raise NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not fitted here")
+        raise NotCheckedError("not fitted", np.array(COMPONENTS)[~known].tolist())
     tree, q = prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)]
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
     # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them.

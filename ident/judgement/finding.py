@@ -1,56 +1,84 @@
-"""What is found on an estimate."""
+"""Findings on an estimate: a code with values, of which `FINDINGS` makes a sentence."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
+import numpy as np
 
-@dataclass(frozen=True)
-class Place:
-    """Where a finding is, as far as it is somewhere.
-
-    Attributes:
-        bodies: Names of bodies; likewise `joints`, `wrenches` and `channels`.
-        span: First and last time, s.
-        log: Index of the log that it is in, where it is in one of several.
-    """
-
-    bodies: tuple[str, ...] = ()
-    joints: tuple[str, ...] = ()
-    wrenches: tuple[str, ...] = ()
-    channels: tuple[str, ...] = ()
-    span: tuple[float, float] | None = None
-    log: int = 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """What there is of it, in JSON's types."""
-        names = {key: getattr(self, key) for key in ("bodies", "joints", "wrenches", "channels")}
-        told: dict[str, Any] = {key: list(value) for key, value in names.items() if value}
-        told |= {} if self.span is None else {"span": list(self.span)}
-        return told | ({"log": self.log} if self.log or self.span else {})
-
-
-NOWHERE = Place()
+from ident.judgement.codes import FINDINGS
+from ident.judgement.place import NOWHERE, Place
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that speaks against the estimate, or that its reader should know.
+    """A doubt on the estimate, or a remark on it.
 
     Attributes:
-        text: The finding in one sentence.
+        code: Key of `FINDINGS`.
+        values: Numbers and names that its sentence holds.
         doubt: Whether it speaks against the estimate.
         place: Where it is.
     """
 
-    text: str
+    code: str
+    values: Mapping[str, Any]
     doubt: bool
     place: Place = NOWHERE
 
+    @classmethod
+    def of(cls, code: str, place: Place = NOWHERE, /, doubt: bool | None = None, **values: Any) -> "Finding":
+        """The finding of a code.
+
+        Args:
+            code: Key of `FINDINGS`.
+            place: Where it is.
+            doubt: Whether it is a doubt, for codes that leave it to the judge; by default as its row says.
+            values: Numbers and names that its sentence holds.
+
+        Raises:
+            ValueError: Both the row and the judge say whether it is a doubt, or neither does.
+        """
+        own = FINDINGS[code].doubt
+        if (own is None) == (doubt is None):
+            raise ValueError(f"'{code}' needs its doubt either from its row or from its judge.")
+        return cls(code, values, bool(doubt if own is None else own), place)
+
+    @property
+    def text(self) -> str:
+        """The finding in a sentence."""
+        return FINDINGS[self.code].rendered(self.values)
+
     @property
     def line(self) -> str:
-        """A line of a list in the terminal."""
+        """Line of a list in the terminal."""
         return f"  {'!' if self.doubt else '-'} {self.text}"
 
     def to_dict(self) -> dict[str, Any]:
-        """For scripts, in JSON's types."""
-        return {"text": self.text, "doubt": self.doubt, "place": self.place.to_dict()}
+        """Code, values, doubt, place and sentence in JSON's types."""
+        return {
+            "code": self.code,
+            "values": in_json(self.values),
+            "doubt": self.doubt,
+            "place": self.place.to_dict(),
+            "text": self.text,
+        }
+
+
+def in_json(value: Any) -> Any:
+    """A value in JSON's types; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(key): in_json(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return in_json(value.tolist())
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    if isinstance(value, str | int | None):
+        return value
+    return [in_json(each) for each in value]
+
+
+def doubts_first(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings with the doubts first, otherwise in their order."""
+    return sorted(findings, key=lambda each: not each.doubt)

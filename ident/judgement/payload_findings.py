@@ -1,13 +1,14 @@
 """Whether to believe what a wrist sensor says of a payload."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ident.judgement.body_findings import consistency_finding
-from ident.judgement.finding import Finding
+from ident.judgement.body_findings import consistency_findings
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.fit_findings import (
     course_findings,
     halves_findings,
@@ -17,10 +18,8 @@ from ident.judgement.fit_findings import (
     stuck_findings,
 )
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings
+from ident.judgement.verdict import Outcome, decided, doubted, doubts_of
 from ident.recordings.wrench import GROUND
-
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Moments and products of inertia, as they stand behind mass and centre of mass."""
@@ -29,7 +28,7 @@ INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
 
-def payload_findings(result: "Estimate", told: np.ndarray, sensor: str) -> list[Finding]:
+def payload_findings(evidence: Evidence, told: np.ndarray, sensor: str) -> list[Finding]:
     """What speaks against it, and what else its reader should know, the doubts first.
 
     Args:
@@ -37,57 +36,90 @@ def payload_findings(result: "Estimate", told: np.ndarray, sensor: str) -> list[
         told: Whether the data tell mass, centre of mass and inertias (10,).
         sensor: Name of the wrench.
     """
-    ratios = dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True))
     on_fit = [
-        *quality_findings(ratios, "held-out"),
-        *setup_remarks(result),
-        *course_findings(result),
-        *halves_findings(result),
-        *model_error_findings(result),
-        *stuck_findings(result),
-        *clipped_findings(result),
-        *resolution_findings(result),
+        *quality_findings(evidence),
+        *setup_remarks(evidence),
+        *course_findings(evidence),
+        *halves_findings(evidence),
+        *model_error_findings(evidence),
+        *stuck_findings(evidence),
+        *clipped_findings(evidence),
+        *resolution_findings(evidence),
+        *(finding for finding in consistency_findings(evidence) if finding.doubt),
     ]
-    if (physical := consistency_finding(result.consistent(), result.prepared.mechanism.bodies)).doubt:
-        on_fit.append(physical)
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
     if not told[0] or not told[1:4].all():
-        on_fit.append(Finding("The motion does not tell mass and centre of mass; turn the sensor further.", True))
+        on_fit.append(Finding.of("payload_mass_unknown"))
     if untold := _untold(told):
-        on_fit.append(
-            Finding(
-                f"The motion does not tell {', '.join(untold)}: likely values stand in, of the model's body or of a "
-                "ball as heavy; they need faster turns of the sensor.",
-                False,
-            )
-        )
-    return sorted(on_fit, key=lambda finding: not finding.doubt)
+        on_fit.append(Finding.of("payload_inertia_unknown", quantities=untold))
+    return doubts_first(on_fit)
 
 
-def payload_verdict(findings: Sequence[Finding], values: np.ndarray, std: np.ndarray, told: np.ndarray) -> str:
-    """Whether to believe it, and how well it is known.
+@dataclass(frozen=True)
+class PayloadVerdict:
+    """Whether a payload can be used, and half-widths of its 95 % intervals.
 
-    Args:
-        findings: What was found.
-        values: Mass, centre of mass and inertias (10,).
-        std: Their standard deviations, with what is left open of the set-up (10,).
-        told: Which of them the data tell (10,).
+    Attributes:
+        outcome: The decision.
+        doubts: Codes of the findings against it.
+        mass: Its mass, kg.
+        mass_within: Half-width of the mass, kg.
+        centre_within: The largest of the centre of mass, m.
+        inertia_within: The largest of the inertias, kg m²; None if they are not known.
     """
-    if doubts := sum(finding.doubt for finding in findings):
-        count = "one finding below speaks" if doubts == 1 else f"{doubts} findings below speak"
-        return f"Do not use it as it is: {count} against it."
-    inertia = "inertias are not known" if _untold(told) else f"inertias to {INTERVAL * std[4:].max():.1g} kg m²"
-    return (
-        f"Usable: {values[0]:.4g} ± {INTERVAL * std[0]:.2g} kg, the centre of mass to "
-        f"{1e3 * INTERVAL * std[1:4].max():.2g} mm, {inertia} (95 %)."
-    )
+
+    outcome: Outcome
+    doubts: tuple[str, ...]
+    mass: float
+    mass_within: float
+    centre_within: float
+    inertia_within: float | None
+
+    @classmethod
+    def of(cls, findings: Sequence[Finding], values: np.ndarray, std: np.ndarray, told: np.ndarray) -> "PayloadVerdict":
+        """The verdict on findings and numbers.
+
+        Args:
+            findings: Findings on the payload.
+            values: Mass, centre of mass and inertias (10,).
+            std: Their standard deviations with the uncertainty of the set-up (10,).
+            told: Which of them the data determine (10,).
+        """
+        doubts = doubts_of(findings)
+        reach = [float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:])]
+        inertia = None if _untold(told) else reach[2]
+        return cls(decided(doubts), doubts, float(values[0]), reach[0], reach[1], inertia)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be used as it is."""
+        return self.outcome is Outcome.USABLE
+
+    def __str__(self) -> str:
+        if not self.usable:
+            return doubted(len(self.doubts))
+        known = self.inertia_within
+        inertia = "inertias are not known" if known is None else f"inertias to {known:.1g} kg m²"
+        return (
+            f"Usable: {self.mass:.4g} ± {self.mass_within:.2g} kg, the centre of mass to "
+            f"{1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
+        )
 
 
 def _of_sensor(finding: Finding, sensor: str) -> Finding:
     """A finding that calls the wrench at the base by the sensor's name."""
     wrenches = tuple(sensor if name == GROUND else name for name in finding.place.wrenches)
-    text = finding.text.replace(f"'{GROUND}'", f"'{sensor}'")
-    return replace(finding, text=text, place=replace(finding.place, wrenches=wrenches))
+    place = replace(finding.place, wrenches=wrenches)
+    return replace(finding, values=_renamed(finding.values, sensor), place=place)
+
+
+def _renamed(values: Any, sensor: str) -> Any:
+    """Values in which the wrench at the base has the sensor's name."""
+    if isinstance(values, Mapping):
+        return {key: _renamed(each, sensor) for key, each in values.items()}
+    if isinstance(values, list | tuple):
+        return [_renamed(each, sensor) for each in values]
+    return sensor if isinstance(values, str) and values == GROUND else values
 
 
 def _untold(told: np.ndarray) -> list[str]:

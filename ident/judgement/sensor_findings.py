@@ -1,35 +1,34 @@
 """Findings on sensors: ranges that ended, and steps that are coarse beside the noise."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared
-from ident.judgement.finding import Finding, Place
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import Finding
+from ident.judgement.place import Place
 from ident.recordings.resolution import UNIFORM
-
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
 
 MOST = 0.5
 """Share of a signal's noise, in its variance, that steps have to make up to be worth a remark."""
 
 
-def clipped_findings(result: "Estimate") -> Iterator[Finding]:
+def clipped_findings(evidence: Evidence) -> Iterator[Finding]:
     """Channels that a sensor's range has cut off."""
-    for k, (log, _) in enumerate(result.logs):
+    for k, log in enumerate(evidence.logs):
         for each in log.clipped:
-            unit = unit_of(log, each.channel.rpartition(" ")[2])
-            limits = " and ".join(f"{value:.4g}{unit}" for value in each.limits)
-            done = "these samples are left out" if each.kept else "so much that the channel is left out"
-            where = f" in log {k + 1}" if len(result.logs) > 1 else ""
-            yield Finding(
-                f"{each.channel} is clipped at {limits}{where}, which {each.share:.0%} of its samples read while the "
-                f"motion goes on; {done}. A sensor with a larger range, or a slower motion, would show the rest.",
-                False,
+            yield Finding.of(
+                "clipped_channel",
                 _place(each.channel, k),
+                channel=each.channel,
+                limits=each.limits,
+                unit=unit_of(log, each.channel.rpartition(" ")[2]),
+                share=each.share,
+                kept=each.kept,
+                log=k + 1 if len(evidence.logs) > 1 else None,
             )
 
 
@@ -39,25 +38,28 @@ def _place(channel: str, log: int) -> Place:
     return Place(wrenches=(contact,), log=log) if contact else Place(channels=(channel,), log=log)
 
 
-def resolution_findings(result: "Estimate") -> Iterator[Finding]:
+def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
     """Channels and coordinates whose noise is mostly that of rounding."""
-    log, joint = result.prepared, result.trajectory
-    noise = dict(zip(result.channels, result.scale.tolist(), strict=True))
+    if not evidence.logs:
+        return
+    log, joint = evidence.logs[0], evidence.trajectory
+    noise = dict(evidence.scale)
     if joint is not None:
-        noise = dict(zip(result.channels, joint.fit.noise.channels.tolist(), strict=True))
+        noise = dict(zip(evidence.channels, joint.fit.noise.channels.tolist(), strict=True))
         names = [f"{joint_}_position" for joint_ in log.mechanism.joints for _ in range(_coordinates(log, joint_))]
         own = joint.fit.noise.states[0][-len(names) :] if names else np.zeros(0)
         noise |= dict(zip(names, own.tolist(), strict=True))
     least = {name: UNIFORM * step / np.sqrt(MOST) for name, step in log.steps.items()}
     coarse = {name: log.steps[name] for name, x in least.items() if x > noise.get(name, np.inf)}
     if coarse:
-        listed = ", ".join(f"{_called(name)} {_size(log, name, step)}" for name, step in coarse.items())
-        yield Finding(
-            f"Recorded in steps that are most of the noise: {listed}. A finer range, or more digits in the log, would "
-            "tell more.",
-            False,
-            Place(channels=tuple(name for name in coarse if name in result.channels)),
-        )
+        place = Place(channels=tuple(name for name in coarse if name in evidence.channels))
+        yield Finding.of("coarse_steps", place, steps=[_step(log, name, step) for name, step in coarse.items()])
+
+
+def unchecked_findings(evidence: Evidence) -> Iterator[Finding]:
+    """What could not be checked."""
+    for each in evidence.checks.unchecked:
+        yield Finding.of("unchecked", **each._asdict())
 
 
 def _coordinates(log: Prepared, joint: str) -> int:
@@ -65,24 +67,19 @@ def _coordinates(log: Prepared, joint: str) -> int:
     return 1 if values.ndim == 1 else values.shape[1]
 
 
-def _called(name: str) -> str:
-    joint = name.removesuffix("_position")
-    return name if joint == name else f"joint '{joint}'"
-
-
-def _size(log: Prepared, name: str, step: float) -> str:
-    """A step with its unit, of a hinge's angle in degrees."""
+def _step(log: Prepared, name: str, step: float) -> dict[str, Any]:
+    """A step of a channel or of a joint's position, with its unit."""
     joint = name.removesuffix("_position")
     if joint == name:
-        return f"{step:.2g}{unit_of(log, name)}"
-    return f"{np.degrees(step):.2g}°" if _is_hinge(log, joint) else f"{1e3 * step:.2g} mm"
+        return {"name": name, "joint": False, "step": step, "unit": unit_of(log, name)}
+    return {"name": joint, "joint": True, "step": step, "unit": "rad" if _is_hinge(log, joint) else "m"}
 
 
 def unit_of(log: Prepared, channel: str) -> str:
-    """Unit of a channel, a space before it."""
+    """Unit of a channel."""
     if channel in COMPONENTS:
-        return " N" if channel[0] == "F" else " N m"
-    return " N m" if _is_hinge(log, channel.partition(".")[0]) else " N"
+        return "N" if channel[0] == "F" else "N m"
+    return "N m" if _is_hinge(log, channel.partition(".")[0]) else "N"
 
 
 def _is_hinge(log: Prepared, joint: str) -> bool:

@@ -1,12 +1,13 @@
 """Findings on the set-up: each error in one sentence, with the causes that the data cannot distinguish from it."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ident.estimation.setup import SetupParameter
-from ident.judgement.finding import NOWHERE, Place
+from ident.judgement.place import NOWHERE, Place
 from ident.setup import Unit
 from ident.trajectory.result import TrajectoryEstimate
 
@@ -19,7 +20,8 @@ class SetupFinding:
         name: Name of the set-up parameter.
         value: Its estimate, in SI units and radians.
         std: Its standard deviation.
-        text: The finding in one sentence.
+        kind: Kind of the set-up parameter.
+        values: Numbers and names of its sentence.
         alternatives: Names of other causes that the data cannot distinguish from it.
         place: What it belongs to.
     """
@@ -27,14 +29,25 @@ class SetupFinding:
     name: str
     value: float
     std: float
-    text: str
+    kind: str
+    values: Mapping[str, Any]
     alternatives: tuple[str, ...]
     place: Place = NOWHERE
 
+    @property
+    def code(self) -> str:
+        """Code of its finding."""
+        return f"setup_{self.kind}"
+
+    @property
+    def text(self) -> str:
+        """The finding in one sentence."""
+        return setup_sentence(self.kind, **self.values)
+
     def to_dict(self) -> dict[str, Any]:
         """For scripts, in JSON's types."""
-        told = {"name": self.name, "value": self.value, "std": self.std, "text": self.text}
-        return told | {"alternatives": list(self.alternatives), "place": self.place.to_dict()}
+        own = {"name": self.name, "code": self.code, "value": self.value, "std": self.std, "text": self.text}
+        return own | {"alternatives": list(self.alternatives), "place": self.place.to_dict()}
 
 
 def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
@@ -45,13 +58,45 @@ def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
     for deviation in joint.search.deviations:
         k = deviation.index
         each = joint.setup[k]
-        text = sentence(each, float(fit.theta[k]), float(std[k]))
-        if deviation.alternatives or deviation.together:
-            meant = ", or ".join([*deviation.together, *(short(joint.setup[a]) for a in deviation.alternatives)])
-            text = f"{text[:-1]}; or else, as the data cannot tell these apart: {meant}."
+        values: dict[str, Any] = {
+            **_named(each),
+            "value": float(fit.theta[k]),
+            "std": float(std[k]),
+            "log": each.log,
+            "together": deviation.together,
+            "alternatives": [{"kind": x.kind, **_named(x)} for x in map(joint.setup.__getitem__, deviation.alternatives)],
+        }
         others = (*deviation.together, *(names[a] for a in deviation.alternatives))
-        out.append(SetupFinding(names[k], float(fit.theta[k]), float(std[k]), text, others, place_of(each)))
+        out.append(SetupFinding(names[k], values["value"], values["std"], each.kind, values, others, place_of(each)))
     return out
+
+
+def _named(each: SetupParameter) -> dict[str, str | None]:
+    """Object and axis of a set-up parameter."""
+    return {"of": each.of, "axis": None if each.axis is None else "xyz"[each.axis]}
+
+
+def _parameter(kind: str, of: str, axis: str | None, log: int | None = None) -> SetupParameter:
+    """Set-up parameter of a name, for its sentence."""
+    return SetupParameter(kind, of, None if axis is None else "xyz".index(axis), 0.0, log)
+
+
+def setup_sentence(
+    kind: str,
+    of: str,
+    axis: str | None,
+    value: float,
+    std: float,
+    log: int | None = None,
+    together: Sequence[str] = (),
+    alternatives: Sequence[Mapping[str, Any]] = (),
+) -> str:
+    """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
+    text = sentence(_parameter(kind, of, axis, log), value, std)
+    if together or alternatives:
+        others = ", or ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
+        text = f"{text[:-1]}; or else, as the data cannot tell these apart: {others}."
+    return text
 
 
 def place_of(each: SetupParameter) -> Place:

@@ -62,20 +62,11 @@ class Unmeasured:
         at = self.contact
         return at.body if at and (at.explained > THROUGH_A_POINT or at.distance < NEAR) else None
 
-    @property
-    def sentence(self) -> str:
-        """What was found, and done about it."""
-        on = f", as on '{self.body}'" if self.body else ""
-        return (
-            f"From {self.start:.2f} to {self.end:.2f} s something that is not measured carries up to "
-            f"{self.carries:.0%} of the weight{on}; these samples are left out."
-        )
-
 
 def without_unmeasured(prepared: Prepared) -> Prepared:
     """A recording without the samples in which a contact is not measured."""
     contacts = unmeasured_contacts(prepared)
-    left_out = tuple(LeftOut(each.start, each.end, each.sentence, each.body) for each in contacts)
+    left_out = tuple(LeftOut(each.start, each.end, each.carries, each.body) for each in contacts)
     return replace(prepared, left_out=left_out)
 
 

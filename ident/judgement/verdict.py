@@ -1,42 +1,17 @@
-"""Whether to believe an identification, with reasons in plain words."""
+"""The verdict on an estimate: decided from ratios and codes of findings, then put in words."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
 from ident.geometry.inertia import with_bodies
-from ident.judgement.body_findings import consistency_finding, mass_findings
-from ident.judgement.candidates import candidate_findings, comparisons
-from ident.judgement.finding import Finding, Place
-from ident.judgement.fit_findings import (
-    caveats,
-    course_findings,
-    halves_findings,
-    inseparable_findings,
-    model_error_findings,
-    posture_findings,
-    prior_findings,
-    quality_findings,
-    setup_remarks,
-    slow_residual_findings,
-    stuck_findings,
-)
-from ident.judgement.plane_findings import plane_findings
-from ident.judgement.sensor_findings import clipped_findings, resolution_findings
-from ident.judgement.torque_findings import bound_findings, friction_findings, reversal_findings, torque_findings
-from ident.judgement.weighing import common_gain_findings, mass_by_setup_findings
-from ident.judgement.wrench_findings import (
-    base_findings,
-    contact_findings,
-    fitted_offset_findings,
-    frame_findings,
-    weight_findings,
-)
+from ident.judgement.candidates import Candidates
+from ident.judgement.codes.of_prediction import CANDIDATES
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import Finding
 from ident.tolerances import POOR
-
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
 
 PRECISIONS = 0.1, 0.2, 0.5
 """Standard deviations, of the values, up to which parameters are counted as known."""
@@ -44,91 +19,139 @@ PRECISIONS = 0.1, 0.2, 0.5
 WIDER = 2.0
 """How many times the deviation from the noise is to be that with the set-up to be worth a word."""
 
-
-def verdict(result: "Estimate", findings: list[Finding]) -> str:
-    """Whether to believe it, how the candidates compare, and what for; first, whether another one predicts better."""
-    first = [each.text for each in candidate_findings(result)]
-    said = [*first, sentence(_ratios(result), findings, "held-out"), *comparisons(result)]
-    return " ".join([*said, *uses(result)] if _usable(_ratios(result), findings) else said)
+SHOWN = 8
+"""Most parameters that a sentence names."""
 
 
-def uses(result: "Estimate") -> Iterator[str]:
-    """What the numbers are good for: how many parameters they tell, and to which precision."""
-    std = result.std_setup
-    known = [int((std <= share * np.abs(result.psi)).sum()) for share in PRECISIONS]
-    counts = ", ".join(f"{n} within {share:.0%}" for n, share in zip(known, PRECISIONS, strict=True))
-    yield f"Of {len(std)} base parameters it knows {counts}."
-    wider = [name for name, a, b in zip(result.base.names, result.std, std, strict=True) if b > WIDER * a]
-    if wider:
-        listed = _listed(wider, result.prepared.mechanism.bodies)
-        yield f"What is not known of the set-up more than doubles the deviations of {listed}."
+class Outcome(Enum):
+    """Whether an estimate can be used."""
+
+    USABLE = "usable"
+    DOUBTFUL = "doubtful"
+    PREDICTS_NOTHING = "predicts nothing"
 
 
-def _listed(names: Sequence[str], bodies: Sequence[str]) -> str:
-    return with_bodies(names[:8], bodies) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+@dataclass(frozen=True)
+class Precision:
+    """How precisely base parameters are known.
+
+    Attributes:
+        total: Number of base parameters.
+        known: Numbers of those whose standard deviation is within each of `PRECISIONS` of the value.
+        wider: Names of those whose deviation the uncertainty of the set-up more than doubles.
+        bodies: Names of the bodies.
+    """
+
+    total: int
+    known: tuple[int, ...]
+    wider: tuple[str, ...]
+    bodies: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, names: Sequence[str], psi: np.ndarray, std: np.ndarray, std_setup: np.ndarray, bodies: Sequence[str]
+    ) -> "Precision":
+        """The precision of base parameters from their values and both standard deviations (r,)."""
+        known = tuple(int((std_setup <= share * np.abs(psi)).sum()) for share in PRECISIONS)
+        wider = tuple(name for name, a, b in zip(names, std, std_setup, strict=True) if b > WIDER * a)
+        return cls(len(psi), known, wider, tuple(bodies))
+
+    def sentences(self) -> Iterator[str]:
+        """Yields how many parameters are known, and which ones the set-up makes uncertain."""
+        counts = ", ".join(f"{n} within {share:.0%}" for n, share in zip(self.known, PRECISIONS, strict=True))
+        yield f"Of {self.total} base parameters it knows {counts}."
+        if self.wider:
+            more = f" and {len(self.wider) - SHOWN} more" if len(self.wider) > SHOWN else ""
+            names = with_bodies(self.wider[:SHOWN], self.bodies) + more
+            yield f"What is not known of the set-up more than doubles the deviations of {names}."
 
 
-def _ratios(result: "Estimate") -> dict[str, float]:
-    return dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True))
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an estimate can be used, and what for.
+
+    Attributes:
+        outcome: The decision.
+        doubts: Codes of the findings against it.
+        ratios: RMS residual over the signal's standard deviation of each channel.
+        part: Samples of the ratios, "fitted" or "held-out".
+        candidates: The candidates, the estimate among them.
+        worse: The finding that another candidate predicts better, if it does.
+        precision: Precision of the base parameters; None if it is not asked for.
+    """
+
+    outcome: Outcome
+    doubts: tuple[str, ...]
+    ratios: Mapping[str, float]
+    part: str
+    candidates: Candidates
+    worse: Finding | None = None
+    precision: Precision | None = None
+
+    @classmethod
+    def of(cls, evidence: Evidence, findings: Sequence[Finding], precision: Precision | None = None) -> "Verdict":
+        """The verdict on evidence and the findings on it."""
+        doubts, predicts = doubts_of(findings), any(ratio <= POOR for ratio in evidence.ratios.values())
+        outcome = decided(doubts) if predicts else Outcome.PREDICTS_NOTHING
+        worse = next((finding for finding in findings if finding.code == "worse_than_candidate"), None)
+        return cls(outcome, doubts, evidence.ratios, evidence.part, Candidates.of(evidence), worse, precision)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be used as it is."""
+        return self.outcome is Outcome.USABLE
+
+    @property
+    def predicted(self) -> dict[str, float]:
+        """Ratios of the channels that are predicted."""
+        return {channel: ratio for channel, ratio in self.ratios.items() if ratio <= POOR}
+
+    @property
+    def best(self) -> str | None:
+        """Candidate that predicts best over all channels; None if none explains any."""
+        return self.candidates.best
+
+    def __str__(self) -> str:
+        first = [] if self.worse is None else [self.worse.text]
+        uses = self.precision.sentences() if self.precision is not None and self.usable else ()
+        return " ".join([*first, self._decision(), *self._comparisons(), *uses])
+
+    def _decision(self) -> str:
+        if self.outcome is Outcome.PREDICTS_NOTHING:
+            return f"Do not use it: the model predicts none of the channels on the {self.part} part."
+        if self.outcome is Outcome.DOUBTFUL:
+            return doubted(len(self.doubts))
+        predicted = self.predicted
+        return (
+            f"Usable: {self.part} residuals are at most {max(predicted.values()):.2f} of the signal in "
+            f"{', '.join(predicted)}."
+        )
+
+    def _comparisons(self) -> Iterator[str]:
+        """Yields how the estimate predicts beside the others, channel by channel, and which candidate is best."""
+        if len(self.candidates.ratios) < 2:
+            return
+        if self.best is None:
+            yield "No candidate explains any channel, so that none is best."
+            return
+        for other, better, alike, worse in self.candidates.compared():
+            kinds = ((better, "better than"), (alike, "as well as"), (worse, "worse than"))
+            parts = [f"{how} {CANDIDATES[other]} in {', '.join(channels)}" for channels, how in kinds if channels]
+            yield f"It predicts {', '.join(parts)}."
+        yield f"Over all channels {CANDIDATES[self.best]} predicts best."
 
 
-def _usable(ratios: Mapping[str, float], findings: Sequence[Finding]) -> bool:
-    """Whether a channel is predicted, and nothing speaks against the estimate."""
-    return min(ratios.values()) <= POOR and not any(finding.doubt for finding in findings)
+def doubts_of(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Codes of the doubts among findings."""
+    return tuple(finding.code for finding in findings if finding.doubt)
 
 
-def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str) -> str:
-    """The verdict on channels whose residuals on some part have these ratios to their signals."""
-    explained = {channel: ratio for channel, ratio in ratios.items() if ratio <= POOR}
-    if not explained:
-        return f"Do not use it: the model predicts none of the channels on the {part} part."
-    doubts = [finding for finding in findings if finding.doubt]
-    if doubts:
-        count = "one finding below speaks" if len(doubts) == 1 else f"{len(doubts)} findings below speak"
-        return f"Do not use it as it is: {count} against it."
-    names = ", ".join(explained)
-    return f"Usable: {part} residuals are at most {max(explained.values()):.2f} of the signal in {names}."
+def decided(doubts: Sequence[str]) -> Outcome:
+    """Outcome of an estimate that predicts something, by the codes of its doubts."""
+    return Outcome.DOUBTFUL if doubts else Outcome.USABLE
 
 
-def unmeasured_findings(result: "Estimate") -> Iterator[Finding]:
-    """Samples that were left out, with the number of their log where there are several."""
-    for k, (log, _) in enumerate(result.logs):
-        for each in log.left_out:
-            place = Place(bodies=(each.body,) if each.body else (), span=(each.start, each.end), log=k)
-            yield Finding(f"Log {k + 1}: {each.why}" if len(result.logs) > 1 else each.why, False, place)
-
-
-def findings(result: "Estimate") -> list[Finding]:
-    """All findings on the fit, the doubts first, and then those on the updated model."""
-    on_fit = [
-        *candidate_findings(result),
-        *frame_findings(result),
-        *base_findings(result),
-        *contact_findings(result),
-        *unmeasured_findings(result),
-        *clipped_findings(result),
-        *resolution_findings(result),
-        *weight_findings(result.checks.weight),
-        *mass_by_setup_findings(result),
-        *common_gain_findings(result),
-        *fitted_offset_findings(result),
-        *torque_findings(result),
-        *friction_findings(result),
-        *bound_findings(result),
-        *reversal_findings(result),
-        *plane_findings(result),
-        *quality_findings(_ratios(result), "held-out"),
-        *setup_remarks(result),
-        *course_findings(result),
-        *halves_findings(result),
-        *prior_findings(result),
-        *model_error_findings(result),
-        *slow_residual_findings(result),
-        *posture_findings(result),
-        *inseparable_findings(result.inseparable),
-        *stuck_findings(result),
-        *(Finding(sentence, False) for sentence in result.checks.unchecked),
-        *caveats(result),
-    ]
-    on_fit.sort(key=lambda finding: not finding.doubt)
-    return [*on_fit, *mass_findings(result), consistency_finding(result.consistent(), result.prepared.mechanism.bodies)]
+def doubted(count: int) -> str:
+    """Sentence on an estimate with some doubts."""
+    speak = "one finding below speaks" if count == 1 else f"{count} findings below speak"
+    return f"Do not use it as it is: {speak} against it."

@@ -1,17 +1,15 @@
 """What the wrenches of a recording look like: their frames, what they weigh, their offsets."""
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
-from ident.judgement.checks import Weight
-from ident.judgement.finding import Finding, Place
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import Finding
+from ident.judgement.place import Place
 from ident.parameters.base_parameters import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
+from ident.tolerances import KILONEWTONS
 
 THROUGH_A_POINT = 0.5
 """Fraction of the residual moment that forces through one point have to explain before a contact is suspected."""
@@ -32,39 +30,34 @@ OFFSET = 0.1
 """Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
 
 
-def frame_findings(result: "Estimate") -> Iterator[Finding]:
+def frame_findings(evidence: Evidence) -> Iterator[Finding]:
     """Wrenches of the opposite sign, or in turned axes."""
-    for name, check in result.checks.frames.items():
+    total = evidence.checks.total
+    if total is not None and total.suspicious:
+        yield Finding.of("total_wrench_sign", error=total.error, error_turned=total.error_turned)
+    for name, check in evidence.checks.frames.items():
         if not check.suspicious:
             continue
-        R = result.prepared.recording.wrench(name).pose[:3, :3]
-        if np.array_equal(check.rotation, np.eye(3)):
-            what = ""
-        elif np.allclose(check.rotation, R.T @ R.T):
-            what = "a frame that is transposed (its rotation is that of the base in the sensor)"
-        else:
-            axes = ", ".join(f"{a} -> {_axis(check.rotation[:, k])}" for k, a in enumerate("xyz"))
-            what = f"a frame that is turned (its axes look like {axes})"
-        both = " and ".join(filter(None, ["the opposite sign" if check.sign < 0 else "", what]))
-        yield Finding(
-            f"The wrench '{name}' looks as if it had {both}: against the model's own prediction its relative error "
-            f"would fall from {check.error:.2f} to {check.error_turned:.2f}.",
-            True,
+        R = evidence.logs[0].recording.wrench(name).pose[:3, :3]
+        frame = "transposed" if np.allclose(check.rotation, R.T @ R.T) else "turned"
+        yield Finding.of(
+            "wrench_sign_or_axes",
             Place(wrenches=(name,)),
+            wrench=name,
+            opposite=check.sign < 0,
+            frame="as stated" if np.array_equal(check.rotation, np.eye(3)) else frame,
+            axes={axis: _axis(check.rotation[:, k]) for k, axis in enumerate("xyz")},
+            error=check.error,
+            error_turned=check.error_turned,
         )
 
 
-def base_findings(result: "Estimate") -> Iterator[Finding]:
+def base_findings(evidence: Evidence) -> Iterator[Finding]:
     """A ground wrench that was measured in the frame of another body."""
-    check = result.checks.base
-    if check is not None and check.suspicious and not any(f.suspicious for f in result.checks.frames.values()):
-        yield Finding(
-            f"The wrench 'ground' looks as if it were measured in the frame of '{check.body}': --base is probably "
-            f"'{check.body}', not what it is now. Against the model's own prediction its relative error would fall "
-            f"from {check.error:.2f} to {check.error_there:.2f}.",
-            True,
-            Place(bodies=(check.body,)),
-        )
+    check = evidence.checks.base
+    if check is not None and check.suspicious and not any(f.suspicious for f in evidence.checks.frames.values()):
+        place = Place(bodies=(check.body,))
+        yield Finding.of("other_base", place, body=check.body, error=check.error, error_there=check.error_there)
 
 
 def _axis(direction: np.ndarray) -> str:
@@ -72,108 +65,89 @@ def _axis(direction: np.ndarray) -> str:
     return ("-" if direction[k] < 0 else "") + "xyz"[k]
 
 
-def contact_findings(result: "Estimate") -> Iterator[Finding]:
+def contact_findings(evidence: Evidence) -> Iterator[Finding]:
     """A contact that was not measured."""
-    check = result.checks.contact
-    if check is None or check.explained < THROUGH_A_POINT or np.median(result.held_out.ratio) < LARGE:
+    check = evidence.checks.contact
+    if check is None or check.explained < THROUGH_A_POINT or np.median(list(evidence.ratios.values())) < LARGE:
         return
     # Noise of a measured contact is a force through its sensor as well.
-    if check.body in {sensor.body for sensor in result.prepared.recording.sensors.values()}:
+    if check.body in {sensor.body for sensor in evidence.logs[0].recording.sensors.values()}:
         return
     # Nothing touches a body further away from it than the mechanism is long.
-    if np.linalg.norm(check.point) > _length(result):
+    if np.linalg.norm(check.point) > _length(evidence):
         return
-    point = ", ".join(f"{x:.2f}" for x in check.point)
-    yield Finding(
-        f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
-        f"would explain {check.explained:.0%} of the residual moment.",
-        True,
-        Place(bodies=(check.body,)),
-    )
+    values = {"body": check.body, "point": check.point.tolist(), "explained": check.explained}
+    yield Finding.of("contact_left_out", Place(bodies=(check.body,)), **values)
 
 
-def _length(result: "Estimate") -> float:
+def _length(evidence: Evidence) -> float:
     """Largest distance of a body's frame from the base, and from it as far again as twice to its centre of mass, m."""
-    mechanism = result.prepared.mechanism
-    poses = mechanism.tree.poses(result.prepared.samples.motion.q)[:, list(mechanism.tree.inertial)]
+    mechanism = evidence.mechanism
+    poses = mechanism.tree.poses(evidence.logs[0].samples.motion.q)[:, list(mechanism.tree.inertial)]
     bodies = mechanism.known.reshape(-1, 10)
     centres = np.linalg.norm(bodies[:, 1:4], axis=1) / np.maximum(bodies[:, 0], 1e-12)
     return float((np.linalg.norm(poses[..., :3, 3], axis=-1) + 2 * centres).max())
 
 
-def weight_findings(weight: Weight | None) -> Iterator[Finding]:
-    """What the weighed mass says."""
+def unmeasured_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Samples that were left out, with the number of their log where there are several."""
+    for k, log in enumerate(evidence.logs):
+        for start, end, carries, body in log.left_out:
+            yield Finding.of(
+                "unmeasured_contact",
+                Place(bodies=(body,) if body else (), span=(start, end), log=k),
+                start=start,
+                end=end,
+                carries=carries,
+                body=body,
+                log=k + 1 if len(evidence.logs) > 1 else None,
+            )
+
+
+def weight_findings(evidence: Evidence) -> Iterator[Finding]:
+    """A weighed mass that is not the model's, or drifts, and forces that are far too small."""
+    weight, largest = evidence.checks.weight, evidence.checks.largest_force
     if weight is None:
         return
     if abs(weight.measured - weight.model) > HEAVY * weight.model:
-        yield Finding(
-            f"The wrenches weigh {weight.measured:.2f} kg, the model {weight.model:.2f} kg: a contact or support "
-            "may be unmeasured, a unit may be wrong, or the model is of somebody else.",
-            abs(weight.measured - weight.model) > FAR_OFF * weight.model,
-        )
+        far = abs(weight.measured - weight.model) > FAR_OFF * weight.model
+        yield Finding.of("weight_differs", doubt=far, measured=weight.measured, model=weight.model)
     if abs(weight.drift) > DRIFT * weight.model:
-        yield Finding(
-            f"The weighed mass drifts by {weight.drift:+.2f} kg over the recording, as an unmeasured contact or a "
-            "drifting sensor would make it.",
-            True,
-        )
+        yield Finding.of("weight_drifts", drift=weight.drift)
+    if largest is not None and 0 < largest < evidence.mechanism.weight / KILONEWTONS:
+        yield Finding.of("kilonewtons", largest=largest, weight=evidence.mechanism.weight)
 
 
-def fitted_offset_findings(result: "Estimate") -> Iterator[Finding]:
-    """What the constant offsets of an estimate say."""
-    scale = dict(zip(result.channels, result.scale.tolist(), strict=True))
-    fitted = any(name.startswith("offset(") for name in result.names)
-    yield from offset_findings(result.offsets, scale, _weights(result), fitted=fitted)
-
-
-def offset_findings(
-    offsets: Mapping[str, tuple[float, float]],
-    scale: Mapping[str, float],
-    weights: Mapping[str, float],
-    *,
-    fitted: bool = True,
-) -> Iterator[Finding]:
-    """What constant offsets say.
-
-    Args:
-        offsets: Offset of each channel that can be told, with its standard deviation.
-        scale: Standard deviation of each channel's residual.
-        weights: What offsets of forces, `F` in N, and of moments, `M` in N m, are held against.
-        fitted: Whether they were taken out.
-    """
+def offset_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Constant offsets beyond noise, and those that are large beside the weight."""
+    offsets = evidence.offsets
     large = {
-        channel: f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip()
+        channel: (value, std)
         for channel, (value, std) in offsets.items()
-        if abs(value) > 4 * std and abs(value) > 0.3 * scale[channel]
+        if abs(value) > 4 * std and abs(value) > 0.3 * evidence.scale[channel]
     }
     if not large:
         return
-    of_weight = {c: abs(offsets[c][0]) / weights[c[0]] for c in large if c in COMPONENTS}
-    if huge := {c: f"{large[c]} ({share:.0%})" for c, share in of_weight.items() if share > OFFSET}:
-        yield Finding(
-            f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
-            f"reach they are so much: {', '.join(huge.values())}: a sensor may not be tared, gravity or mass of the "
-            "model may be wrong, or a support is not measured.",
-            True,
-            Place(channels=tuple(huge)),
-        )
-    listed, place = ", ".join(large.values()), Place(channels=tuple(large))
-    if fitted:
-        yield Finding(f"Constant offsets were found and taken out: {listed}.", False, place)
-    else:
-        text = f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}."
-        yield Finding(text, True, place)
+    references = _references(evidence)
+    of_weight = {c: abs(offsets[c][0]) / references[c[0]] for c in large if c in COMPONENTS}
+    if huge := {c: share for c, share in of_weight.items() if share > OFFSET}:
+        own = {c: large[c] for c in huge}
+        yield Finding.of("large_offsets", Place(channels=tuple(huge)), offsets=own, shares=huge)
+    code = "offsets_taken_out" if evidence.fit.equations.offsets else "offsets_not_fitted"
+    yield Finding.of(code, Place(channels=tuple(large)), offsets=large)
 
 
-def _weights(result: "Estimate") -> dict[str, float]:
-    """What offsets are held against; without gravity the weight on Earth."""
-    mechanism, motion = result.prepared.mechanism, result.prepared.samples.motion
+def _references(evidence: Evidence) -> dict[str, float]:
+    """What offsets of forces, `F` in N, and of moments, `M` in N m, are compared with.
+
+    Without gravity that is the weight on Earth; without postures the mechanism's reach is not known.
+    """
+    mechanism = evidence.mechanism
+    if not evidence.logs:
+        return {"F": mechanism.weight or np.inf, "M": np.inf}
+    motion, frame = evidence.logs[0].samples.motion, evidence.logs[0].frame
     g = float(np.linalg.norm(mechanism.gravity) or np.linalg.norm(STANDARD_GRAVITY))
     weight = max(mechanism.mass * g, 1e-12)
     origins = mechanism.tree.poses(motion.q[:: max(1, len(motion) // 100)])[..., :3, 3]
-    reach = float(np.linalg.norm(origins - result.prepared.frame[:3, 3], axis=-1).max())
+    reach = float(np.linalg.norm(origins - frame[:3, 3], axis=-1).max())
     return {"F": weight, "M": weight * reach if reach > 0 else np.inf}
-
-
-def _unit(channel: str) -> str:
-    return {"F": "N", "M": "N m"}.get(channel[0], "") if channel in COMPONENTS else ""

@@ -11,7 +11,7 @@ from ident.estimation.setup import SetupParameter
 from ident.geometry.inertia import com_from_parameters, parameter_transform
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
-from ident.judgement.payload_findings import payload_findings, payload_verdict
+from ident.judgement.payload_findings import PayloadVerdict, payload_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.payload.mounting import place_of
@@ -138,12 +138,12 @@ class Payload:
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the payload, the doubts first."""
-        return payload_findings(self.estimate, self.in_frame().identifiable, self.sensor)
+        return payload_findings(self.estimate.evidence, self.in_frame().identifiable, self.sensor)
 
-    def verdict(self) -> str:
-        """A sentence on the reliability of the estimate and its standard deviations."""
+    def verdict(self) -> PayloadVerdict:
+        """Whether the payload can be used, and its standard deviations; a sentence when printed."""
         values, _, std, identifiable = self.in_frame()
-        return payload_verdict(self.findings, values, std, identifiable)
+        return PayloadVerdict.of(self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:
         """φ of the whole robot, with the identified values for the sensor's load (10 b,).

@@ -22,7 +22,8 @@ from experiments.document.writer import Output, written
 from experiments.reports.identify_replay import place
 from ident.estimation.part import Part
 from ident.geometry.inertia import parameters_from_com
-from ident.judgement.finding import Finding, Place
+from ident.judgement.finding import Finding
+from ident.judgement.place import Place
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
@@ -67,7 +68,7 @@ def test_findings_are_where_their_data_say(out):
     assert all(page["where"] == "" for place, page in places.values() if not place)
 
 
-def test_a_place_is_shown_by_its_data_whatever_the_sentence_says(tmp_path):
+def test_a_place_is_shown_by_its_data_whatever_the_values_are(tmp_path):
     arm = mechanism(PENDULUM, "base")
     spec = scenes.load("double_pendulum", contact="pad")
     recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
@@ -76,7 +77,7 @@ def test_a_place_is_shown_by_its_data_whatever_the_sentence_says(tmp_path):
     result = SimpleNamespace(logs=[Part(log, slice(0))], channels=("Fx", "Mz"))
 
     def shown(**where):
-        found = place(Finding("Fx of 'base' from 0.00 to 1.00 s, m2rz2.", True, Place(**where)), result)
+        found = place(Finding.of("constant_channels", Place(**where), channels=("Fx",)), result)
         return found["where"].removeprefix("The finding is about "), *(found[k] for k in ("body", "channels", "span"))
 
     assert shown() == ("", None, [], None)

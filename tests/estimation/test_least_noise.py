@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coded import coded
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
 from slow_pendulum import recorded
 
@@ -66,8 +67,9 @@ def test_a_channel_that_is_flat_where_it_is_fitted_is_left_out(estimator, value)
 
 def test_one_that_should_change_there_is_called_stuck():
     estimate = ident.identify(PENDULUM, flat_for_a_while(4))
-    assert estimate.prepared.stuck == ("My (0 in what is fitted)",)
-    assert any("My (0 in what is fitted)" in finding.text and finding.doubt for finding in estimate.findings)
+    assert estimate.prepared.stuck == (("My", 0.0, True),)
+    (finding,) = coded(estimate, "stuck_channels")
+    assert finding.doubt and "My (0 in what is fitted)" in finding.text
 
 
 def test_what_is_known_of_bodies_is_symmetric():

@@ -90,7 +90,7 @@ def test_what_contacts_never_read_together_is_left_out():
     z = (estimate.psi - estimate.base.regroup(person.known)) / estimate.std
     assert np.sqrt(np.mean(z**2)) < 1.5
     sideways = {name: x * [0, 1, 1] if name.endswith("_force") else x for name, x in recording.measured.items()}
-    assert prepared(person, replace(recording, measured=sideways), cutoff=10.0).stuck == ("Fx (0)",)
+    assert prepared(person, replace(recording, measured=sideways), cutoff=10.0).stuck == (("Fx", 0.0, False),)
 
 
 def test_a_mechanism_that_flies_is_told_by_all_components():

@@ -14,6 +14,7 @@ from ident.judgement.fit_findings import (
     setup_remarks,
     slow_residual_findings,
 )
+from ident.judgement.setup_findings import SetupFinding
 from ident.mechanism.motion import Motion
 
 
@@ -21,21 +22,25 @@ def joint(**fit):
     return SimpleNamespace(trajectory=SimpleNamespace(fit=SimpleNamespace(**fit)))
 
 
+def judged_by(judge, **evidence):
+    return list(judge(SimpleNamespace(**evidence)))
+
+
 @pytest.mark.parametrize(
-    ("status", "steps", "text"),
+    ("status", "steps", "doubted"),
     [
-        ("converged", [5.0, 0.01], None),
-        ("converged", [5.0, 0.5], None),
-        ("rounds", [5.0, 0.25], None),
-        ("rounds", [5.0, 0.35], "did not settle after 2 rounds;"),
-        ("stuck", [0.35], "found no better step after 1 round;"),
-        ("interrupted", [5.0, 1.0, 0.01], "was interrupted after 3 rounds;"),
+        ("converged", [5.0, 0.01], False),
+        ("converged", [5.0, 0.5], False),
+        ("rounds", [5.0, 0.25], False),
+        ("rounds", [5.0, 0.35], True),
+        ("stuck", [0.35], True),
+        ("interrupted", [5.0, 1.0, 0.01], True),
     ],
 )
-def test_an_estimate_that_did_not_settle_is_a_doubt(status, steps, text):
+def test_an_estimate_that_did_not_settle_is_a_doubt(status, steps, doubted):
     found = list(course_findings(joint(status=status, trace=steps)))
-    assert [finding.doubt for finding in found] == [True] * (text is not None)
-    assert not text or text in found[0].text
+    assert [(finding.code, finding.doubt) for finding in found] == [("not_converged", True)] * doubted
+    assert not found or found[0].values == {"status": status, "rounds": len(steps)}
 
 
 def test_nothing_is_said_of_a_course_or_slow_residuals_without_a_trajectory_estimate():
@@ -43,12 +48,15 @@ def test_nothing_is_said_of_a_course_or_slow_residuals_without_a_trajectory_esti
     assert not list(slow_residual_findings(SimpleNamespace(trajectory=None)))
 
 
-@pytest.mark.parametrize("setup", [(), (SimpleNamespace(text="late", place=None),)])
+LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}
+
+
+@pytest.mark.parametrize("setup", [(), (SetupFinding("delay(ground)", 0.02, 0.001, "delay", LATE, ()),)])
 def test_a_set_up_that_explains_nothing_is_a_doubt_beside_what_was_found(setup):
     search = SimpleNamespace(incredible=True)
     *found, doubt = setup_remarks(SimpleNamespace(setup=setup, trajectory=SimpleNamespace(search=search)))
-    assert [(finding.text, finding.doubt) for finding in found] == [("late", False)] * len(setup)
-    assert doubt.doubt and ("nothing else of it was changed" in doubt.text) == bool(setup)
+    assert [(finding.code, finding.doubt) for finding in found] == [("setup_delay", False)] * len(setup)
+    assert (doubt.code, doubt.doubt, doubt.values) == ("setup_unexplained", True, {"changed": bool(setup)})
 
 
 def slow(times, floor=0.0):
@@ -63,22 +71,24 @@ def slow(times, floor=0.0):
 def test_more_than_a_sensors_noise_is_a_remark_from_three_times_on():
     assert not slow([2.7, 2.7])
     (found,) = slow([2.7, 5.0])
-    assert not found.doubt and found.place.channels == ("Fz",) and "sensors: Fz 5 times." in found.text
-    assert "In all channels" in slow([4.0, 5.0])[0].text and "4 to 5 times." in slow([4.0, 5.0])[0].text
-    assert "over 100 times." in slow([300.0, 500.0])[0].text
+    assert not found.doubt and found.place.channels == ("Fz",) and not found.values["all_channels"]
+    assert found.values["factors"] == {"Fz": pytest.approx(5, abs=0.2)}
+    (both,) = slow([4.0, 5.0])
+    assert both.values["all_channels"] and both.values["factors"].keys() == {"Fx", "Fz"}
     # Noise at its lower bound does not indicate an imperfect model.
     assert not slow([2.7, 5.0], floor=2.0)
     assert slow([2.7, 5.0], floor=1.5)
 
 
 def test_residuals_over_signals_are_sorted_by_what_they_mean():
-    found = list(quality_findings({"a": 0.2, "b": 0.6, "c": 0.97, "d": 1.7, "e": 0.61}, "held-out"))
-    assert [(finding.doubt, finding.place.channels) for finding in found] == [
-        (True, ("d",)),
-        (False, ("c",)),
-        (False, ("b", "e")),
+    ratios = {"a": 0.2, "b": 0.6, "c": 0.97, "d": 1.7, "e": 0.61}
+    found = judged_by(quality_findings, ratios=ratios, part="held-out")
+    assert [(finding.code, finding.doubt, finding.place.channels) for finding in found] == [
+        ("residual_above_signal", True, ("d",)),
+        ("unexplained_channels", False, ("c",)),
+        ("poor_prediction", False, ("b", "e")),
     ]
-    assert "held-out residual over standard deviation in brackets: b (0.6), e (0.61)." in found[2].text
+    assert found[2].values == {"ratios": {"b": 0.6, "e": 0.61}, "part": "held-out"}
 
 
 def postures(q):
@@ -86,7 +96,7 @@ def postures(q):
     mechanism = replace(PENDULUM, ranges={JOINTS[0]: (-1.0, 1.0)})
     q = np.stack([q, 9 * np.ones(len(q))], axis=1)
     samples = SimpleNamespace(motion=Motion(q, 0 * q, 0 * q))
-    return list(posture_findings(SimpleNamespace(prepared=SimpleNamespace(mechanism=mechanism, samples=samples))))
+    return judged_by(posture_findings, mechanism=mechanism, logs=[SimpleNamespace(samples=samples)])
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -96,4 +106,5 @@ def test_postures_beyond_a_joints_range_are_a_doubt_but_for_rare_and_small_ones(
     assert not postures(np.where(np.arange(1000) < 500, sign * 1.08, inside))
     assert not postures(np.where(np.arange(1000) < 8, sign * 2, inside))
     (found,) = postures(np.where(np.arange(1000) < 20, sign * 1.12, inside))
-    assert found.doubt and found.place.joints == (JOINTS[0],) and f"{JOINTS[0]} (2% of the samples)" in found.text
+    assert found.doubt and found.place.joints == (JOINTS[0],)
+    assert found.code == "beyond_joint_ranges" and found.values["shares"] == {JOINTS[0]: pytest.approx(0.02)}

@@ -55,7 +55,7 @@ def estimate(share, ratio, drives=()):
     return SimpleNamespace(
         fit=SimpleNamespace(equations=SimpleNamespace(drives=drives)),
         channels=channels,
-        held_out=SimpleNamespace(ratio=np.array([ratio, ratio])),
+        ratios=dict.fromkeys(channels, ratio),
         friction={"joint1": 0.0, "joint2": share},
         model_error=np.array([0.0, share]),
         trajectory=SimpleNamespace(),
@@ -70,8 +70,8 @@ def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, rat
     (found,) = list(friction_findings(estimate(share, ratio))) or [None]
     assert (found is not None) == worth_it
     if found:
-        assert found.doubt and found.place.channels == ("joint2",)
-        assert f"joint2 ({share:.0%})" in found.text and found.text.endswith("--drive viscous coulomb.")
+        assert found.doubt and found.code == "friction_not_fitted" and found.place.channels == ("joint2",)
+        assert found.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_a_model_is_not_quite_right_where_the_motion_explains_most_of_something(
 def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
     drives = tuple(f"{column}({joint})" for column in ("Fv", "Fc") for joint in ("joint1", "joint2"))
     (found,) = friction_findings(estimate(0.3, 0.1, drives))
-    assert not found.doubt and found.text.endswith("--drive viscous coulomb stribeck.")
+    assert not found.doubt and found.values["drives"] == ("viscous", "coulomb", "stribeck")
     smeared = estimate(0.3, 0.1, drives)
     smeared.trajectory = None
     assert not list(friction_findings(smeared))
@@ -107,14 +107,15 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):
 
 def test_slack_at_rest_is_a_remark_where_it_is_more_than_noise(monkeypatch):
     (found,) = reversals(monkeypatch)
-    assert not found.doubt and found.place.joints == ("joint2",)
-    assert "below about joint2 0.05." in found.text and found.text.endswith("these samples: joint2 0.4.")
+    assert not found.doubt and found.code == "breakaway_friction" and found.place.joints == ("joint2",)
+    assert found.values == {"velocities": {"joint2": 0.05}, "ratios": {"joint2": 0.4}}
     assert not reversals(monkeypatch, size=0.4)
     (found,) = reversals(monkeypatch, moving=np.nan)
-    assert found.text.endswith("these samples: there are no others.")
+    assert found.values["ratios"] == {}
 
 
 def test_friction_that_does_not_jump_is_a_remark(monkeypatch):
     (found,) = reversals(monkeypatch, size=0.0, slip=0.05)
-    assert not found.doubt and found.place.joints == ("joint2",) and "(m/s): joint2 0.05;" in found.text
+    assert not found.doubt and found.place.joints == ("joint2",)
+    assert found.code == "smooth_coulomb_friction" and found.values == {"velocities": {"joint2": 0.05}}
     assert not reversals(monkeypatch, size=0.0, slip=0.01)

@@ -114,12 +114,12 @@ def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, 
     result = SimpleNamespace(widening=1.0, disagreements=(0.5, z, 0.7))
     found = list(halves_findings(result))
     assert [finding.doubt for finding in found] == doubts
-    assert all(f"of log 2 ({z:.1f})." in finding.text for finding in found)
+    assert all(each.code == "logs_disagree" and each.values == {"logs": (2,), "rms_z": (z,)} for each in found)
 
 
 def test_intervals_that_were_widened_are_a_remark():
     (found,) = halves_findings(SimpleNamespace(widening=2.3, disagreement=2.3, disagreements=()))
-    assert not found.doubt and "differ by 2.3 of their standard deviations" in found.text
+    assert not found.doubt and found.code == "halves_disagree" and found.values == {"rms_z": 2.3}
 
 
 @pytest.mark.parametrize(("z", "widening"), [(None, 1), (1.9, 1), (2.1, 2.1)])

@@ -6,15 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 import sagittal_walker
+from coded import coded
 from commands import refusal
 
 import ident
 from experiments import columns, identify
-
-SAYS = (
-    "The model moves in the plane normal to z; how the mechanism sways out of it, which Fz, Mx, My show, it cannot "
-    "explain: --leave-out Fz Mx My leaves them out."
-)
 
 
 @cache
@@ -22,27 +18,18 @@ def estimate(leave_out=(), **options):
     return ident.identify(sagittal_walker.mechanism(), sagittal_walker.recording(**options), leave_out=leave_out)
 
 
-def copied(text):
-    """Values after an option in a sentence."""
-    return tuple(text.partition("--leave-out ")[2].partition(" leaves")[0].split())
-
-
-def plane(result):
-    return [finding for finding in result.findings if "moves in the plane" in finding.text]
-
-
 def test_what_the_model_cannot_explain_is_named_with_the_option_that_leaves_it_out():
-    (finding,) = plane(estimate())
-    assert finding.text == SAYS and not finding.doubt
-    assert copied(finding.text) == finding.place.channels == sagittal_walker.SIDEWAYS
-    assert not estimate().verdict().startswith("Usable")
+    (finding,) = coded(estimate(), "out_of_plane")
+    assert not finding.doubt and finding.values == {"normal": "z", "channels": sagittal_walker.SIDEWAYS}
+    assert finding.place.channels == sagittal_walker.SIDEWAYS and "--leave-out Fz Mx My" in finding.text
+    assert not estimate().verdict().usable
 
 
 def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways():
-    left_out = copied(plane(estimate())[0].text)
+    left_out = coded(estimate(), "out_of_plane")[0].values["channels"]
     without, upright = (estimate(left_out, sway=sway) for sway in (1.0, 0.0))
-    assert without.channels == ("Fx", "Fy", "Mz") and not plane(without)
-    assert without.verdict().startswith("Usable: ") and without.held_out.ratio.max() < 0.1
+    assert without.channels == ("Fx", "Fy", "Mz") and not coded(without, "out_of_plane")
+    assert without.verdict().usable and without.held_out.ratio.max() < 0.1
     z = (without.psi - without.base.regroup(sagittal_walker.mechanism().known)) / without.std
     assert len(z) == 16 and np.sqrt(np.mean(z**2)) < 1.5 and np.abs(z).max() < 4
     np.testing.assert_allclose(without.psi, upright.psi, rtol=1e-6)
@@ -66,8 +53,9 @@ def test_signs_of_plates_are_still_held_against_the_model():
     values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
     turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)
     found = ident.identify(person, turned, leave_out=sagittal_walker.SIDEWAYS)
-    (finding,) = (each for each in found.findings if "the opposite sign" in each.text)
-    assert finding.place.wrenches == ("right",) and not found.verdict().startswith("Usable")
+    (finding,) = coded(found, "wrench_sign_or_axes")
+    assert finding.values["opposite"] and finding.values["frame"] == "as stated"
+    assert finding.place.wrenches == ("right",) and not found.verdict().usable
 
 
 def files(folder):
@@ -99,8 +87,9 @@ def test_the_option_of_the_command(tmp_path, capsys):
     assert identify.main([*given, "--leave-out", *sagittal_walker.SIDEWAYS]) == 0
     said = capsys.readouterr().out
     found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["verdict"].startswith("Usable")
-    assert "Left out, as asked for: Fz, Mx, My." in said and SAYS not in said
+    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["outcome"] == "usable"
+    assert "Left out, as asked for: Fz, Mx, My." in said
+    assert "out_of_plane" not in {finding["code"] for finding in found["findings"]}
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -110,4 +99,4 @@ def test_columns_prints_a_command_that_can_be_copied(tmp_path, capsys):
     assert command.endswith(" --leave-out Fz Mx My")
     assert identify.main([*command.split()[3:], "--out", str(tmp_path), "--name", "out"]) == 0
     found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["verdict"].startswith("Usable")
+    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["outcome"] == "usable"

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from coded import coded
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
 from slow_pendulum import TIME, motion, recorded
 
@@ -23,21 +24,19 @@ def clipped(share, component=2, seed=0):
     return angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), wrench), limit
 
 
-def of_sensors(estimate):
-    return [finding for finding in estimate.findings if "clipped" in finding.text]
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_clipped_force_is_named_and_left_out_where_it_is(seed):
     recording, limit = clipped(0.1, seed=seed)
     estimate = ident.identify(PENDULUM, recording)
-    (finding,) = of_sensors(estimate)
-    assert finding.text.startswith(f"Fz is clipped at {limit:.4g} N, which 10% of its samples read while the motion")
+    (finding,) = coded(estimate, "clipped_channel")
+    values = finding.values
+    assert (values["channel"], values["limits"], values["unit"]) == ("Fz", (limit,), "N")
+    assert values["share"] == pytest.approx(0.1, abs=0.01) and values["kept"] and values["log"] is None
     assert not finding.doubt and finding.place.channels == ("Fz",)
     assert not estimate.setup
     assert abs(estimate.psi[0] - TRUTH[0]) < 1.96 * estimate.std[0]
     assert (abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
-    assert estimate.verdict().startswith("Usable")
+    assert estimate.verdict().usable
     assert estimate.checks.weight.measured == pytest.approx(PENDULUM.mass, rel=0.005)
 
 
@@ -48,7 +47,7 @@ def test_least_squares_leave_its_samples_out():
     assert own.kept and own.limits == (limit,) and own.share == pytest.approx(0.1, abs=0.01)
     np.testing.assert_array_equal(own.samples, recording["ground_force"][:, 2] == limit)
     assert not own.samples[log.taken(part)].any() and len(estimate.residual) == len(log.taken(part))
-    assert len(of_sensors(estimate)) == 1
+    assert len(coded(estimate, "clipped_channel")) == 1
 
 
 def test_a_channel_that_is_clipped_mostly_is_left_out():
@@ -56,8 +55,8 @@ def test_a_channel_that_is_clipped_mostly_is_left_out():
     log = prepared(PENDULUM, recording)
     assert "My" not in log.equations.channels and not log.clipped[0].kept
     assert len(log.taken(slice(None))) == len(recording.time)
-    (finding,) = of_sensors(ident.identify(PENDULUM, recording))
-    assert "60% of its samples" in finding.text and "the channel is left out" in finding.text
+    (finding,) = coded(ident.identify(PENDULUM, recording), "clipped_channel")
+    assert finding.values["share"] == pytest.approx(0.6, abs=0.005) and not finding.values["kept"]
 
 
 def test_samples_at_times_of_their_own_go_missing():
@@ -88,8 +87,9 @@ def touched(share):
 
 def test_a_clipped_contact_is_named_and_no_set_up_is_found_instead():
     estimate = ident.identify(PENDULUM, touched(0.1))
-    (finding,) = of_sensors(estimate)
-    assert finding.text.startswith("tip Fz is clipped at 9") and finding.place.wrenches == ("tip",)
+    (finding,) = coded(estimate, "clipped_channel")
+    assert finding.values["channel"] == "tip Fz" and 90 < finding.values["limits"][0] < 100
+    assert finding.place.wrenches == ("tip",)
     assert not estimate.setup and (abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
 
 
@@ -115,9 +115,11 @@ def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
 
 def test_steps_that_are_most_of_the_noise_are_named():
     recording = recorded(speed=1, forces=3, moments=0.3, angles=2 * np.pi / 4096, jitter=0, noise=0.2)
-    (finding,) = (f for f in ident.identify(PENDULUM, recording).findings if "steps" in f.text)
+    (finding,) = coded(ident.identify(PENDULUM, recording), "coarse_steps")
     assert not finding.doubt
-    for each in ("Fy 3 N", "Fz 3 N", "Mx 0.3 N m", "joint 'joint1' 0.088°", "joint 'joint2' 0.088°"):
-        assert each in finding.text
+    steps = {each["name"]: (pytest.approx(each["step"], rel=1e-3), each["unit"]) for each in finding.values["steps"]}
+    angle = 2 * np.pi / 4096, "rad"
+    wanted = {"Fy": (3, "N"), "Fz": (3, "N"), "Mx": (0.3, "N m"), "joint1": angle, "joint2": angle}
+    assert {name: steps[name] for name in wanted} == wanted
     fine = recorded(speed=1, forces=0.1, moments=0.01, angles=1e-4, noise=1)
-    assert not any("steps" in finding.text for finding in ident.identify(PENDULUM, fine).findings)
+    assert not coded(ident.identify(PENDULUM, fine), "coarse_steps")

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
+from coded import coded
 
 import ident
 import sim
@@ -83,46 +84,47 @@ def test_a_torque_that_another_body_explains_is_in_no_other_unit(joint):
 def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():
     recording = log(hand=False, friction=1.0, seconds=10.0, rate=50.0)
     estimate = ident.identify(arm(), recording, estimator="weighted", cutoff=4.0)
-    doubts = " ".join(finding.text for finding in estimate.findings if finding.doubt)
-    assert "It is likely and was not fitted: --drive viscous coulomb." in doubts
-    assert "The torques look as if 'tool' was not carried" in doubts
+    friction, absent = coded(estimate, "friction_not_fitted", "body_not_carried")[::-1]
+    assert friction.doubt and friction.values["drives"] == ("viscous", "coulomb")
+    assert absent.doubt and absent.values["body"] == "tool"
     clean = ident.identify(arm(), log(seconds=10.0, rate=50.0), estimator="weighted", cutoff=4.0)
-    assert not any("--drive" in finding.text or "carried" in finding.text for finding in clean.findings)
+    assert not coded(clean, "friction_not_fitted", "body_not_carried", "rotor_not_fitted", "rotor_inseparable")
     bare = replace(arm(), prior=arm().known * np.repeat([*7 * [1], 1e-6], 10))
     estimate = ident.identify(bare, recording, drive=("viscous", "coulomb"), setup=dict.fromkeys(PRIORS, 0.0))
-    assert estimate.verdict().startswith("Usable")
-    assert not any("--drive" in finding.text or "carried" in finding.text for finding in estimate.findings)
+    assert estimate.verdict().usable
+    assert not coded(estimate, "friction_not_fitted", "body_not_carried", "rotor_not_fitted", "rotor_inseparable")
     assert estimate.disagreement < 1.5
     assert set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
 
 
 def test_friction_that_is_more_at_low_velocity_is_suggested_where_there_is_some():
     recording = log(friction=1.0, slow=0.4, seconds=10.0, rate=40.0)
-    found = ident.identify(arm(), recording, drive=FRICTION, setup=dict.fromkeys(PRIORS, 0.0)).findings
-    (told,) = [finding for finding in found if "It is likely and was not fitted" in finding.text]
-    assert told.text.endswith("--drive viscous coulomb stribeck.") and not told.doubt
+    estimate = ident.identify(arm(), recording, drive=FRICTION, setup=dict.fromkeys(PRIORS, 0.0))
+    (finding,) = coded(estimate, "friction_not_fitted")
+    assert finding.values["drives"] == ("viscous", "coulomb", "stribeck") and not finding.doubt
 
 
 def test_a_reversal_that_a_low_pass_smears_is_not_taken_for_it():
     recording = log(friction=1.0, seconds=10.0, rate=50.0)
-    found = ident.identify(arm(), recording, drive=FRICTION, estimator="weighted", cutoff=10.0).findings
-    assert not any("follow the velocity" in finding.text for finding in found)
+    estimate = ident.identify(arm(), recording, drive=FRICTION, estimator="weighted", cutoff=10.0)
+    assert not coded(estimate, "friction_not_fitted")
 
 
 def test_rotors_are_to_be_fitted_or_cannot_be_told_from_the_links():
     """A rotor on the first joint, whose axis is fixed, is inseparable from the inertia of its link."""
 
-    def said(*drive):
+    def rotors(*drive):
         logged = prepared(arm(), log(seconds=3), cutoff=8.0, drive=drive)
-        result = SimpleNamespace(prepared=logged, fit=SimpleNamespace(equations=logged.equations))
-        return list(rotor_findings(result, ["link1", "link3"]))
+        fit = SimpleNamespace(equations=logged.equations)
+        evidence = SimpleNamespace(mechanism=logged.mechanism, logs=[logged], fit=fit)
+        return list(rotor_findings(evidence, ["link1", "link3"]))
 
-    fitted, merged = said()
-    assert "masses of link3 (joint joint3): " in fitted.text and "was not fitted" in fitted.text
-    assert "masses of link1 (joint joint1): " in merged.text and "cannot be told from the inertias" in merged.text
+    fitted, merged = rotors()
+    assert fitted.code == "rotor_not_fitted" and fitted.values == {"joints": {"link3": "joint3"}}
+    assert merged.code == "rotor_inseparable" and merged.values == {"joints": {"link1": "joint1"}}
     assert merged.place.bodies == ("link1",) and merged.place.joints == ("joint1",)
-    (merged,) = said("rotor")
-    assert "joint1" in merged.text and "was not fitted" not in merged.text
+    (merged,) = rotors("rotor")
+    assert merged.code == "rotor_inseparable" and merged.values == {"joints": {"link1": "joint1"}}
 
 
 def test_what_may_not_have_been_there_is_screwed_to_what_moves_and_has_a_mass():

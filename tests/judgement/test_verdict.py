@@ -1,12 +1,12 @@
 """Findings and verdicts of identifications from short simulated recordings."""
 
-import re
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 import wrist
+from coded import coded
 from recorded_faults import PENDULUM, angles_and_wrench
 from test_torque_checks import NO_HAND, log
 
@@ -15,11 +15,11 @@ import sim
 from ident.estimation.part import Part
 from ident.estimation.preparation import LeftOut
 from ident.judgement.body_findings import tool_findings
-from ident.judgement.candidates import Candidates
 from ident.judgement.finding import Finding
 from ident.judgement.fit_findings import course_findings, prior_findings, slow_residual_findings
 from ident.judgement.torque_findings import bound_findings
-from ident.judgement.verdict import findings, unmeasured_findings, verdict
+from ident.judgement.verdict import Outcome, Verdict
+from ident.judgement.wrench_findings import unmeasured_findings
 from ident.parameters.prior import known_covariance
 
 
@@ -49,22 +49,18 @@ def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.
     return angles_and_wrench(time, q + angle * rng.normal(size=q.shape), wrench)
 
 
-def with_words(estimate, text):
-    return [finding for finding in estimate.findings if text in finding.text]
-
-
 def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
     """Errors of a motion smoothed from its angles alone correlate with it, but a fit's own residuals do not."""
     for seed in (15, 16):
         estimate = ident.identify(PENDULUM, sines(seed, rate=500), held_out=sines(1000 + seed, rate=500))
-        assert (estimate.held_out.ratio[1:] > 0.01).any() and not with_words(estimate, "go with the motion")
+        assert (estimate.held_out.ratio[1:] > 0.01).any() and not coded(estimate, "residual_follows_motion")
 
 
 def test_a_wrong_model_s_residuals_do():
     estimate = ident.identify(
         PENDULUM, sines(1, seconds=20, size=1, drag=10.0), held_out=sines(1001, 20, size=1, drag=10)
     )
-    (finding,) = with_words(estimate, "go with the motion")
+    (finding,) = coded(estimate, "residual_follows_motion")
     assert finding.doubt and "Fy" in finding.place.channels
 
 
@@ -88,125 +84,131 @@ def with_ratios(estimate, **rivals):
 def test_all_three_candidates_are_compared_and_the_best_is_named(estimate):
     assert set(estimate.rivals) == {"model", "least squares"} and estimate.filtered_at > 0
     other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1.2, 1.0, 0.95, 1.3, 0.85])
-    first, *rest = verdict(other, findings(other)).split(" It predicts ")
-    assert first.startswith("Usable")
+    verdict = other.verdict()
+    squares, model = verdict.candidates.compared()
+    assert verdict.usable and squares == ("least squares", ("Fy", "My"), ("Fz", "Mx"), ("Mz",))
+    assert model == ("model", ("Fy", "Fz", "Mx", "My", "Mz"), (), ())
     assert (
-        rest[0]
-        == "better than least squares in Fy, My, as well as least squares in Fz, Mx, worse than least squares in Mz."
+        "It predicts better than least squares in Fy, My, as well as least squares in Fz, Mx, worse than least squares "
+        "in Mz. It predicts better than the model as it came in Fy, Fz, Mx, My, Mz. Over all channels the estimate "
+        "predicts best." in str(verdict)
     )
-    assert rest[1].startswith("better than the model as it came in Fy, Fz, Mx, My, Mz. Over all channels the estimate")
-    assert other.to_dict()["best_candidate"] == "the estimate" and other.to_dict()["filtered_at_hz"] == 3.21
+    assert other.to_dict()["best_candidate"] == "estimate" and other.to_dict()["filtered_at_hz"] == 3.21
 
 
 def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(estimate):
     other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[0.5, 0.9, 0.6, 1, 1])
-    said = verdict(other, findings(other))
-    assert said.startswith("Worse than least squares in Fy (") and ", Mx (" in said and "Fz (" not in said
-    assert "take least squares, --estimator weighted --cutoff 3.21. Do not use it as it is: one finding" in said
-    assert "It predicts as well as least squares in My, Mz, worse than least squares in Fy, Fz, Mx." in said
-    assert said.endswith("Over all channels least squares predicts best.")
-    doubt = findings(other)[0]
-    assert doubt.doubt and said.startswith(doubt.text) and doubt.place.channels == ("Fy", "Mx")
-    assert Candidates.of(other).best == "least squares"
+    verdict, doubt = other.verdict(), other.findings[0]
+    assert verdict.outcome is Outcome.DOUBTFUL and verdict.doubts == ("worse_than_candidate",)
+    assert verdict.best == "least squares" and verdict.worse is doubt and str(verdict).startswith(doubt.text)
+    assert doubt.doubt and doubt.place.channels == ("Fy", "Mx")
+    assert doubt.values["worse"]["least squares"].keys() == {"Fy", "Mx"}
+    assert doubt.values["take"] == "least squares" and doubt.values["cutoff_hz"] == 3.21
+    assert next(verdict.candidates.compared()) == ("least squares", (), ("My", "Mz"), ("Fy", "Fz", "Mx"))
     other = with_ratios(estimate, model=[0.5, 0.9, 0.6, 1, 1], squares=[1, 1, 1, 0.6, 1])
-    said = verdict(other, findings(other))
-    assert said.startswith("Worse than least squares in My (") and "and than the model as it came in Fy (" in said
-    assert "in brackets: keep the model. Do not use it" in said
+    doubt = other.verdict().worse
+    assert {name: set(pairs) for name, pairs in doubt.values["worse"].items()} == {
+        "least squares": {"My"},
+        "model": {"Fy", "Mx"},
+    }
+    assert doubt.values["take"] == "model"
 
 
 def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estimate):
     other = replace(with_ratios(estimate, squares=[0.5, 0.9, 0.6, 1, 1]), singular_values=np.array([1, 1e-5]))
-    said = verdict(other, findings(other))
-    assert said.startswith("Worse than least squares in Fy (") and "brackets: move the joints further; " in said
+    worse = other.verdict().worse
+    assert worse.values["take"] is None and "brackets: move the joints further; " in worse.text
 
 
 def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):
     doubted = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1, 1, 1, 1, 1])
-    said = verdict(doubted, [Finding("Something is wrong.", True)])
-    assert said.startswith("Do not use it as it is: one finding below speaks against it. It predicts as well as least")
-    assert said.endswith("Over all channels the estimate predicts best.")
+    verdict = Verdict.of(doubted.evidence, [Finding.of("weight_drifts", drift=2.0)])
+    assert verdict.outcome is Outcome.DOUBTFUL and verdict.doubts == ("weight_drifts",) and verdict.best == "estimate"
+    assert [each.other for each in verdict.candidates.compared()] == ["least squares", "model"]
     held = replace(estimate.held_out, residual=estimate.held_out.residual * 1e6)
     nothing = replace(estimate, held_out=held, rivals={"model": np.full(6, 9.0), "least squares": np.full(6, 8.0)})
-    said = verdict(nothing, [])
-    assert said.startswith("Do not use it: the model predicts none of the channels on the held-out part. No candidate")
-    assert Candidates.of(nothing).best is None
+    verdict = Verdict.of(nothing.evidence, [])
+    assert verdict.outcome is Outcome.PREDICTS_NOTHING and verdict.best is None and not verdict.predicted
+    assert str(verdict).endswith("on the held-out part. No candidate explains any channel, so that none is best.")
 
 
 def test_worse_in_a_channel_and_better_overall_is_no_doubt(estimate):
     other = with_ratios(estimate, squares=[0.5, 3, 3, 3, 3])
-    assert verdict(other, findings(other)).startswith("Usable")
-    assert "worse than least squares in Fy" in verdict(other, findings(other))
+    assert other.verdict().usable and next(other.verdict().candidates.compared()).worse == ("Fy",)
 
 
 def test_weighted_least_squares_are_compared_with_the_model():
     estimate = ident.identify(PENDULUM, sines(3, seconds=8, size=1), estimator="weighted")
-    assert set(estimate.rivals) == {"model"} and "as well as the model as it came in Fy" in estimate.verdict()
+    (model,) = estimate.verdict().candidates.compared()
+    assert set(estimate.rivals) == {"model"} and model.other == "model" and "Fy" in model.alike
 
 
 def test_drives_at_their_bound_are_at_most_so_much(estimate):
-    assert estimate.to_dict()["bounded"] == {} and not list(bound_findings(estimate))
+    assert estimate.to_dict()["bounded"] == {} and not list(bound_findings(estimate.evidence))
     one = replace(estimate, bounded={"Fc(joint1)": (0.131, 0.08)})
-    (finding,) = bound_findings(one)
-    assert finding.text.startswith("Fc(joint1) is at its bound of zero: at most 0.13 N m (95 %).")
-    assert not finding.doubt and finding.place.joints == ("joint1",) and finding in findings(one)
+    (finding,) = bound_findings(one.evidence)
+    assert finding.values == {"at_most": {"Fc(joint1)": 0.131}, "units": {"Fc(joint1)": "N m"}}
+    assert not finding.doubt and finding.place.joints == ("joint1",) and finding in one.findings
     assert one.to_dict()["bounded"] == {"Fc(joint1)": {"at_most": 0.131, "std_free": 0.08}}
-    (finding,) = bound_findings(replace(one, bounded={"Fc(joint1)": (0.131, 0.08), "Ia(joint2)": (0.02, 0.01)}))
+    two = replace(one, bounded={"Fc(joint1)": (0.131, 0.08), "Ia(joint2)": (0.02, 0.01)})
+    (finding,) = bound_findings(two.evidence)
     assert "Fc(joint1), Ia(joint2) are at their bound of zero: at most 0.13 N m, 0.02 kg m² (95 %)" in finding.text
 
 
 def test_a_prior_that_was_asked_for_is_not_blamed_on_the_motion(estimate):
-    (asked,) = prior_findings(replace(estimate, trajectory=replace(estimate.trajectory, known=True)))
-    assert asked.text.startswith("As asked for, what the model says") and "does not separate" not in asked.text
+    (asked,) = prior_findings(replace(estimate, trajectory=replace(estimate.trajectory, known=True)).evidence)
+    assert asked.code == "prior_as_asked"
     base, fit = estimate.base, estimate.fit
     covariance = fit.covariance.copy()
     covariance[: base.rank, : base.rank] = known_covariance(PENDULUM, base)
     poor = replace(
         estimate, trajectory=replace(estimate.trajectory, known=True), fit=replace(fit, covariance=covariance)
     )
-    (needed,) = prior_findings(poor)
-    assert needed.text.startswith("The motion does not separate all base parameters; what the model says")
+    (needed,) = prior_findings(poor.evidence)
+    assert needed.code == "prior_needed"
 
 
 def test_rounds_are_counted_in_english(estimate):
     joint = estimate.trajectory
-    for trace, said in (([1.0], "after 1 round;"), ([1.0, 1.0], "after 2 rounds;")):
+    for trace, words in (([1.0], "after 1 round;"), ([1.0, 1.0], "after 2 rounds;")):
         stuck = joint.with_fit(replace(joint.fit, status="stuck", trace=tuple(trace)))
-        (finding,) = course_findings(replace(estimate, trajectory=stuck))
-        assert said in finding.text
+        (finding,) = course_findings(replace(estimate, trajectory=stuck).evidence)
+        assert finding.values == {"status": "stuck", "rounds": len(trace)} and words in finding.text
 
 
 def test_what_is_left_beyond_fast_noise_is_listed_unless_it_is_everywhere(estimate):
     fit = estimate.trajectory.fit
 
-    def said(*factors):
+    def slow(*factors):
         noise = replace(fit.noise, channels=fit.noise.channels * factors)
-        (finding,) = slow_residual_findings(
-            replace(estimate, trajectory=estimate.trajectory.with_fit(replace(fit, noise=noise)))
-        )
-        return finding.text
+        trajectory = estimate.trajectory.with_fit(replace(fit, noise=noise))
+        (finding,) = slow_residual_findings(replace(estimate, trajectory=trajectory).evidence)
+        return finding
 
-    one, all_ = said(1, 10, 1, 1, 1, 1), said(*6 * [1e4])
-    assert re.search(r"noise of the sensors: Fy \d+ times\. ", one) and "or the channel was low-passed before" in one
-    assert all_.startswith("In all channels what is left is far more than") and "sensors, over 100 times." in all_
+    one, all_ = slow(1, 10, 1, 1, 1, 1), slow(*6 * [1e4])
+    assert one.values["factors"].keys() == {"Fy"} and not one.values["all_channels"]
+    assert all_.values["all_channels"] and min(all_.values["factors"].values()) > 100
+    assert "sensors, over 100 times." in all_.text
 
 
 def test_spans_of_several_logs_say_which_log(estimate):
-    prepared = replace(estimate.prepared, left_out=(LeftOut(1.0, 2.0, "From 1.00 to 2.00 s a chair.", None),))
+    prepared = replace(estimate.prepared, left_out=(LeftOut(1.0, 2.0, 0.3, None),))
     alone, part = replace(estimate, logs=[Part(prepared, estimate.part)]), estimate.part
-    assert [each.text for each in unmeasured_findings(alone)] == ["From 1.00 to 2.00 s a chair."]
+    assert [each.values["log"] for each in unmeasured_findings(alone.evidence)] == [None]
     several = replace(estimate, logs=[Part(estimate.prepared, part), Part(prepared, part)])
-    assert [each.text for each in unmeasured_findings(several)] == ["Log 2: From 1.00 to 2.00 s a chair."]
+    (finding,) = unmeasured_findings(several.evidence)
+    assert finding.values == {"start": 1.0, "end": 2.0, "carries": 0.3, "body": None, "log": 2}
+    assert finding.place.span == (1.0, 2.0) and finding.place.log == 1
 
 
 def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
-    assert not with_words(estimate, "a tool?")
+    assert not coded(estimate, "heavier_last_link")
     light = PENDULUM.known.copy()
     light[-10:] *= 0.6
     estimate = ident.identify(replace(PENDULUM, prior=light), sines(3, seconds=8, size=1))
-    (finding,) = with_words(estimate, "a tool? (experiments.payload)")
-    assert not finding.doubt and finding.place.bodies == ("link2",)
-    match = re.fullmatch(r"The last link 'link2' carries (.*) ± (.*) kg more than the model.*", finding.text)
-    more, std = map(float, match.groups())
+    (finding,) = coded(estimate, "heavier_last_link")
+    assert not finding.doubt and finding.place.bodies == ("link2",) and finding.values["body"] == "link2"
+    more, std = finding.values["mass"], finding.values["std"]
     assert std < more / 2 and abs(more - 0.4 * PENDULUM.known[-10]) < 3 * std
 
 
@@ -216,7 +218,7 @@ def test_a_link_that_only_the_physical_bodies_make_heavier_carries_no_tool(estim
     phi = full.phi.copy()
     phi[-10] *= 1.5
     vars(other)["_consistent"] = replace(full, phi=phi)
-    assert not list(tool_findings(other))
+    assert not list(tool_findings(other.evidence, other.consistent()))
 
 
 def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
@@ -225,4 +227,4 @@ def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt()
     estimate = ident.identify(bare, log(seconds=8))
     full = estimate.consistent()
     assert full.attainable and (abs(np.log(full.phi[::10] / bare.known[::10]))[:7] < np.log(1.35)).all()
-    assert not any(finding.doubt for finding in with_words(estimate, "Masses beyond"))
+    assert not any(finding.doubt for finding in coded(estimate, "masses_shown", "masses_hardly_shown"))

@@ -19,27 +19,33 @@ from ident.recordings.wrench import Sensor
 )
 def test_a_contact_left_out_is_on_a_body_and_is_not_measured(measured_on, distance, doubted):
     recording, motion = SimpleNamespace(sensors={"tip": Sensor(measured_on)}), Motion(*np.zeros((3, 4, 2)))
-    result = SimpleNamespace(
+    evidence = SimpleNamespace(
         checks=SimpleNamespace(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0)),
-        held_out=SimpleNamespace(ratio=np.full(6, 0.5)),
-        prepared=SimpleNamespace(recording=recording, mechanism=PENDULUM, samples=SimpleNamespace(motion=motion)),
+        ratios=dict.fromkeys(range(6), 0.5),
+        mechanism=PENDULUM,
+        logs=[SimpleNamespace(recording=recording, samples=SimpleNamespace(motion=motion))],
     )
-    assert [finding.doubt for finding in contact_findings(result)] == [True] * doubted
+    assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
+
+
+def weighed(*weight):
+    """Findings on a weight; its arguments are measured and modelled mass, and drift."""
+    return list(weight_findings(SimpleNamespace(checks=SimpleNamespace(weight=Weight(*weight), largest_force=None))))
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(("off", "doubts"), [(0.04, []), (0.06, [False]), (0.28, [False]), (0.32, [True])])
 def test_a_mechanism_may_weigh_a_little_more_or_less_than_its_model(sign, off, doubts):
     """Above 5 % there is a remark, above 30 % it is another mechanism."""
-    found = list(weight_findings(Weight(50 * (1 + sign * off), 50, 0.0)))
-    assert [finding.doubt for finding in found] == doubts
+    found = weighed(50 * (1 + sign * off), 50, 0.0)
+    assert [(finding.code, finding.doubt) for finding in found] == [("weight_differs", doubt) for doubt in doubts]
 
 
 @pytest.mark.parametrize("drift", [0.015, 0.025, -0.015, -0.025])
 def test_the_weight_may_not_drift_either_way(drift):
-    found = list(weight_findings(Weight(50, 50, 50 * drift)))
+    found = weighed(50, 50, 50 * drift)
     assert [finding.doubt for finding in found] == [True] * (abs(drift) > 0.02)
-    assert all(f"{50 * drift:+.2f} kg" in finding.text for finding in found)
+    assert all(each.code == "weight_drifts" and each.values == {"drift": 50 * drift} for each in found)
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.1, -0.1])

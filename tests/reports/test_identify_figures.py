@@ -119,7 +119,7 @@ def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
 def test_the_page_predicts_nothing_where_samples_were_left_out(estimate):
     log = estimate.prepared
     start, end = log.recording.time[[50, 90]]
-    less = replace(log, left_out=(LeftOut(start, end, ""),))
+    less = replace(log, left_out=(LeftOut(start, end, 0.1),))
     less = replace(estimate, logs=(estimate.logs[0].of(less), *estimate.logs[1:]))
     for shown, left in ((replay(estimate), 0), (replay(less), 41)):
         inside = (log.recording.time >= start) & (log.recording.time <= end)

@@ -74,7 +74,7 @@ def test_a_ball_is_identified_from_its_quaternions(arm, torques):
     truth = estimate.base.regroup(arm.known)
     z = (estimate.psi - truth) / estimate.std_setup
     assert np.abs(z).max() < 4 and np.sqrt((z**2).mean()) < 1.6
-    assert estimate.verdict().startswith("Usable")
+    assert estimate.verdict().usable
     assert (estimate.held_out.ratio[[0, 1, 2, 3, 4]] < 0.2).all()
 
 

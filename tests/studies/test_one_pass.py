@@ -44,12 +44,12 @@ def arguments(tmp_path, *more, units=None, **channels):
 def judged(tmp_path, *more, **channels):
     assert stream.main(arguments(tmp_path, *more, **channels)) == 0
     found = json.loads((tmp_path / "out" / "estimate.json").read_text())
-    return found, " ".join(finding["text"] for finding in found["findings"] if finding["doubt"])
+    return found, {finding["code"]: finding["values"] for finding in found["findings"] if finding["doubt"]}
 
 
 def test_a_sound_recording_is_usable(tmp_path, capsys):
     found, doubts = judged(tmp_path)
-    assert doubts == ""
+    assert doubts == {} and found["outcome"] == "usable"
     assert found["verdict"] == "Usable: fitted residuals are at most 0.09 of the signal in Fy, Fz, Mx, My, Mz."
     wrench = recording().wrench("ground").values
     rms = np.array(found["residual_norms"]) / np.sqrt(943)
@@ -60,26 +60,27 @@ def test_a_sound_recording_is_usable(tmp_path, capsys):
 def test_an_empty_force_a_wrong_sign_and_kilonewtons_are_doubts(tmp_path):
     force, torque = recording()["ground_force"], recording()["ground_torque"]
     found, doubts = judged(tmp_path, ground_force=0 * force)
-    assert found["verdict"].startswith("Do not use it as it is: 2 findings below speak against it")
-    assert "The wrenches weigh 0.00 kg, the model 20.99 kg" in doubts
-    assert "Constant, though the motion would change it: Fy, Fz." in doubts
+    assert found["verdict"] == "Do not use it as it is: 2 findings below speak against it."
+    assert doubts["weight_differs"] == {"measured": 0, "model": pytest.approx(20.99, abs=0.005)}
+    assert doubts["constant_channels"] == {"channels": ["Fy", "Fz"]}
     _, doubts = judged(tmp_path, ground_force=-force, ground_torque=-torque)
-    assert "the opposite sign: against the model's own prediction its relative error would fall from 2.00 to" in doubts
-    assert "The wrenches weigh -21." in doubts
+    sign = doubts["total_wrench_sign"]
+    assert sign["error"] == pytest.approx(2, abs=0.005) and sign["error_turned"] < 0.05
+    assert doubts["weight_differs"]["measured"] == pytest.approx(-21, abs=0.1)
     _, doubts = judged(tmp_path, ground_force=force / 1000, ground_torque=torque / 1000)
-    assert "The force is at most 0.232 N where the mechanism weighs 206 N: its unit may be kN." in doubts
+    assert doubts["kilonewtons"] == {"largest": pytest.approx(0.232, abs=0.0005), "weight": pytest.approx(206, abs=0.5)}
 
 
 def test_an_offset_is_a_doubt(tmp_path):
     shifted = recording()["ground_force"] + [25, 0, 0]
     _, doubts = judged(tmp_path, "--no-offsets", ground_force=shifted)
-    assert "More is left over than the channel varies, as of a constant offset" in doubts and "Fx (4" in doubts
+    assert 40 < doubts["residual_above_signal"]["ratios"]["Fx"] < 60
     found, doubts = judged(tmp_path, ground_force=shifted)
-    assert "Constant offsets are large beside the model's weight" in doubts and "± 0.016 N (12%)" in doubts
+    assert doubts["large_offsets"]["shares"] == {"Fx": pytest.approx(0.12, abs=0.005)}
     assert found["offsets"]["Fx"]["value"] == pytest.approx(25, abs=0.1)
-    told = [finding["text"] for finding in found["findings"] if not finding["doubt"]]
-    assert any(text.startswith("Constant offsets were found and taken out: Fx 25 ± 0.016 N") for text in told)
-    assert any(text.startswith("Constant offsets of Fz, Mx, My cannot be told") for text in told)
+    remarks = {finding["code"]: finding["values"] for finding in found["findings"] if not finding["doubt"]}
+    assert remarks["offsets_taken_out"]["offsets"] == {"Fx": doubts["large_offsets"]["offsets"]["Fx"]}
+    assert remarks["inseparable_offsets"] == {"channels": ["Fz", "Mx", "My"]}
 
 
 def test_offsets_that_a_motion_hides_are_left_out():
@@ -106,11 +107,12 @@ def test_a_dependent_column_takes_nothing_from_later_ones():
 def test_stuck_channels_are_named(tmp_path):
     force = recording()["ground_force"]
     _, doubts = judged(tmp_path, ground_force=np.where(np.arange(3) == 1, force[0], force))
-    assert "Constant, though the motion would change it: Fy." in doubts
+    assert doubts["constant_channels"] == {"channels": ["Fy"]}
     _, doubts = judged(tmp_path, joint1_velocity=0 * recording()["joint1_velocity"])
-    assert "Constant, though the motion would change it: joint1_velocity." in doubts
-    said, doubts = judged(tmp_path, ground_force=np.random.default_rng(0).normal(force, 6 * np.ones(3)))
-    assert "Predicted poorly, fitted residual over standard deviation in brackets: Fy (0." in str(said) and not doubts
+    assert doubts["constant_channels"] == {"channels": ["joint1_velocity"]}
+    found, doubts = judged(tmp_path, ground_force=np.random.default_rng(0).normal(force, 6 * np.ones(3)))
+    (poor,) = (finding["values"] for finding in found["findings"] if finding["code"] == "poor_prediction")
+    assert "Fy" in poor["ratios"] and poor["part"] == "fitted" and not doubts
 
 
 def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coded import coded
 from commands import refusal
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened
 
@@ -47,7 +48,7 @@ def test_clean_recordings_are_usable_and_nothing_is_found(tmp_path):
     beyond = []
     for seed in range(4):
         estimate = by_command(tmp_path, [faulty(seed)], "--base", "base")
-        assert estimate["setup"] == [] and estimate["verdict"].startswith("Usable")
+        assert estimate["setup"] == [] and estimate["outcome"] == "usable"
         assert estimate["std"][estimate["columns"].index("Ixx2")] <= 0.03
         assert (np.array(estimate["std_setup"]) >= estimate["std"]).all()
         beyond += (distances(estimate, "std") > 1.96).tolist()
@@ -74,7 +75,7 @@ def test_a_fault_of_the_set_up_is_found_and_taken_out(tmp_path, fault, name, val
     assert found["name"] == name and words in found["text"]
     assert abs(found["value"] - value) < 3 * found["std"]
     assert (distances(estimate, "std") < 4).all() and (distances(estimate, "std_setup") < 2).all()
-    assert estimate["verdict"].startswith("Usable")
+    assert estimate["outcome"] == "usable"
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -89,7 +90,7 @@ def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
 @pytest.mark.usefixtures("undrawn")
 def test_a_forgotten_base_is_named(tmp_path, capsys):
     estimate = by_command(tmp_path, [faulty()])
-    assert estimate["verdict"].startswith("Do not use it as it is")
+    assert estimate["outcome"] == "doubtful" and "other_base" in {each["code"] for each in estimate["findings"]}
     assert "--base is probably 'base', not what it is now" in " ".join(capsys.readouterr().out.split())
 
 
@@ -164,7 +165,7 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
     mechanism, recording = one_joint_moves()
     estimate = ident.identify(mechanism, recording)
     assert estimate.trajectory.known
-    assert any("does not separate all base parameters" in finding.text for finding in estimate.findings)
+    assert coded(estimate, "prior_needed")
     assert (np.abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
     explained = estimate.rivals["model"] > 0.1
     assert (estimate.held_out.ratio[1:] < 0.1).all() and explained.any()
@@ -201,7 +202,8 @@ def test_an_interrupt_leaves_the_last_iterate():
 
     estimate = identified(prepared(PENDULUM, faulty()), report=interrupt)
     assert estimate.trajectory.fit.status == "interrupted"
-    assert any("was interrupted after 1 round" in finding.text and finding.doubt for finding in estimate.findings)
+    (finding,) = coded(estimate, "not_converged")
+    assert finding.doubt and finding.values == {"status": "interrupted", "rounds": 1}
     assert (np.abs(estimate.psi - TRUTH) < 10 * estimate.std).all()
 
 

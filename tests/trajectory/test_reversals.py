@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from coded import coded
 
 import ident
 import scenes
@@ -58,7 +59,7 @@ def test_arms_whose_joints_rub(name):
     assert len(friction) == 4
     assert values[friction] == pytest.approx(true[friction], rel=0.02)
     assert (np.abs(z) < 1.96).mean() > 0.8 and not estimate.setup
-    assert any("Friction at rest" in finding.text for finding in estimate.findings)
+    assert coded(estimate, "breakaway_friction")
 
 
 def test_a_drive_at_its_bound_has_a_one_sided_interval():
@@ -71,4 +72,5 @@ def test_a_drive_at_its_bound_has_a_one_sided_interval():
     for name, limit in limits.items():
         k = estimate.names.index(name)
         assert estimate.fit.values[k] == 0 and estimate.fit.std[k] > 0 and 0 < limit < 4 * estimate.fit.std[k]
-    assert any("bound of zero: at most" in finding.text for finding in estimate.findings)
+    (finding,) = coded(estimate, "drive_at_bound")
+    assert finding.values["at_most"] == limits

@@ -1,0 +1,18 @@
+"""The table of all findings, by subject: a code, the sentence that it stands for, and whether it is a doubt."""
+
+from collections.abc import Mapping
+
+from ident.judgement.codes.of_bodies import BODIES
+from ident.judgement.codes.of_fit import FIT
+from ident.judgement.codes.of_payload import PAYLOAD
+from ident.judgement.codes.of_prediction import PREDICTION
+from ident.judgement.codes.of_sensors import SENSORS
+from ident.judgement.codes.of_setup import SETUP
+from ident.judgement.codes.of_torques import TORQUES
+from ident.judgement.codes.of_wrenches import WRENCHES
+from ident.judgement.codes.row import Row
+
+SUBJECTS = (PREDICTION, WRENCHES, SENSORS, TORQUES, SETUP, FIT, BODIES, PAYLOAD)
+
+FINDINGS: Mapping[str, Row] = {code: row for rows in SUBJECTS for code, row in rows.items()}
+"""Row of each code."""

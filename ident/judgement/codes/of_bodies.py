@@ -1,0 +1,65 @@
+"""Sentences on the bodies of the updated model: whether they are physical, and how far from the model's."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ident.judgement.codes.row import Row, listed
+
+
+def _within(moved: Sequence[Mapping[str, Any]]) -> str:
+    return f"The updated model has the base parameters within their joint 95 % region: {_moves(moved)}."
+
+
+def _none_near(moved: Sequence[Mapping[str, Any]]) -> str:
+    return f"No physical bodies near the model's have these base parameters; of the updated model's, {_moves(moved)}."
+
+
+def _moves(moved: Sequence[Mapping[str, Any]]) -> str:
+    each = listed(f"{x['name']}{_of(x['body'])} by {x['z']:+.1f}" for x in moved)
+    return f"it moves {each} standard deviations" if moved else "it moves none of them"
+
+
+def _of(body: str | None) -> str:
+    return f" of {body}" if body else ""
+
+
+def _masses(how: str) -> Row:
+    def sentence(masses: Mapping[str, Mapping[str, float]], factor: float) -> str:
+        each = listed(
+            f"{body} {x['mass']:.3g} ± {x['std']:.2g} kg (model: {_mass_or_none(x['model'])})"
+            for body, x in masses.items()
+        )
+        return f"Masses beyond a factor of {factor:g} of the model's, {how}: {each}."
+
+    return Row(sentence, doubt=False)
+
+
+def _mass_or_none(mass: float) -> str:
+    return f"{mass:.3g} kg" if mass else "none"
+
+
+def _rotor(what: str) -> Row:
+    def sentence(joints: Mapping[str, str]) -> str:
+        each = listed(f"{body} (joint {joint})" for body, joint in joints.items())
+        return f"Rotor inertia may explain the masses of {each}: it turns with the joint and {what}."
+
+    return Row(sentence, doubt=False)
+
+
+BODIES = {
+    "model_not_contradicted": Row(
+        "The estimate does not contradict the model, whose bodies stay as they are.", doubt=False
+    ),
+    "physical_within_region": Row(_within, doubt=False),
+    "no_physical_bodies": Row(_none_near, doubt=None),
+    "masses_shown": _masses("which the data show"),
+    "masses_hardly_shown": _masses("though the data hardly see them"),
+    "rotor_not_fitted": _rotor("was not fitted beside the inertias of the links, which take it up (--drive rotor)"),
+    "rotor_inseparable": _rotor(
+        "cannot be told from the inertias of the links, which take it up, with or without --drive rotor"
+    ),
+    "heavier_last_link": Row(
+        "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model: a tool? (experiments.payload)",
+        doubt=False,
+    ),
+}

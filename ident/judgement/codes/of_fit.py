@@ -1,0 +1,56 @@
+"""Sentences on the fit: its course, parts of the data that disagree, the prior, and what is taken for granted."""
+
+from collections.abc import Mapping, Sequence
+
+from ident.judgement.codes.row import Row, listed
+
+
+def _not_converged(status: str, rounds: int) -> str:
+    how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(status, "did not settle")
+    after = "1 round" if rounds == 1 else f"{rounds} rounds"
+    return f"The trajectory estimate {how} after {after}; its last iterate is given."
+
+
+def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float]) -> str:
+    each = listed(f"{log} ({z:.1f})" for log, z in zip(logs, rms_z, strict=True))
+    return (
+        f"Logs disagree: what each says of the base parameters differs from what the others say, in standard "
+        f"deviations from the noise (root mean square) of log {each}. Something changed between them, "
+        "as a load, a mounting or friction; look at them one by one."
+    )
+
+
+def _beyond_ranges(shares: Mapping[str, float]) -> str:
+    each = listed(f"{joint} ({share:.0%} of the samples)" for joint, share in shares.items())
+    return f"Joints are recorded beyond the model's ranges: {each}; a zero, a sign or a unit may be wrong."
+
+
+_PUT = "what the model says of its bodies, give or take, was put in"
+
+FIT = {
+    "not_converged": Row(_not_converged, doubt=True),
+    "halves_disagree": Row(
+        "Two halves of the data differ by {rms_z:.1f} of their standard deviations from the noise (root mean square): "
+        "model or set-up are not quite right, and those deviations are widened by as much.",
+        doubt=False,
+    ),
+    "logs_disagree": Row(_logs_disagree, doubt=None),
+    "prior_as_asked": Row(
+        f"As asked for, {_PUT}; the motion would separate the base parameters without it.", doubt=False
+    ),
+    "prior_needed": Row(
+        f"The motion does not separate all base parameters; {_PUT}, and those that the data hardly see stay near it.",
+        doubt=False,
+    ),
+    "beyond_joint_ranges": Row(_beyond_ranges, doubt=True),
+    "unfiltered_wrenches": Row(
+        "Velocities and accelerations are the log's own and the wrenches are not filtered: if the log's were, --cutoff "
+        "auto treats both alike.",
+        doubt=False,
+    ),
+    "joint_noise_not_included": Row(
+        "The standard deviations are those of noise on the wrenches; noise on the joint angles biases the estimate and "
+        "is not in them.",
+        doubt=False,
+    ),
+}

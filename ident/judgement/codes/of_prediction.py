@@ -1,0 +1,75 @@
+"""Sentences on the prediction of held-out samples: the candidates, and what is left of each channel."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ident.judgement.codes.row import Row, bracketed, listed
+
+CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
+"""Candidates in words."""
+
+
+def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) -> str:
+    parts = [
+        f"{CANDIDATES[name]} in "
+        + listed(f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items())
+        for name, channels in worse.items()
+    ]
+    return (
+        f"Worse than {', and than '.join(parts)}, held-out residual over standard deviation in brackets: "
+        f"{_advice('model' in worse, **advice)}."
+    )
+
+
+def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
+    if take == "model":
+        return "keep the model"
+    if take == "least squares":
+        cutoff = "" if cutoff_hz is None else f" --cutoff {cutoff_hz:.3g}"
+        return f"take least squares, --estimator weighted{cutoff}"
+    keep = "keep the model, or " if model_too else ""
+    return (
+        f"{keep}move the joints further; least squares had the model's bodies for a prior here, without which "
+        "--estimator weighted does not separate the parameters"
+    )
+
+
+def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
+    if all_channels:
+        least, most = _times(min(factors.values())), _times(max(factors.values()))
+        times = least if least == most else f"{least} to {most}"
+        what = f"In all channels what is left is far more than the fast noise of the sensors, {times} times."
+    else:
+        each = listed(f"{channel} {_times(factor)} times" for channel, factor in factors.items())
+        what = f"What is left is far more than the fast noise of the sensors: {each}."
+    return (
+        f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
+        "before; what is left, and how slow it is, is in the standard deviations."
+    )
+
+
+def _times(factor: float) -> str:
+    return "over 100" if factor > 100 else f"{factor:.0f}"
+
+
+def _ratios(what: str, *, doubt: bool) -> Row:
+    def sentence(ratios: Mapping[str, float], part: str) -> str:
+        return f"{what}, {part} residual over standard deviation in brackets: {bracketed(ratios)}."
+
+    return Row(sentence, doubt)
+
+
+def _follow_motion(channels: Sequence[str]) -> str:
+    return f"Residuals of {listed(channels)} go with the motion: the model is not quite that of the mechanism."
+
+
+_DEAD = "More is left over than the channel varies, as of a constant offset or a sensor that died"
+
+PREDICTION = {
+    "worse_than_candidate": Row(_worse, doubt=True),
+    "residual_above_signal": _ratios(_DEAD, doubt=True),
+    "unexplained_channels": _ratios("Not explained by this motion", doubt=False),
+    "poor_prediction": _ratios("Predicted poorly", doubt=False),
+    "residual_follows_motion": Row(_follow_motion, doubt=True),
+    "residual_above_fast_noise": Row(_beyond_fast_noise, doubt=False),
+}

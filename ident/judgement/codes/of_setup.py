@@ -1,0 +1,20 @@
+"""Sentences on the set-up: what of it is not as stated."""
+
+from functools import partial
+
+from ident.estimation.setup import PRIORS
+from ident.judgement.codes.row import Row
+from ident.judgement.setup_findings import setup_sentence
+
+
+def _unexplained(changed: bool) -> str:
+    taken = "nothing else of it was changed" if changed else "the set-up was taken as stated"
+    return (
+        "No set-up near the one that was stated explains the recording, though something is wrong beyond noise: a "
+        f"contact, a frame, a unit, or the model; {taken}."
+    )
+
+
+SETUP = {f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False) for kind in PRIORS} | {
+    "setup_unexplained": Row(_unexplained, doubt=True)
+}

@@ -1,0 +1,64 @@
+"""Sentences on joint torques: sign and size, friction, drives, and bodies that were not carried."""
+
+from collections.abc import Mapping, Sequence
+
+from ident.judgement.codes.row import Row, bracketed, followed, listed
+
+
+def _opposite(joints: Sequence[str]) -> str:
+    return (
+        f"The torques of {listed(joints)} look as if they had the opposite sign: with it they are far nearer to the "
+        "model's own prediction."
+    )
+
+
+def _scaled(gains: Mapping[str, float]) -> str:
+    return (
+        f"Torques are the model's own but for a factor, in brackets: {bracketed(gains)}; a unit, a gear ratio or a "
+        "motor's constant may be missing."
+    )
+
+
+def _friction(shares: Mapping[str, float], drives: Sequence[str]) -> str:
+    return (
+        f"Residuals follow the velocity or its sign, the share of their variance that friction would take away in "
+        f"brackets: {bracketed(shares, '.0%')}. It is likely and was not fitted: --drive {' '.join(drives)}."
+    )
+
+
+def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
+    limits = listed(f"{most:.2g} {units[name]}" for name, most in at_most.items())
+    return (
+        f"{listed(at_most)} {'is at its' if len(at_most) == 1 else 'are at their'} bound of zero: at most {limits} "
+        "(95 %). What trades with it has the interval that it has with the drive free."
+    )
+
+
+def _near_reversals(velocities: Mapping[str, float], ratios: Mapping[str, float]) -> str:
+    return (
+        "Friction at rest is anything up to breakaway: torques count less the slower a joint is, in rad/s (m/s) below "
+        f"about {followed(velocities)}. Held-out residual over signal without these samples: "
+        f"{followed(ratios) or 'there are no others'}."
+    )
+
+
+def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
+    return (
+        f"Coulomb friction does not jump but changes its sign over a velocity, in rad/s (m/s): {followed(velocities)}; "
+        "it is fitted and predicted as Fc tanh(q̇ / that)."
+    )
+
+
+TORQUES = {
+    "torque_sign": Row(_opposite, doubt=True),
+    "torque_scale": Row(_scaled, doubt=True),
+    "body_not_carried": Row(
+        "The torques look as if '{body}' was not carried: without it {explained:.0%} of the squared difference from "
+        "the model's own prediction vanishes. Take it out of the model, or out of the updated one.",
+        doubt=True,
+    ),
+    "friction_not_fitted": Row(_friction, doubt=None),
+    "drive_at_bound": Row(_bound, doubt=False),
+    "breakaway_friction": Row(_near_reversals, doubt=False),
+    "smooth_coulomb_friction": Row(_smooth_coulomb, doubt=False),
+}

@@ -1,0 +1,42 @@
+"""A row of the table of findings, and what its sentences share."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a code stands for.
+
+    Attributes:
+        template: Format string of the values, or a function of them where grammar depends on them.
+        doubt: Whether it speaks against the estimate; None where that depends on the values, and the judge decides.
+    """
+
+    template: str | Callable[..., str]
+    doubt: bool | None
+
+    def rendered(self, values: Mapping[str, Any]) -> str:
+        """The sentence with these values."""
+        return self.template.format(**values) if isinstance(self.template, str) else self.template(**values)
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names with commas between them."""
+    return ", ".join(names)
+
+
+def bracketed(values: Mapping[str, float], form: str = ".3g") -> str:
+    """Names with commas between them, each with its number in brackets."""
+    return listed(f"{name} ({value:{form}})" for name, value in values.items())
+
+
+def followed(values: Mapping[str, float], form: str = ".2g") -> str:
+    """Names with commas between them, each followed by its number."""
+    return listed(f"{name} {value:{form}}" for name, value in values.items())
+
+
+def in_log(log: int | None) -> str:
+    """A phrase on the log, with a leading space; empty for None."""
+    return "" if log is None else f" in log {log}"

@@ -1,0 +1,161 @@
+"""The table of findings: every sentence, with examples of its values."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import ident
+from ident.judgement.codes import FINDINGS, SUBJECTS
+from ident.judgement.finding import Finding, in_json
+from ident.judgement.place import Place
+
+LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}
+ABOUT_X = {"of": "ground", "axis": "x", "value": -0.03, "std": 0.002, "log": 2}
+JOINT = {"of": "hip", "axis": None, "value": 0.05, "std": 0.01, "together": ["a turn of all joint axes about z"]}
+OTHERS = [{"kind": "gain", "of": "Fz", "axis": None}, {"kind": "gravity", "of": "", "axis": "y"}]
+MASSES = {"masses": {"link1": {"mass": 2.5, "std": 0.1, "model": 1.0}, "tool": {"mass": 1, "std": 0.1, "model": 0.0}}}
+MOVED = {"moved": [{"name": "m2rz2", "body": "link2", "z": 1.2}, {"name": "Fv(hip)", "body": None, "z": -0.4}]}
+SPAN = {"start": 1.0, "end": 2.5, "carries": 0.3}
+CLIPPED = {"channel": "Fz", "limits": (-500.0, 500.0), "unit": "N", "share": 0.1}
+TURN = {"x": "-y", "y": "x", "z": "z"}
+FRAME = {"wrench": "ground", "error": 1.4, "error_turned": 0.2}
+STEPS = [
+    {"name": "Fz", "joint": False, "step": 0.5, "unit": "N"},
+    {"name": "hip", "joint": True, "step": 0.0015, "unit": "rad"},
+    {"name": "rail", "joint": True, "step": 0.001, "unit": "m"},
+]
+
+EXAMPLES = {
+    "worse_than_candidate": [
+        {"worse": {"least squares": {"Fy": (0.3, 0.2)}}, "take": "least squares", "cutoff_hz": 4.0},
+        {"worse": {"least squares": {"Fy": (0.3, 0.2)}}, "take": "least squares", "cutoff_hz": None},
+        {"worse": {"model": {"Fy": (0.3, 0.2), "Mz": (0.5, 0.1)}}, "take": "model", "cutoff_hz": 4.0},
+        {"worse": {"least squares": {"Fy": (0.3, 0.2)}, "model": {"Fy": (0.3, 0.2)}}, "take": None, "cutoff_hz": 4.0},
+    ],
+    "residual_above_signal": [{"ratios": {"Fx": 1.2}, "part": "held-out"}],
+    "unexplained_channels": [{"ratios": {"Fx": 0.98}, "part": "fitted"}],
+    "poor_prediction": [{"ratios": {"Fx": 0.6, "Fy": 0.7}, "part": "held-out"}],
+    "residual_follows_motion": [{"channels": ("Fx", "Mz")}],
+    "residual_above_fast_noise": [
+        {"factors": {"Fx": 4.0, "Fy": 300.0}, "all_channels": False},
+        {"factors": {"Fx": 4.0, "Fy": 300.0}, "all_channels": True},
+        {"factors": {"Fx": 200.0, "Fy": 300.0}, "all_channels": True},
+    ],
+    "wrench_sign_or_axes": [
+        FRAME | {"opposite": True, "frame": "as stated", "axes": TURN},
+        FRAME | {"opposite": False, "frame": "transposed", "axes": TURN},
+        FRAME | {"opposite": True, "frame": "turned", "axes": TURN},
+    ],
+    "total_wrench_sign": [{"error": 2.0, "error_turned": 0.01}],
+    "other_base": [{"body": "foot", "error": 1.2, "error_there": 0.1}],
+    "contact_left_out": [{"body": "hand", "point": [0.0, 0.1, 0.25], "explained": 0.8}],
+    "unmeasured_contact": [SPAN | {"body": None, "log": None}, SPAN | {"body": "pelvis", "log": 2}],
+    "weight_differs": [{"measured": 50.0, "model": 60.0}],
+    "weight_drifts": [{"drift": -2.0}],
+    "kilonewtons": [{"largest": 0.2, "weight": 206.0}],
+    "mass_by_setup": [{"mass": 21.0, "std": 0.1, "weighed": 23.0, "model": 20.9}],
+    "mass_or_common_gain": [
+        {"mass": 22.0, "std": 0.4, "model": 20.0},
+        {"mass": 18.0, "std": 0.4, "model": 20.0},
+    ],
+    "large_offsets": [{"offsets": {"Fx": (25.0, 0.1), "My": (3.0, 0.1)}, "shares": {"Fx": 0.12, "My": 0.2}}],
+    "offsets_taken_out": [{"offsets": {"Fx": (25.0, 0.1), "hip": (3.0, 0.1)}}],
+    "offsets_not_fitted": [{"offsets": {"Mz": (2.0, 0.1)}}],
+    "inseparable_offsets": [{"channels": ("Fz",)}],
+    "out_of_plane": [{"normal": "z", "channels": ("Fz", "Mx", "My")}],
+    "clipped_channel": [CLIPPED | {"kept": True, "log": None}, CLIPPED | {"kept": False, "log": 2}],
+    "coarse_steps": [{"steps": STEPS}],
+    "stuck_channels": [{"channels": {"Fx": 0.0, "My": 1.5}, "in_fitted": ("My",)}],
+    "constant_channels": [{"channels": ("Fy",)}],
+    "unchecked": [
+        {"check": "weight", "reason": "no gravity"},
+        {"check": "weight", "reason": "no force"},
+        {"check": "weight", "reason": "not measured", "channels": ("Fz",)},
+        {"check": "contact", "reason": "not fitted", "channels": ("Fz", "Mx")},
+        {"check": "torques", "reason": "error", "error": "Singular matrix"},
+    ],
+    "torque_sign": [{"joints": ("hip", "knee")}],
+    "torque_scale": [{"gains": {"hip": 0.01}}],
+    "body_not_carried": [{"body": "tool", "explained": 0.9}],
+    "friction_not_fitted": [{"shares": {"hip": 0.4}, "drives": ("viscous", "coulomb")}],
+    "drive_at_bound": [
+        {"at_most": {"Fc(hip)": 0.13}, "units": {"Fc(hip)": "N m"}},
+        {"at_most": {"Fc(hip)": 0.13, "Ia(rail)": 2.0}, "units": {"Fc(hip)": "N m", "Ia(rail)": "kg"}},
+    ],
+    "breakaway_friction": [
+        {"velocities": {"hip": 0.05}, "ratios": {"hip": 0.1}},
+        {"velocities": {"hip": 0.05}, "ratios": {}},
+    ],
+    "smooth_coulomb_friction": [{"velocities": {"hip": 0.05}}],
+    "setup_delay": [LATE, LATE | {"value": -0.02, "alternatives": OTHERS}],
+    "setup_clock": [LATE | {"value": 0.005, "of": "plate + rail"}],
+    "setup_origin": [ABOUT_X],
+    "setup_rotation": [ABOUT_X],
+    "setup_gain": [LATE | {"of": "plate Fx"}],
+    "setup_gravity": [ABOUT_X | {"of": ""}],
+    "setup_zero": [JOINT | {"alternatives": OTHERS}],
+    "setup_axis": [JOINT | {"axis": "y"}],
+    "setup_unexplained": [{"changed": True}, {"changed": False}],
+    "not_converged": [
+        {"status": "interrupted", "rounds": 1},
+        {"status": "stuck", "rounds": 2},
+        {"status": "stopped", "rounds": 30},
+    ],
+    "halves_disagree": [{"rms_z": 2.3}],
+    "logs_disagree": [{"logs": (1, 4), "rms_z": (2.5, 5.0)}],
+    "prior_as_asked": [{}],
+    "prior_needed": [{}],
+    "beyond_joint_ranges": [{"shares": {"hip": 0.02}}],
+    "unfiltered_wrenches": [{}],
+    "joint_noise_not_included": [{}],
+    "model_not_contradicted": [{}],
+    "physical_within_region": [MOVED, {"moved": []}],
+    "no_physical_bodies": [MOVED, {"moved": []}],
+    "masses_shown": [MASSES | {"factor": 2.0}],
+    "masses_hardly_shown": [MASSES | {"factor": 2.0}],
+    "rotor_not_fitted": [{"joints": {"link3": "joint3"}}],
+    "rotor_inseparable": [{"joints": {"link1": "joint1", "link2": "joint2"}}],
+    "heavier_last_link": [{"body": "hand", "mass": 0.81, "std": 0.07}],
+    "payload_mass_unknown": [{}],
+    "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
+}
+
+
+def test_every_code_has_examples_and_is_of_one_subject():
+    assert EXAMPLES.keys() == FINDINGS.keys()
+    assert sum(map(len, SUBJECTS)) == len(FINDINGS)
+
+
+@pytest.mark.parametrize("code", FINDINGS)
+def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
+    for values in EXAMPLES[code]:
+        finding = Finding(code, values, False)
+        assert re.fullmatch(r"[A-Z].*(\.|\(experiments\.payload\))", finding.text) and finding.text in finding.line
+        assert not re.search(r"[{}]|  |None|\bnan\b|\.\.", finding.text)
+        read = json.loads(json.dumps(finding.to_dict(), allow_nan=False))
+        assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
+
+
+def test_every_code_is_the_finding_of_some_judge():
+    """Codes are written out wherever they are used, but for those of the set-up's kinds."""
+    room = Path(ident.__file__).parent / "judgement"
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in room.glob("*.py"))
+    written = {node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    assert {code for code in FINDINGS if code not in written and not code.startswith("setup_")} == set()
+
+
+def test_a_doubt_is_of_the_row_or_of_the_judge_and_never_of_both():
+    assert Finding.of("weight_drifts", drift=1.0).doubt
+    finding = Finding.of("weight_differs", Place(channels=("Fz",)), doubt=False, measured=1.0, model=2.0)
+    assert not finding.doubt and finding.place.channels == ("Fz",)
+    for wrong in ({"code": "weight_differs"}, {"code": "weight_drifts", "doubt": True}):
+        with pytest.raises(ValueError, match="either from its row or from its judge"):
+            Finding.of(wrong.pop("code"), **wrong)
+
+
+def test_numbers_that_are_not_finite_are_null_in_files():
+    values = {"a": float("nan"), "b": (1, 2.5, True), 3: {"c": None, "d": "e"}}
+    assert in_json(values) == {"a": None, "b": [1, 2.5, True], "3": {"c": None, "d": "e"}}
