@@ -19,6 +19,7 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.judges import findings
 from ident.judgement.setup_findings import SetupFinding, setup_findings
+from ident.judgement.summary import summary
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Precision, Verdict
 from ident.mechanism.motion import Motion
@@ -338,17 +339,10 @@ class Estimate:
         ratios = held.ratio.tolist(), held.relative_rms.tolist(), moving
         numbers = zip(rms.tolist(), signal.tolist(), *ratios, strict=True)
         bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
+        common = summary(self.fit, verdict, self.findings, condition_number=self.condition_number, offsets=self.offsets)
         return {
-            "verdict": str(verdict),
-            "outcome": verdict.outcome.value,
-            "findings": [finding.to_dict() for finding in self.findings],
-            "columns": list(self.names),
-            "values": self.fit.values.tolist(),
-            "std": self.fit.std.tolist(),
+            **common,
             "std_setup": np.sqrt(np.diag(self.covariance_setup)).tolist(),
-            "covariance": self.fit.covariance.tolist(),
-            "regrouping": dict(zip(self.base.names, self.base.expressions(12), strict=True)),
-            "condition_number": self.condition_number,
             "condition_numbers": {k: x if np.isfinite(x) else None for k, x in self.condition_numbers.items()},
             "cutoff_hz": self.prepared.cutoff,
             "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(self.channels, numbers, strict=True)},
@@ -361,7 +355,6 @@ class Estimate:
             "weights": self._weights(),
             "halves": {"rms_z": self.disagreement, "widening": self.widening},
             "logs": {"rms_z": list(self.disagreements)},
-            "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in self.offsets.items()},
             "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
         }
 

@@ -12,6 +12,7 @@ from experiments.document.document import Document
 from experiments.document.layout import offset_unit, unit_of
 from experiments.document.terminal import wrapped
 from ident.estimation.equations import COMPONENTS
+from ident.judgement.summary import summary
 from ident.regression.ordinary import Fit
 
 
@@ -31,22 +32,14 @@ def table(estimate: Fit) -> tabular.Table:
     )
 
 
-def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
-    """All numbers of the estimate for scripts."""
-    rank = estimate.parameters.rank
+def numbers(estimate: Fit, judged: Judged) -> dict[str, Any]:
+    """All numbers of the estimate for scripts, as `Estimate.to_dict` has them."""
+    number = estimate.condition_number
+    common = summary(estimate, judged.verdict, judged.findings, condition_number=number, offsets=estimate.offsets)
     return {
-        "verdict": str(judged.verdict),
-        "outcome": judged.verdict.outcome.value,
-        "findings": [finding.to_dict() for finding in judged.findings],
-        "residual_ratio": dict(judged.ratio),
-        "names": list(estimate.parameters.names),
-        "psi": estimate.psi.tolist(),
-        "std": estimate.std[:rank].tolist(),
-        "covariance": estimate.covariance[:rank, :rank].tolist(),
-        "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in estimate.offsets.items()},
+        **common,
         "singular_values": estimate.singular_values.tolist(),
         "residual_norms": estimate.residual_norms.tolist(),
-        "condition_number": estimate.condition_number,
         "samples": estimate.samples,
         "rows": estimate.rows,
         "method": estimate.method,
@@ -79,7 +72,7 @@ def document(found: Streamed, model: Path, recordings: Sequence[Path], provenanc
         lines=[*lines, *found.notes],
         tables={"base_parameters": shown},
         numbers={
-            "estimate": summary(estimate, judged) | {"provenance": provenance},
+            "estimate": numbers(estimate, judged),
             "provenance": provenance,
         },
         screen=wrapped("\n".join([shown.text(), *lines, f"Verdict: {verdict}", *reasons, *found.notes])),
