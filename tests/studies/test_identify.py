@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from coded import coded, doubts_of
 from commands import refusal
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
@@ -82,14 +83,14 @@ def ground_frame(R):
 
 
 def found(tmp_path, log, mapping=None, **options):
-    """Findings on the aligned pendulum's model, as one text, and the result."""
+    """Doubts on the aligned pendulum's model, values by code, and the result."""
     path, columns = tmp_path / "log.csv", None
     log.save(path)
     if mapping:
         columns = tmp_path / "columns.toml"
         columns.write_text(mapping, encoding="utf-8")
     result = identified(prepare(PENDULUM, path, base="base", columns=columns), **options)
-    return " ".join(finding.text for finding in result.findings if finding.doubt), result
+    return doubts_of(result), result
 
 
 @pytest.fixture
@@ -145,9 +146,9 @@ def test_a_bow_from_angles_alone_without_any_choice(bowing):
     model = result.base.regroup(result.prepared.mechanism.known)
     z = dict(zip(result.base.names, (result.psi - model) / result.std_setup, strict=True))
     assert abs(z["Iyy2"]) < 2 and abs(z["Iyy3"]) < 2
-    assert result.widening > 2 and any("Two halves of the data differ" in f.text for f in result.findings)
+    assert result.widening > 2 and coded(result, "halves_disagree")
     # Gravity tilted by 11° would explain the fitted part, but predict worse.
-    assert not any("Gravity" in each.text for each in result.setup)
+    assert not any(each.kind == "gravity" for each in result.setup)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -171,8 +172,9 @@ def test_the_plates_own_frame_is_named(bowing):
     bowing.write_text(text, encoding="utf-8")
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
     result = identified(prepared, estimator="weighted")
-    text = " ".join(finding.text for finding in result.findings)
-    assert "'ground' looks as if it had a frame that is turned (its axes look like x -> -y, y -> -x, z -> -z)" in text
+    (finding,) = coded(result, "wrench_sign_or_axes")
+    assert (finding.values["wrench"], finding.values["frame"]) == ("ground", "turned")
+    assert finding.values["axes"] == {"x": "-y", "y": "-x", "z": "-z"} and not finding.values["opposite"]
 
 
 @needs_data
@@ -180,8 +182,9 @@ def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
     flipped = bowing.read_text(encoding="utf-8") + "applied_to_link = false\n"
     bowing.write_text(flipped, encoding="utf-8")
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    text = " ".join(finding.text for finding in identified(prepared).findings)
-    assert "'ground' looks as if it had the opposite sign: against" in text
+    (finding,) = coded(identified(prepared), "wrench_sign_or_axes")
+    assert (finding.values["wrench"], finding.values["frame"]) == ("ground", "as stated")
+    assert finding.values["opposite"]
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -231,7 +234,8 @@ def test_a_flipped_wrench_is_named(tmp_path):
     log = recording()
     flipped = {name: -log.measured[name] for name in ("ground_force", "ground_torque")}
     doubts, _ = found(tmp_path, with_channels(log, **flipped))
-    assert "'ground' looks as if it had the opposite sign:" in doubts
+    wrench = doubts["wrench_sign_or_axes"]
+    assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", True, "as stated")
 
 
 def test_a_transposed_frame_is_named(tmp_path):
@@ -240,7 +244,8 @@ def test_a_transposed_frame_is_named(tmp_path):
     doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R))
     assert not doubts
     doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T))
-    assert "'ground' looks as if it had a frame that is transposed" in doubts
+    wrench = doubts["wrench_sign_or_axes"]
+    assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", False, "transposed")
 
 
 @pytest.mark.parametrize("contact", ["pad", "handle"])
@@ -249,11 +254,11 @@ def test_a_contact_is_used_missed_when_left_out_and_recognised_when_flipped(tmp_
     doubts, _ = found(tmp_path, log, cell_mapping(contact))
     assert not doubts
     doubts, result = found(tmp_path, log)
-    assert "A contact may be left out" in doubts
+    assert "contact_left_out" in doubts
     if contact == "pad":
         assert result.checks.contact.body in ("link1", "link2")
     doubts, _ = found(tmp_path, log, cell_mapping(contact, applied="true"))
-    assert "'tip' looks as if it had the opposite sign" in doubts
+    assert doubts["wrench_sign_or_axes"]["wrench"] == "tip" and doubts["wrench_sign_or_axes"]["opposite"]
 
 
 def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path):
@@ -322,20 +327,22 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
     path, light = tmp_path / "log.csv", tmp_path / "light.xml"
     recording().save(path)
     result = identified(prepare(PENDULUM, path, base="base"))
-    assert not any("Masses beyond" in finding.text for finding in result.findings)
+    assert not coded(result, "masses_shown", "masses_hardly_shown")
     spec = scenes.load("double_pendulum")
     spec.body("link2").mass /= 3
     spec.compile()
     light.write_text(spec.to_xml(), encoding="utf-8")
     result = identified(prepare(light, path, base="base"))
-    (named,) = (f for f in result.findings if "Masses beyond" in f.text)
-    assert not named.doubt and "which the data show: link2 1" in named.text and "(model: 4.43 kg)" in named.text
+    (named,) = coded(result, "masses_shown", "masses_hardly_shown")
+    assert named.code == "masses_shown" and not named.doubt
+    assert named.values["masses"].keys() == {"link2"} and 10 < named.values["masses"]["link2"]["mass"] < 20
+    assert named.values["masses"]["link2"]["model"] == pytest.approx(4.43, abs=0.005)
     full, other = result.consistent(), replace(result)
     result.prepared.mechanism.known[10] = 0
     vars(other)["_consistent"] = replace(full, mass_std=full.phi[::10])
-    (named,) = (f for f in other.findings if "Masses beyond" in f.text)
-    assert not named.doubt and "though the data hardly see them: link1" in named.text
-    assert "(model: none), link2" in named.text
+    (named,) = coded(other, "masses_shown", "masses_hardly_shown")
+    assert named.code == "masses_hardly_shown" and not named.doubt
+    assert list(named.values["masses"]) == ["link1", "link2"] and named.values["masses"]["link1"]["model"] == 0
 
 
 @pytest.mark.parametrize(
@@ -433,7 +440,8 @@ def test_a_wrong_unit_is_a_doubt(tmp_path):
     log = recording()
     in_kilo = {name: log[name] / 1000 for name in ("ground_force", "ground_torque")}
     doubts, _ = found(tmp_path, with_channels(log, **in_kilo))
-    assert "weigh 0.02 kg, the model 20.99 kg" in doubts
+    values = {"measured": pytest.approx(0.02, abs=0.005), "model": pytest.approx(20.99, abs=0.005)}
+    assert doubts["weight_differs"] == values
 
 
 def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
@@ -464,8 +472,10 @@ def board(**missing):
     return f"[wrenches.ground]\nforce = {json.dumps(names[:3])}\ntorque = {json.dumps(names[3:])}\n"
 
 
-def remarks(result):
-    return " ".join(finding.text for finding in result.findings if not finding.doubt)
+def unchecked(result):
+    """Reasons for which the weight could not be checked, and channels in which it would show."""
+    values = [finding.values for finding in coded(result, "unchecked")]
+    return [(each["reason"], *each["channels"]) for each in values if each["check"] == "weight"]
 
 
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
@@ -474,9 +484,9 @@ def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(
     assert abs(result.checks.weight.measured - 20.99) < 0.1 and abs(result.checks.weight.drift) < 0.1
     _, result = found(tmp_path, log, board(Fz=""))
     assert result.checks.weight is None
-    assert "The weight could not be checked: it shows in Fz of the sensor, not measured here." in remarks(result)
+    assert unchecked(result) == [("not measured", "Fz")]
     _, result = found(tmp_path, log, board(Fx="", Fy="", Fz=""))
-    assert "The weight could not be checked: no force is measured." in remarks(result)
+    assert unchecked(result) == [("no force",)]
 
 
 def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
@@ -487,7 +497,7 @@ def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
     _, result = found(tmp_path, turned, board(Fy="") + quaternion)
     assert abs(result.checks.weight.measured - 20.99) < 0.1
     _, result = found(tmp_path, turned, board(Fx="") + quaternion)
-    assert "it shows in Fx of the sensor, not measured here" in remarks(result)
+    assert unchecked(result) == [("not measured", "Fx")]
 
 
 def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
@@ -498,10 +508,10 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
     model.write_text(spec.to_xml(), encoding="utf-8")
     recording().save(path)
     result = identified(prepare(model, path, base="base"))
-    assert "The weight could not be checked: the model has no gravity." in remarks(result)
-    doubts = " ".join(finding.text for finding in result.findings if finding.doubt)
-    assert "Constant offsets are large beside the model's weight" in doubts and "Fz 206 ±" in doubts
-    assert "(100%)" in doubts
+    assert unchecked(result) == [("no gravity",)]
+    offsets = doubts_of(result)["large_offsets"]
+    assert offsets["offsets"]["Fz"][0] == pytest.approx(206, abs=0.5)
+    assert offsets["shares"]["Fz"] == pytest.approx(1, abs=0.005)
 
 
 @pytest.mark.parametrize(("size", "doubted"), [(15.0, False), (30.0, True)])
@@ -509,8 +519,9 @@ def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     log = recording()
     shifted = with_channels(log, ground_force=log.measured["ground_force"] + [0, size, 0])
     doubts, result = found(tmp_path, shifted)
-    assert ("Constant offsets are large" in doubts) == doubted
-    assert "Constant offsets were found and taken out: Fy" in remarks(result)
+    assert ("large_offsets" in doubts) == doubted
+    (offsets,) = coded(result, "offsets_taken_out")
+    assert next(iter(offsets.values["offsets"])) == "Fy"
 
 
 def test_a_sensor_that_dies_is_a_doubt(tmp_path):
@@ -518,8 +529,7 @@ def test_a_sensor_that_dies_is_a_doubt(tmp_path):
     force = log.measured["ground_force"].copy()
     force[500:, 2] = 200
     doubts, _ = found(tmp_path, with_channels(log, ground_force=force))
-    assert "More is left over than the channel varies, as of a constant offset or a sensor that died" in doubts
-    assert "Fz (" in doubts and len(doubts) < 1000
+    assert "Fz" in doubts["residual_above_signal"]["ratios"] and len(doubts) < 5
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -576,5 +586,5 @@ def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
     log = recording()
     scaled = {name: share * log[name] for name in ("ground_force", "ground_torque")}
     _, result = found(tmp_path, with_channels(log, **scaled))
-    (weight,) = (finding for finding in result.findings if "weigh" in finding.text)
+    (weight,) = coded(result, "weight_differs")
     assert weight.doubt == doubt
