@@ -58,6 +58,7 @@ class SetupKind:
         shift: Shift of the samples' true times; None if the error acts on something else.
         own: True if each of several recordings may have its own.
         far: True if values beyond the reach of a local search are tried first.
+        weighs: True if an error changes what the mechanism seems to weigh.
     """
 
     std: float
@@ -71,6 +72,7 @@ class SetupKind:
     shift: Shift | None = None
     own: bool = False
     far: bool = False
+    weighs: bool = False
 
 
 def _later(elapsed: np.ndarray) -> np.ndarray:
@@ -121,6 +123,7 @@ SETUP: Mapping[str, SetupKind] = {
         sentence="The frame of the wrench '{of}' is turned by {size} about {sign}{axis} from where it was stated",
         short="a turn of the wrench '{of}' about {axis}",
         label="turn about {axis}",
+        weighs=True,
     ),
     "gain": SetupKind(
         std=0.03,
@@ -130,6 +133,7 @@ SETUP: Mapping[str, SetupKind] = {
         signs=("much", "little"),
         short="another gain of the channel {of}",
         label="gain of {of}, less 1",
+        weighs=True,
     ),
     "gravity": SetupKind(
         std=np.radians(3),
@@ -138,6 +142,7 @@ SETUP: Mapping[str, SetupKind] = {
         sentence="Gravity is tilted by {size} about {sign}{axis} of the base frame",
         short="a tilt of gravity about {axis}",
         label="tilt of gravity about {axis}",
+        weighs=True,
     ),
     "zero": SetupKind(
         std=np.radians(3),

@@ -96,7 +96,7 @@ def _parameters(ax: Axes, study: Study) -> None:
         at = places + 0.15 * (number - 1.5)
         ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0)
     ax.axhline(0, color="0.8", lw=0.6, zorder=0)
-    ax.set_xticks(places, [figures.named_symbol(name, study.trajectory.prepared.mechanism.bodies) for name in SHOWN])
+    ax.set_xticks(places, [symbols.named_symbol(name, study.trajectory.prepared.mechanism.bodies) for name in SHOWN])
     ax.set_ylabel("Estimate over the model's", labelpad=2)
     ax.set_title("(a) Legs and trunk, 95 % intervals")
 
@@ -113,35 +113,22 @@ def numbers(study: Study) -> dict[str, Any]:
     return {**estimates, "set_up": setup, "verdict": str(study.trajectory.verdict())}
 
 
-def results(study: Study) -> Results:
-    """All tables, figures and numbers."""
+def document(study: Study, provenance: dict[str, Any]) -> Document:
+    """Tables, a figure and numbers, with verdict, findings and replay of the trajectory estimate."""
+    trajectory = study.trajectory
     caption = (
         "A person who bows on a force plate (Latella et al., 2016): base parameters of several estimators over those "
         "of the scaled model, with 95 % intervals (a), and what each predicts of the part of the recording that was "
         "not fitted (b)."
     )
-    tables = {"table_parameters": table_parameters(study), "table_prediction": table_prediction(study)}
-    return Results(tables, {"figure_in_vivo": (figure(study), caption)}, {"summary": numbers(study)})
-
-
-def page_text(study: Study) -> Said:
-    """The page's text besides tables and figure: verdict and findings of the trajectory estimate, and its replay."""
-    trajectory = study.trajectory
-    return Said(
+    return Document(
         "A person who bows",
         ABOUT,
         verdict=f"Of the trajectory estimate: {trajectory.verdict()}",
         findings=[(finding.text, finding.doubt) for finding in trajectory.findings],
-        tables={"table_parameters": table_parameters(found), "table_prediction": table_prediction(found)},
-        figures={"figure_in_vivo": (figure(found), caption)},
-        numbers={"summary": numbers(found), "provenance": provenance},
+        tables={"table_parameters": table_parameters(study), "table_prediction": table_prediction(study)},
+        figures={"figure_in_vivo": (figure(study), caption)},
+        numbers={"summary": numbers(study), "provenance": provenance},
         # The table is not that of the trajectory estimate alone, whose rows could be pressed.
         replay=replace(replay(trajectory), parameters=()),
     )
-
-
-def run(args: argparse.Namespace) -> None:
-    """Runs the study and writes and prints its results."""
-    with report.writable(args.out):
-        bow = study(args.data, progress)
-    conclude(args, results(bow), page_text(bow), report.provenance({"formats": args.formats}))

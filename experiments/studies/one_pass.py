@@ -1,6 +1,6 @@
 """One pass over a recording: statistics of its channels, and the verdict on the estimate."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 

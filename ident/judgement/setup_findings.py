@@ -57,14 +57,14 @@ def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
     out = []
     for deviation in joint.search.deviations:
         k = deviation.index
-        each = joint.setup[k]
+        each, alternatives = joint.setup[k], [joint.setup[a] for a in deviation.alternatives]
         values: dict[str, Any] = {
             **_named(each),
             "value": float(fit.theta[k]),
             "std": float(std[k]),
             "log": each.log,
             "together": deviation.together,
-            "alternatives": [{"kind": x.kind, **_named(x)} for x in map(joint.setup.__getitem__, deviation.alternatives)],
+            "alternatives": [{"kind": x.kind, **_named(x)} for x in alternatives],
         }
         others = (*deviation.together, *(names[a] for a in deviation.alternatives))
         out.append(SetupFinding(names[k], values["value"], values["std"], each.kind, values, others, place_of(each)))

@@ -13,13 +13,11 @@ from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.wrench_findings import HEAVY
+from ident.setup import SETUP
 from ident.tolerances import SIGNIFICANT
 
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
-
-OF_SETUP = "gain", "gravity", "rotation"
-"""Kinds of set-up parameters that change a weight."""
 
 NOTICED = 0.01
 """Change of the weight by the set-up, of the model's mass, that is worth a remark."""
@@ -60,7 +58,7 @@ def estimated_mass(evidence: Evidence) -> Mass | None:
 def mass_by_setup_findings(evidence: Evidence) -> Iterator[Finding]:
     """A set-up that was found and by which the mechanism weighs more or less than the wrenches read."""
     weight = evidence.checks.weight
-    if weight is None or not evidence.logs or not any(each.kind in OF_SETUP for each in evidence.setup):
+    if weight is None or not evidence.logs or not any(SETUP[each.kind].weighs for each in evidence.setup):
         return
     mass, weighed = estimated_mass(evidence), standing_mass(evidence.logs[0])
     if mass is None or abs(mass.value - weighed) < max(INTERVAL * mass.std, NOTICED * weight.model):

@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from ident.estimation.setup import PRIORS
 from ident.judgement.codes.row import Row
 from ident.judgement.setup_findings import setup_sentence
+from ident.setup import SETUP as KINDS
 
 
 def _unexplained(changed: bool) -> str:
@@ -15,6 +15,6 @@ def _unexplained(changed: bool) -> str:
     )
 
 
-SETUP = {f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False) for kind in PRIORS} | {
+SETUP = {f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False) for kind in KINDS} | {
     "setup_unexplained": Row(_unexplained, doubt=True)
 }
