@@ -172,26 +172,34 @@ def _with_slack(
         velocities: Velocities over which the slack decays (V,).
     """
     one = np.ones_like(rate)
-    columns = np.stack([np.stack([np.tanh(rate / slip), rate, one]) for slip in slips])[:, None]
+    columns = np.stack([np.stack([np.tanh(rate / slip), rate, one]) for slip in slips])
     share = np.exp(-((rate / velocities[:, None]) ** 2))
     kinds = np.stack([np.ones_like(share), share], axis=1)
-    variance = 1 / (1 - share + LEAST)
-    slack = np.zeros((len(slips), len(velocities)))
+    products, kind_products = _products(columns), _products(kinds)
+    precision = np.broadcast_to(1 - share + LEAST, (len(slips), *share.shape))
     for _ in range(SCORINGS):
-        precision = 1 / variance
-        x = _regressed(columns, torque, precision)
-        squares = (torque - (x[..., None, :] @ columns)[..., 0, :]) ** 2
-        weights = precision**2
-        noise, slack = np.moveaxis(_regressed(kinds, squares, weights), -1, 0)
-        alone = (squares * weights).sum(axis=-1) / np.broadcast_to(weights, squares.shape).sum(axis=-1)
+        x = _solved(precision @ products, (precision * torque) @ columns.swapaxes(1, 2))
+        squares = (torque - x @ columns) ** 2
+        # By velocity first, as the kinds of variance are.
+        weights = (precision**2).swapaxes(0, 1)
+        weighted = weights * squares.swapaxes(0, 1)
+        noise, slack = _solved(weights @ kind_products, weighted @ kinds.swapaxes(1, 2)).T
+        alone = (weighted.sum(axis=-1) / weights.sum(axis=-1)).T
         noise, slack = np.where(slack < 0, alone, noise), np.maximum(slack, 0.0)
         noise = np.maximum(noise, LEAST * squares.mean(axis=-1))
         variance = noise[..., None] + slack[..., None] * share
+        precision = 1 / variance
     return x[..., 0], np.sqrt(slack), -0.5 * (np.log(variance) + squares / variance).sum(axis=-1)
 
 
-def _regressed(columns: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted least squares of y (…, M) on columns (…, k, M): coefficients (…, k)."""
-    weighted = columns * weights[..., None, :]
-    normal, right = weighted @ np.swapaxes(columns, -1, -2), weighted @ y[..., None]
-    return np.asarray((np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ right)[..., 0])
+def _products(columns: np.ndarray) -> np.ndarray:
+    """Products of all pairs of columns (b, k, M) at every sample, of which normal equations are weighted sums (b, M, k²)."""
+    b, k, M = columns.shape
+    return (columns[:, :, None] * columns[:, None]).reshape(b, k * k, M).swapaxes(1, 2)
+
+
+def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Coefficients (…, k) from normal equations (…, k²), which may be singular, and right sides (…, k)."""
+    k = right.shape[-1]
+    inverse = np.linalg.pinv(normal.reshape(*normal.shape[:-1], k, k), rcond=1e-12, hermitian=True)
+    return np.asarray((inverse @ right[..., None])[..., 0])

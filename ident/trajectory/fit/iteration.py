@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.trajectory.fit.fitted import Marginal, Prior, Start, TrajectoryFit
 from ident.trajectory.fit.marginal_likelihood import pull
-from ident.trajectory.fit.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit
+from ident.trajectory.fit.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened, renewed
 
@@ -111,16 +111,13 @@ def fit(
     iteration = _Iteration(problem, coloured, kept, explore, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
-    # For the fixed parameters as well: score tests need them.
     unasked = not len(free) or (explore and status != "interrupted")
-    last = [] if unasked else problem.linearised(at, np.arange(len(free)))
-    pulls = problem.spread(at.pulls)[: len(last)]
     return TrajectoryFit(
         problem.names,
         problem.selections,
         prior,
         at.theta,
-        [(part.schur, part.gradient - pulled) for part, pulled in zip(last, pulls, strict=True)],
+        [] if unasked else problem.shares(at),
         free,
         at.noise,
         at.coefficients,
@@ -231,6 +228,18 @@ class _Problem:
         work = partial(_linearised, self.measurement, at.noise, wanted, root)
         return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta), self.selections))
 
+    def shares(self, at: Start) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them."""
+        work = partial(_share, self.measurement, at.noise)
+        own = self.run(work, self.pieces, at.coefficients, self._own(at.theta))
+        out, p = [], len(self.free)
+        for (schur, gradient), place, pulled in zip(own, self.selections, self.spread(at.pulls), strict=True):
+            precision, right = np.zeros((p, p)), -pulled
+            precision[np.ix_(place, place)] = schur
+            right[place] += gradient
+            out.append((precision, right))
+        return out
+
     def _own(self, theta: np.ndarray) -> list[np.ndarray]:
         """Parameters of each piece."""
         return [theta[own] for own in self.selections]
@@ -328,6 +337,14 @@ class _Problem:
 
 def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
     return misfit(measurement, piece, coefficients, theta=theta, noise=noise)
+
+
+def _share(
+    measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Precision and right side of all entries of θ from a piece, its trajectory eliminated."""
+    equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
+    return equations.eliminated.schur, equations.eliminated.gradient
 
 
 def _linearised(

@@ -7,7 +7,7 @@ computed from random draws, so that noise absorbed by the fit is accounted for, 
 residuals due to other streams' noise and to random motions of the prior.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -66,14 +66,28 @@ class NoiseColours:
     amplitudes: Sequence[np.ndarray]
 
 
-def noise_colours(measurement: Predictor, fit: TrajectoryFit) -> NoiseColours:
-    """Noise estimated from a fit's residuals and from those that it leaves of random draws.
+def drawn_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Response]:
+    """Linear responses of every k-th piece of a fit by index, as many as suffice to estimate the noise.
 
     Args:
         measurement: Channels and parameters.
         fit: The fit.
     """
-    draws = _Draws.of(measurement, fit)
+    total = sum(len(piece.when) for piece in fit.pieces)
+    return {
+        k: response(measurement, fit.pieces[k], fit.coefficients[k], fit.theta[fit.selections[k]], fit.noise)
+        for k in range(0, len(fit.pieces), max(1, round(total / ENOUGH)))
+    }
+
+
+def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> NoiseColours:
+    """Noise estimated from a fit's residuals and from those that it leaves of random draws.
+
+    Args:
+        fit: The fit.
+        responses: Linear responses of some of its pieces, by index.
+    """
+    draws = _Draws.of(fit, responses)
     left = draws.left()
     amplitudes = []
     for which, stream in enumerate(draws.responses[0].streams):
@@ -108,18 +122,13 @@ class _Draws:
     times: np.ndarray
 
     @classmethod
-    def of(cls, measurement: Predictor, fit: TrajectoryFit) -> "_Draws":
-        """Draws for every k-th piece of a fit, as many as suffice."""
-        total = sum(len(piece.when) for piece in fit.pieces)
-        chosen = list(range(0, len(fit.pieces), max(1, round(total / ENOUGH))))
-        responses = [
-            response(measurement, fit.pieces[k], fit.coefficients[k], fit.theta[fit.selections[k]], fit.noise)
-            for k in chosen
-        ]
-        first = SHORTEST * responses[0].streams[-1].step
+    def of(cls, fit: TrajectoryFit, responses: Mapping[int, Response]) -> "_Draws":
+        """Draws for the pieces of a fit with these responses."""
+        chosen = list(responses)
+        first = SHORTEST * responses[chosen[0]].streams[-1].step
         longest = max(float(np.ptp(fit.pieces[k].time)) for k in chosen) / LONGEST
         number = max(int(np.log(longest / first) / np.log(FACTOR)) + 1, 1)
-        return cls(fit, chosen, responses, np.append(0.0, first * FACTOR ** np.arange(number)))
+        return cls(fit, chosen, list(responses.values()), np.append(0.0, first * FACTOR ** np.arange(number)))
 
     def left(self) -> list[list[np.ndarray]]:
         """Residuals that the fit leaves of draws, for each piece and stream (N, s, draws).
@@ -197,15 +206,16 @@ def _amplitudes(observed: np.ndarray, own: np.ndarray, other: np.ndarray, counts
     if not there.any():
         return np.eye(own.shape[1])[0]
     bands = _Bands(observed[there], own[there], other[there], counts[there])
-    kept, (a, likelihood) = [0], bands.likeliest([0])
+    kept, ((a,), (likelihood,)) = [0], bands.likeliest([[0]])
     while len(kept) < own.shape[1]:
-        tried = {b: bands.likeliest([*kept, b]) for b in range(1, own.shape[1]) if b not in kept and own[:, b].any()}
+        tried = [[*kept, b] for b in range(1, own.shape[1]) if b not in kept and own[:, b].any()]
         if not tried:
             break
-        best = max(tried, key=lambda b: tried[b][1])
-        if tried[best][1] < likelihood + DOUBTED:
+        amplitudes, likelihoods = bands.likeliest(tried)
+        best = int(np.argmax(likelihoods))
+        if likelihoods[best] < likelihood + DOUBTED:
             break
-        kept, (a, likelihood) = [*kept, best], tried[best]
+        kept, a, likelihood = tried[best], amplitudes[best], likelihoods[best]
     out = np.zeros(own.shape[1])
     out[kept] = a
     return out
@@ -219,16 +229,18 @@ class _Bands(NamedTuple):
     other: np.ndarray
     counts: np.ndarray
 
-    def likeliest(self, kinds: list[int]) -> tuple[np.ndarray, float]:
-        """Amplitudes of some kinds of noise and their log likelihood, by multiplicative updates."""
-        own = self.own[:, kinds]
-        a = np.full(len(kinds), self.observed.sum() / max(own.sum(), TINIEST))
+    def likeliest(self, kinds: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes of several choices of k kinds of noise (t, k), and log likelihoods (t,), by multiplicative updates."""
+        own = self.own[:, kinds].swapaxes(0, 1)
+        across, total = own.swapaxes(1, 2), np.maximum(own.sum(axis=(1, 2)), TINIEST)
+        a = np.ones(own.shape[2]) * (self.observed.sum() / total)[:, None]
+        power = np.maximum((own @ a[..., None])[..., 0] + self.other, TINIEST)
         for _ in range(UPDATES):
-            power = np.maximum(own @ a + self.other, TINIEST)
-            up = own.T @ (self.counts * self.observed / power**2)
-            a *= np.sqrt(up / np.maximum(own.T @ (self.counts / power), TINIEST))
-        power = np.maximum(own @ a + self.other, TINIEST)
-        return a, -float((self.counts * np.log(power / self.counts) + self.observed / power * self.counts).sum())
+            share = self.counts / power
+            up, down = np.moveaxis(across @ np.stack([share * self.observed / power, share], axis=-1), -1, 0)
+            a *= np.sqrt(up / np.maximum(down, TINIEST))
+            power = np.maximum((own @ a[..., None])[..., 0] + self.other, TINIEST)
+        return a, -(self.counts * (np.log(power / self.counts) + self.observed / power)).sum(axis=1)
 
 
 def autoregressive(x: np.ndarray, rho: float, before: np.ndarray | float = 0.0) -> np.ndarray:

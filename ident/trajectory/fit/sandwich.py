@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.noise_colours import NoiseColours, autoregressive, noise_colours
+from ident.trajectory.fit.noise_colours import NoiseColours, autoregressive, drawn_responses, noise_colours
 from ident.trajectory.fit.piece import Predictor
 from ident.trajectory.fit.response import response
 
@@ -25,17 +26,19 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
         measurement: Channels and parameters.
         fit: The fit.
     """
-    colours, scatters, tails = noise_colours(measurement, fit), list[np.ndarray](), _Tails()
+    responses = drawn_responses(measurement, fit)
+    colours, scatters, tails = noise_colours(fit, responses), list[np.ndarray](), _Tails()
     for k, (piece, own) in enumerate(zip(fit.pieces, fit.selections, strict=True)):
         if k and not _goes_on(fit, k):
             tails = _Tails()
-        here = response(measurement, piece, fit.coefficients[k], fit.theta[own], fit.noise)
+        here = responses.pop(k, None) or response(measurement, piece, fit.coefficients[k], fit.theta[own], fit.noise)
         scatter = np.zeros((len(own), len(own)))
         for which, (stream, rows) in enumerate(zip(here.streams, here.rows(), strict=True)):
             pulls = stream.weights(rows)
-            scatter -= np.einsum("nsp,nsq->pq", rows, pulls, optimize=True)
+            scatter -= stacked(rows).T @ stacked(pulls)
             if stream.slack is not None:
-                scatter += np.einsum("nsp,ns,nsq->pq", pulls, stream.slack**2, pulls, optimize=True)
+                loose = stacked(stream.slack[..., None] * pulls)
+                scatter += loose.T @ loose
             for s, std in enumerate(stream.std):
                 scatter += std**2 * _through(pulls[:, s], colours, which, s, stream.step, tails)
         whole = fit.shares[k][0].copy()
@@ -59,19 +62,19 @@ def _goes_on(fit: TrajectoryFit, k: int) -> bool:
 
 def _through(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
     """`yᵀ Γ y` for weighted rows y of θ (N, p), with Γ relative to the noise variance of the fit."""
-    out = np.zeros((y.shape[1], y.shape[1]))
+    weight, weighted = 0.0, np.zeros_like(y)
     for b, (time, size) in enumerate(zip(colours.times, colours.amplitudes[which][:, s], strict=True)):
         if not size:
             continue
-        white = y.T @ y
         if not time:
-            out += size * white
+            weight += size
             continue
-        # The sum over all pairs of samples, each weighted by exp(-|t| / τ), in one pass.
+        # The sum over all pairs of samples, each weighted by exp(-|t| / τ), in one pass; twice each sample with itself.
         rho = np.exp(-step / time)
         start = tails.get((which, s, b), np.zeros(y.shape[1]))
         z = autoregressive(y, rho, start)
         tails[which, s, b] = z[-1]
-        across = y.T @ z
-        out += size * (across + across.T - white)
-    return out
+        weight -= size
+        weighted += size * z
+    across = y.T @ (weighted + weight / 2 * y)
+    return np.asarray(across + across.T)

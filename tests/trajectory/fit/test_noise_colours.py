@@ -6,7 +6,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.studies.noise_processes import autoregressive
-from ident.trajectory.fit.noise_colours import _amplitudes, noise_colours
+from ident.trajectory.fit.noise_colours import _amplitudes, drawn_responses, noise_colours
 
 TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
 """Correlation times in samples."""
@@ -40,7 +40,7 @@ def test_what_others_leave_is_not_a_stream_s_own_noise():
 
 def test_white_noise_of_a_pendulum_is_white():
     joint = ident.identify(PENDULUM, faulty()).trajectory
-    colours = noise_colours(joint.measurement, joint.fit)
+    colours = noise_colours(joint.fit, drawn_responses(joint.measurement, joint.fit))
     for each in colours.amplitudes:
         assert each[0] == pytest.approx(1, abs=0.25)
         assert each[1:].max() < 0.2

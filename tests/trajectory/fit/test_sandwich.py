@@ -73,7 +73,8 @@ def test_the_scatter_is_that_of_the_noise_in_place_of_the_working_models(monkeyp
         own = next(places)
         return SimpleNamespace(streams=streams, rows=lambda: [own])
 
-    monkeypatch.setattr(sandwich, "noise_colours", lambda measurement, fit: COLOURS)
+    monkeypatch.setattr(sandwich, "drawn_responses", lambda measurement, fit: {})
+    monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
     monkeypatch.setattr(sandwich, "response", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
