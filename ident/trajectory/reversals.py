@@ -193,7 +193,7 @@ def _with_slack(
 
 
 def _products(columns: np.ndarray) -> np.ndarray:
-    """Products of all pairs of columns (b, k, M) at every sample, of which normal equations are weighted sums (b, M, k²)."""
+    """Products of all pairs of columns (b, k, M), whose weighted sums are normal equations (b, M, k²)."""
     b, k, M = columns.shape
     return (columns[:, :, None] * columns[:, None]).reshape(b, k * k, M).swapaxes(1, 2)
 

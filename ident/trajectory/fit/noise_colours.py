@@ -230,15 +230,20 @@ class _Bands(NamedTuple):
     counts: np.ndarray
 
     def likeliest(self, kinds: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes of several choices of k kinds of noise (t, k), and log likelihoods (t,), by multiplicative updates."""
+        """Amplitudes of several choices of k kinds of noise (t, k), and their log likelihoods (t,).
+
+        The amplitudes follow from multiplicative updates.
+        """
         own = self.own[:, kinds].swapaxes(0, 1)
         across, total = own.swapaxes(1, 2), np.maximum(own.sum(axis=(1, 2)), TINIEST)
         a = np.ones(own.shape[2]) * (self.observed.sum() / total)[:, None]
         power = np.maximum((own @ a[..., None])[..., 0] + self.other, TINIEST)
+        pulls = np.empty((*power.shape, 2))
         for _ in range(UPDATES):
-            share = self.counts / power
-            up, down = np.moveaxis(across @ np.stack([share * self.observed / power, share], axis=-1), -1, 0)
-            a *= np.sqrt(up / np.maximum(down, TINIEST))
+            pulls[..., 1] = self.counts / power
+            pulls[..., 0] = pulls[..., 1] * self.observed / power
+            sums = across @ pulls
+            a *= np.sqrt(sums[..., 0] / np.maximum(sums[..., 1], TINIEST))
             power = np.maximum((own @ a[..., None])[..., 0] + self.other, TINIEST)
         return a, -(self.counts * (np.log(power / self.counts) + self.observed / power)).sum(axis=1)
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ident.setup import Shift
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior
-from ident.trajectory.algebra.intervals import Intervals
 from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
+from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import ORDER, Local, Spline
 from ident.trajectory.algebra.whitening import Innovations, Sums, innovations
 
@@ -44,22 +44,25 @@ class Piece:
     slack: np.ndarray | None = None
 
     @cached_property
-    def local(self) -> Local:
+    def at_coordinates(self) -> Sampling:
         """Basis functions at the sample times of the coordinates, used in every round."""
-        return self.spline.local(self.time)
+        return Sampling(self.spline, self.time)
 
     @cached_property
-    def intervals(self) -> Intervals:
-        """Grouping of these samples by interval."""
-        return Intervals(self.local.interval, self.spline.intervals)
+    def _as_stamped(self) -> Sampling:
+        return Sampling(self.spline, self.when)
+
+    def at_channels(self, when: np.ndarray) -> Sampling:
+        """Basis functions at true times of the channels' samples, computed once if these are as stamped."""
+        return self._as_stamped if np.array_equal(when, self.when) else Sampling(self.spline, when)
 
     @cached_property
     def windows(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
         """Windows for `StateRows` of the measured coordinates and derivatives, by order of the derivative."""
-        out = {}
+        out, at = {}, self.at_coordinates
         for kind in (kind for kind, measured in enumerate(self.states) if measured is not None):
-            own = np.pad(self.intervals.dealt(self.local.basis[kind]), ((0, 0), (0, 0), (1, 0)))
-            out[kind] = own, self.intervals.before(own, moved=1)
+            own = np.pad(at.intervals.dealt(at.local.basis[kind]), ((0, 0), (0, 0), (1, 0)))
+            out[kind] = own, at.intervals.before(own, moved=1)
         return out
 
 
@@ -183,7 +186,7 @@ def misfit(
     states = _states(measurement, piece, coefficients, theta, noise)
     channels = []
     for own, when in clocks(measurement, piece, theta):
-        local = piece.spline.local(when)
+        local = piece.at_channels(when).local
         predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
         channels.append(_channels(piece, own, when, local, predicted, noise))
     bends = piece.spline.squared_jerk(coefficients)
@@ -374,19 +377,19 @@ def _channel_rows(
 ) -> Iterator[ChannelEquations]:
     """Yields the rows and innovations of the channels on each clock; rows depend on all coordinates and free θ."""
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
-        local = piece.spline.local(when)
+        at = piece.at_channels(when)
+        local, intervals = at.local, at.intervals
         x = local.combined(coefficients)
         values, by_states, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, columns)
         by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
         if k == 0:
             rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
-            for at, shift in measurement.shifts.items():
-                by_theta[..., columns == at] = (rate * shift(piece.when - piece.origin)[:, None])[..., None]
-        intervals = Intervals(local.interval, piece.spline.intervals)
+            for entry, shift in measurement.shifts.items():
+                by_theta[..., columns == entry] = (rate * shift(piece.when - piece.origin)[:, None])[..., None]
         new = _channels(piece, own, when, local, values, noise)
         rows = ChannelRows(
             intervals,
-            basis=intervals.dealt(local.basis[:3].transpose(1, 2, 0)),
+            basis=at.dealt,
             by_states=intervals.dealt(by_states),
             by_theta=intervals.dealt(by_theta),
             factors=Factors.of(new, intervals),
@@ -399,7 +402,7 @@ def _states(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> dict[int, Innovations]:
     """Innovations of measured coordinates and derivatives, by order of the derivative."""
-    local = piece.local
+    local = piece.at_coordinates.local
     predicted = local.combined(coefficients)
     for j, at in measurement.zeros.items():
         predicted[0, :, j] += theta[at]
@@ -413,4 +416,5 @@ def _states(
 def _state_rows(measurement: Predictor, piece: Piece, new: Innovations, kind: int, columns: np.ndarray) -> StateRows:
     """Rows of the coordinates or a derivative, which depend on one coordinate each and on its zero if that is free."""
     zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if kind == 0 and at in columns}
-    return StateRows(piece.intervals, piece.windows[kind], zeros, Factors.of(new, piece.intervals))
+    intervals = piece.at_coordinates.intervals
+    return StateRows(intervals, piece.windows[kind], zeros, Factors.of(new, intervals))

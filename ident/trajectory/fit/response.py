@@ -15,7 +15,6 @@ from scipy import sparse
 
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.algebra.block_tridiagonal import Factor
-from ident.trajectory.algebra.spline import LOCAL, Local
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor, normal_equations
 
@@ -172,13 +171,12 @@ def response(
         noise: Standard deviations, correlation and smoothness of the fit.
     """
     equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
-    size, streams = piece.spline.size, []
+    streams = []
     for kind, new in equations.states.items():
-        bases = [_matrix(piece.local, kind, size)]
+        bases = [piece.at_coordinates.matrices[kind]]
         streams.append(Stream(kind, piece.time, bases, *_of(new), noise.states[kind], None, None, None))
     for each in equations.channels:
-        local = piece.spline.local(each.when)
-        bases = [_matrix(local, d, size) for d in range(3)]
+        bases = piece.at_channels(each.when).matrices
         std = noise.channels[each.channels]
         by = each.by_states, each.by_theta
         slack = None if piece.slack is None else piece.slack[:, each.channels]
@@ -190,11 +188,3 @@ def response(
 
 def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:
     return Weights.of(new), new.residual, new.there & (new.clarity > CLEAR)
-
-
-def _matrix(local: Local, derivative: int, size: int) -> sparse.csr_matrix:
-    """Values of the functions at samples (N, size)."""
-    N = len(local.interval)
-    places = local.interval[:, None] + np.arange(LOCAL)
-    start = np.arange(0, LOCAL * N + 1, LOCAL)
-    return sparse.csr_matrix((local.basis[derivative].ravel(), places.ravel(), start), shape=(N, size))
