@@ -325,7 +325,7 @@ def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np
 def clocks(
     measurement: Predictor, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()
 ) -> list[tuple[slice, np.ndarray]]:
-    """Groups of channels that share a clock, each with the true times of its samples, s (M,).
+    """Groups of channels that share a clock, each with the true times of its samples, s (M,); none without channels.
 
     Args:
         measurement: Channels and parameters.
@@ -334,6 +334,8 @@ def clocks(
         columns: Entries of θ by which channels are differentiated.
     """
     number = piece.measured.shape[1]
+    if not number:
+        return []
     whole = piece.late is None or piece.late >= number
     if whole or not any(theta[at] or at in columns for at in measurement.shifts):
         return [(slice(0, number), channel_times(measurement, piece, theta))]

@@ -9,11 +9,12 @@ autocorrelated noise. R are the rows of θ with the trajectory eliminated: δθ 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
-from ident.trajectory.algebra.arrow import stacked
+from ident.trajectory.algebra.arrow import stacked, transposed
 from ident.trajectory.algebra.block_tridiagonal import Factor
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor, normal_equations
@@ -85,6 +86,14 @@ class Stream:
     by_states: np.ndarray | None
     by_theta: np.ndarray | None
 
+    @cached_property
+    def by_sample(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Derivatives by coordinates and their derivatives (N, s, 3 n), and by θ (N, s, p); None of coordinates."""
+        if self.by_states is None or self.by_theta is None:
+            return None
+        s, _, _, N = self.by_states.shape
+        return self.by_states.transpose(3, 0, 1, 2).reshape(N, s, -1), self.by_theta.transpose(2, 0, 1).copy()
+
     @property
     def step(self) -> float:
         """Time between samples, s."""
@@ -119,11 +128,11 @@ class Response:
         flat, out = coefficients.reshape(-1, n * k), []
         for stream in self.streams:
             moved = [(basis @ flat).reshape(-1, n, k) for basis in stream.bases]
-            if stream.by_states is None or stream.by_theta is None:
+            if stream.by_sample is None:
                 out.append(moved[0])
                 continue
-            by_states = np.einsum("cdjm,dmjk->mck", stream.by_states, np.stack(moved), optimize=True)
-            out.append(by_states + np.einsum("cpm,pk->mck", stream.by_theta, theta, optimize=True))
+            by_states, by_theta = stream.by_sample
+            out.append(by_states @ np.concatenate(moved, axis=1) + by_theta @ theta)
         for j, at in self.zeros.items():
             out[0][:, j] += theta[at]
         return out
@@ -134,12 +143,13 @@ class Response:
         size = len(self.follows) // n
         c, theta = np.zeros((size, n * k)), np.zeros((self.follows.shape[1], k))
         for stream, y in zip(self.streams, signals, strict=True):
-            if stream.by_states is None or stream.by_theta is None:
-                pulled = y[None]
-            else:
-                pulled = np.einsum("cdjm,mck->dmjk", stream.by_states, y, optimize=True)
-                theta += np.einsum("cpm,mck->pk", stream.by_theta, y, optimize=True)
-            for basis, own in zip(stream.bases, pulled, strict=True):
+            pulled = y
+            if stream.by_sample is not None:
+                by_states, by_theta = stream.by_sample
+                pulled = transposed(by_states) @ y
+                theta += stacked(by_theta).T @ stacked(y)
+            # Rows of a derivative follow those of the one before it.
+            for basis, own in zip(stream.bases, np.split(pulled, len(stream.bases), axis=1), strict=True):
                 c += basis.T @ own.reshape(len(own), -1)
         for j, at in self.zeros.items():
             theta[at] += signals[0][:, j].sum(axis=0)
