@@ -14,11 +14,17 @@ PARALLEL := --numprocesses auto --dist loadfile --no-loadscope-reorder
 # Only the model files of these packages are read, so they come without what their code needs.
 MODELS := example-robot-data robosuite dm_control
 BROWSER := tests/document/test_pages_in_browser.py
-# Those that skip without the extras or a browser, and fuzzing, which damages files in the extras' formats as well: `make
-# test` leaves it out.
-OF_EXTRAS := $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
-	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/test_fuzz.py \
-	$(addprefix tests/studies/test_benchmark.py::test_,a_quick_run_compares_every_task_on_every_mechanism peers_have_the_same_regressor) \
+# Fuzzing, which damages files in the extras' formats as well, and those that take longest: whole studies of persons and of
+# arms from files to answers, whose parts have tests of their own. `make test` leaves them out.
+LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_laboratory_arms.py \
+	tests/studies/test_person_without_rail.py tests/studies/test_benchmark_run.py \
+	tests/studies/test_gait.py::test_two_walks_are_identified_without_the_samples_beside_the_plates \
+	tests/studies/test_noise.py::test_the_trajectory_estimate_is_right_where_least_squares_is_off_by_several_of_its_own \
+	tests/studies/test_noise_conditions.py::test_conditions_run_from_end_to_end
+# Those that skip without the extras or a browser, and the long ones.
+OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
+	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py \
+	tests/studies/test_benchmark.py::test_peers_have_the_same_regressor \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
 	tests/files/test_markers.py tests/studies/test_identify_formats.py
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
@@ -29,7 +35,7 @@ paper: $(INSTALLED)
 	$(BIN)/python -m experiments
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest $(PARALLEL) $(or $(TESTS),$(addprefix --ignore=,$(BROWSER) tests/test_fuzz.py))
+	$(BIN)/python -m pytest $(PARALLEL) $(or $(TESTS),$(addprefix --deselect=,$(BROWSER) $(LONG)))
 
 test-extras: extras
 	$(BIN)/python -m pytest $(PARALLEL) $(OF_EXTRAS)

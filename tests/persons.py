@@ -14,6 +14,11 @@ def study(seconds, **given):
     return _STUDIES[key]
 
 
+def at_a_rail():
+    """Two motions of a person on two force plates who holds a rail."""
+    return study(2.0, laboratory=Laboratory(0.2, 0.0, rate=50.0, rail=True), activities=("squats", "arm swings"))
+
+
 def briefly():
     """Two motions of a person on two force plates."""
     return study(2.0, laboratory=Laboratory(rate=50.0, rail=False), activities=("squats", "arm swings"))

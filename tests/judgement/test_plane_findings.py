@@ -49,7 +49,7 @@ def test_least_squares_leave_it_out_as_well(estimator):
 
 def test_signs_of_plates_are_still_held_against_the_model():
     """A plate with inverted signs is found by the remaining channels."""
-    person, recording = sagittal_walker.mechanism(), sagittal_walker.recording()
+    person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(300)
     values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
     turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)
     found = ident.identify(person, turned, leave_out=sagittal_walker.SIDEWAYS)

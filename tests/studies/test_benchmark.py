@@ -14,60 +14,6 @@ from experiments.benchmark.mechanisms import chain, double_pendulum, humanoid, i
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    out = tmp_path_factory.mktemp("benchmark")
-    assert main(["--quick", "--formats", "png", "--out", str(out)]) == 0
-    found = json.loads((out / sections.FILE).read_text(encoding="utf-8"))
-    for name in [name for name, table in tables.tables(found).items() if table.rows]:
-        for suffix in ("csv", "md", "tex"):
-            assert (out / f"{name}.{suffix}").stat().st_size
-    assert (out / "figure_benchmark.png").exists() == bool(found["comparisons"])
-    return found
-
-
-def numbers(node):
-    if isinstance(node, dict):
-        node = list(node.values())
-    if isinstance(node, list):
-        return [x for part in node for x in numbers(part)]
-    return [node] if isinstance(node, float) else []
-
-
-def test_a_quick_run_measures_everything(results):
-    assert np.isfinite(numbers(results)).all()
-    assert min(numbers([results[key] for key in ("limits", "simulations", "shared", "peaks", "accuracies")])) > 0
-    assert {row["task"] for row in results["distances"]} == {
-        identification.REGRESSOR,
-        identification.ACCUMULATION,
-        identification.AGAIN,
-    }
-    assert [row["threads"] for row in results["simulations"]] == [1, 1, 2]
-    assert results["machine"]["cores"] >= 1
-    assert results["machine"]["blas_threads"] == "1"
-    assert set(results["machine"]["versions"]) >= {"python", "numpy", "mujoco"}
-
-
-def test_a_quick_run_compares_every_task_on_every_mechanism(results):
-    pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
-    found = {(row["task"], row["mechanism"]) for row in results["comparisons"]}
-    assert found >= {(task, m.name) for task in identification.TASKS for m in mechanisms()}
-    assert found >= {(task, "double pendulum") for task in monte_carlo.TASKS}
-    for row in results["comparisons"]:
-        assert row["ratio"] == pytest.approx(row["theirs"] / row["ours"])
-        assert 0 < row["lowest"] <= row["highest"]
-    assert not results["notes"]
-
-
-def test_results_are_shown_without_anything_to_compare_with(results):
-    alone = results | {"comparisons": []}
-    assert all(table.text() for table in tables.tables(alone).values())
-    assert "peak memory" in " ".join(words.findings(alone))
-    for shown in (tables.table_overview, words.readme_block):
-        with pytest.raises(ValueError, match="extra 'peers'"):
-            shown(alone)
-
-
 @pytest.mark.parametrize(("numpy", "shown"), [(2e-3, "20.0 (10.0) of 20 µs"), (None, "20.0 of 20 µs")])
 def test_what_the_peer_takes_stands_beside_each_ratio(numpy, shown):
     task = next(iter(identification.TASKS))
@@ -175,20 +121,3 @@ def test_peak_memory_does_not_grow_with_the_samples():
     assert many.streamed < few.streamed + 1
     # Arrays are checked for finite numbers, with a byte for each number at a time.
     assert many.in_memory < few.in_memory + 2
-
-
-def test_targets_stand_beside_what_was_measured(results):
-    row = {"task": "regressor", "mechanism": "double pendulum", "samples": 100_000}
-    row |= {"ratio": 14.5, "theirs": 14.5, "ours": 1.0, "numpy": 2.0}
-    found = results | {"comparisons": [row]}
-    measured = {row[0]: row[-1] for row in targets.table_targets(found).rows}
-    assert measured["ratio, regressor, double pendulum, N = 100000, compiled"] == 14.5
-    assert measured["ratio, regressor, double pendulum, N = 100000, numpy"] == 7.25
-    assert measured["ratio, regressor, 7-link arm, N = 100000, numpy"] is None
-    assert [line for line in targets.missed(found) if "double pendulum" in line] == [
-        "Missed: ratio, regressor, double pendulum, N = 100000, numpy: 7.25 where at least 10 is wanted"
-    ]
-    without = results | {"comparisons": [row | {"numpy": None}]}
-    measured = {row[0]: row[-1] for row in targets.table_targets(without).rows}
-    assert measured["ratio, regressor, double pendulum, N = 100000, numpy"] == 14.5
-    assert measured["peak memory of a stream, MB"] > 0

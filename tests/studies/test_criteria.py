@@ -92,12 +92,12 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
 
 def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
     limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
-    # As many as the command has. Of seeds 0 to 9 all but 6 lead to 16.5 % or more, 6 to 12.7 %.
+    # As many as the command has.
     starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 24, seed=1)
     deviations = {}
     for criterion in ("deviations", "condition"):
         value = criteria.cost(pendulum, criterion, len(TIME))
-        found = excitation.best(value, limits, starts, None, 100, seed=1)
+        found = excitation.best(value, limits, starts, None, 50, seed=1)
         motion = Motion(*found.states(TIME))
         deviations[criterion] = criteria.mean_deviation(pendulum, motion)
     assert deviations["deviations"] < 0.85 * deviations["condition"]

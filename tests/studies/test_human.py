@@ -19,7 +19,7 @@ from ident.trajectory.fit.piece import linearised
 
 @pytest.fixture
 def at_the_rail(monkeypatch):
-    """Uses the person at the rail for both; the test of the page of all studies covers the other."""
+    """Uses the person at the rail for both; `test_person_without_rail.py` covers the other."""
 
     def once(seconds, *, laboratory, activities, **_):
         return persons.study(seconds, laboratory=replace(laboratory, rail=True), activities=tuple(activities))
@@ -77,13 +77,8 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
         assert value in said
 
 
-def of_the_first_test():
-    laboratory = Laboratory(0.2, 0.0, rate=50.0, rail=True)
-    return persons.study(2.0, laboratory=laboratory, activities=("squats", "arm swings"))
-
-
 def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured():
-    found = of_the_first_test()
+    found = persons.at_a_rail()
     joint, fit = found.estimate.trajectory, found.estimate.trajectory.fit
     told = np.diag(found._covariance([1.2, 1.2]))
     for k, piece in enumerate(fit.pieces):
@@ -98,11 +93,11 @@ def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured(
 
 @pytest.mark.parametrize("seconds", [1e-6, 0.02, 0.05])
 def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
-    found = of_the_first_test()
+    found = persons.at_a_rail()
     known, told = (np.diag(found._covariance([each] * 2)) for each in (0.0, seconds))
     assert (told <= known * (1 + 1e-6)).all()
 
 
 def test_a_piece_that_begins_later_tells_nothing():
-    share = of_the_first_test()._share(0, -1.0)
+    share = persons.at_a_rail()._share(0, -1.0)
     assert share.shape == (len(share), len(share)) and not share.any()

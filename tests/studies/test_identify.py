@@ -93,6 +93,12 @@ def found(tmp_path, log, mapping=None, **options):
     return doubts_of(result), result
 
 
+@pytest.fixture(scope="module")
+def aligned(tmp_path_factory):
+    """Findings and result for the aligned scene."""
+    return found(tmp_path_factory.mktemp("aligned"), recording())
+
+
 @pytest.fixture
 def bowing(tmp_path):
     columns = tmp_path / "bowing.toml"
@@ -211,8 +217,8 @@ def assert_predicts_as_well(result, phi):
     assert after < 1.01 * before
 
 
-def test_the_aligned_scene_is_usable(tmp_path):
-    doubts, result = found(tmp_path, recording())
+def test_the_aligned_scene_is_usable(aligned):
+    doubts, result = aligned
     assert not doubts
     truth = result.prepared.equations.parameters.regroup(result.prepared.mechanism.known)
     assert abs(result.psi - truth).max() < 0.15
@@ -249,7 +255,7 @@ def test_a_transposed_frame_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("contact", ["pad", "handle"])
-def test_a_contact_is_used_missed_when_left_out_and_recognised_when_flipped(tmp_path, contact):
+def test_a_contact_is_used_and_missed_when_left_out(tmp_path, contact):
     log = recording(contact=contact)
     doubts, _ = found(tmp_path, log, cell_mapping(contact))
     assert not doubts
@@ -257,13 +263,16 @@ def test_a_contact_is_used_missed_when_left_out_and_recognised_when_flipped(tmp_
     assert "contact_left_out" in doubts
     if contact == "pad":
         assert result.checks.contact.body in ("link1", "link2")
-    doubts, _ = found(tmp_path, log, cell_mapping(contact, applied="true"))
+
+
+def test_a_contact_is_recognised_when_flipped(tmp_path):
+    doubts, _ = found(tmp_path, recording(contact="pad"), cell_mapping(applied="true"))
     assert doubts["wrench_sign_or_axes"]["wrench"] == "tip" and doubts["wrench_sign_or_axes"]["opposite"]
 
 
-def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path):
+def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned):
     log, rng = recording(), np.random.default_rng(0)
-    _, clean = found(tmp_path, log)
+    _, clean = aligned
     spoilt = {name: np.array(log.measured[name]) for name in ("ground_force", "ground_torque", "joint1_position")}
     for name, values in spoilt.items():
         bad = rng.choice(len(values), len(values) // 100, replace=False)
@@ -305,14 +314,13 @@ def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys):
+def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys, aligned):
     log = tmp_path / "log.csv"
     recording().save(log)
     assert identify.main([str(PENDULUM), str(log), "--base", "base", "--name", "me", "--out", str(tmp_path)]) == 0
-    result = identified(prepare(PENDULUM, log, base="base"))
     phi = parameters_from_model(tmp_path / "me" / "model.xml", "base")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    assert_predicts_as_well(result, phi)
+    assert_predicts_as_well(aligned[1], phi)
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "me" / "model.xml")).nu == 2
     page = (tmp_path / "me" / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64") == 3 and "http" not in page.replace("http-equiv", "")
@@ -323,11 +331,10 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys)
     assert "Usable: held-out residuals are at most" in capsys.readouterr().out
 
 
-def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path):
+def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
     path, light = tmp_path / "log.csv", tmp_path / "light.xml"
     recording().save(path)
-    result = identified(prepare(PENDULUM, path, base="base"))
-    assert not coded(result, "masses_shown", "masses_hardly_shown")
+    assert not coded(aligned[1], "masses_shown", "masses_hardly_shown")
     spec = scenes.load("double_pendulum")
     spec.body("link2").mass /= 3
     spec.compile()

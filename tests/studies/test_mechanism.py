@@ -9,7 +9,7 @@ from commands import refusal
 from fuzz.here import Here
 from fuzz.undrawn import leave_undrawn
 from mechanisms import double_pendulum
-from persons import briefly
+from persons import at_a_rail
 from truth import told
 
 from experiments.__main__ import main as everything
@@ -78,7 +78,7 @@ def out(tmp_path_factory):
         leave_undrawn(patched)
         patched.setattr(workers, "Processes", Here)
         told(patched)
-        person = briefly()
+        person = at_a_rail()
         patched.setattr(human, "study", lambda *args, **kwargs: person)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0
     return folder
@@ -120,19 +120,9 @@ def test_everything_on_one_page(out):
     assert "true, simplified" in page and "no offsets. The entries" in page
 
 
-def test_two_feet_on_plates_tell_what_unseen_motions_need():
-    person = briefly()
-    assert person.coverage > 0.85 and person.determined.sum() >= 9
-    assert np.sqrt(np.mean(person.distances[1] ** 2)) < 1.4
-    (late,) = (each for each in person.estimate.setup if each.name.startswith("delay"))
-    assert abs(late.value - 0.02) < 3 * late.std
-    prior, joint = (person.errors[name] for name in ("prior", "trajectory estimate"))
-    assert joint.sum() < 0.6 * prior.sum()
-
-
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_everything_resumes_what_was_interrupted(out, tmp_path, monkeypatch):
-    person = briefly()
+    person = at_a_rail()
     monkeypatch.setattr(human, "study", lambda *args, **kwargs: person)
     again = shutil.copytree(out, tmp_path / "results")
     (again / "multicontact" / "trials.npz").unlink()

@@ -40,7 +40,7 @@ def only_finding(log, **options):
     return finding
 
 
-@pytest.mark.parametrize(("seed", "late"), [(1, 0.13), (1, -0.08), (0, 0.15)])
+@pytest.mark.parametrize(("seed", "late"), [(1, -0.08), (0, 0.15)])
 def test_plates_that_are_far_from_the_angles_clock_are_found(seed, late, monkeypatch):
     monkeypatch.setattr(lifting, "LATE", late)
     finding = only_finding(lifts(lifting.lifter(seed), 10 * seed, (1000.0, 1100.0)))

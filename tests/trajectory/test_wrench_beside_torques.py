@@ -1,5 +1,7 @@
 """A ground wrench with a delay, or on another clock, beside joint torques on the angles' clock."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import swinging
@@ -27,6 +29,12 @@ def recorded(seed, late=0.0, fast=0.0):
     return Recording(time, channels)
 
 
+@cache
+def on_time():
+    """Estimate of a wrench on the torques' clock."""
+    return ident.identify(swinging.pendulum(), recorded(0), holdout=0)
+
+
 @pytest.mark.parametrize(
     ("fault", "name", "value"),
     [
@@ -41,8 +49,7 @@ def test_the_wrench_alone_is_late(fault, name, value):
     (finding,) = estimate.setup
     assert finding.name == name and abs(finding.value - value) < 1e-4 + 2 * finding.std < 5e-4
     np.testing.assert_allclose(estimate.trajectory.fit.noise.channels, NOISE, rtol=0.1)
-    on_time = ident.identify(swinging.pendulum(), recorded(0), holdout=0)
-    assert (np.abs(estimate.psi - on_time.psi) < 2 * estimate.std).all()
+    assert (np.abs(estimate.psi - on_time().psi) < 2 * estimate.std).all()
     # The delay does not affect predictions of other recordings' torques and wrenches.
     truth = estimate.base.regroup(swinging.pendulum().known)
     rms = np.sqrt((estimate.held_out.residual_with(truth) ** 2).mean(axis=0))
