@@ -1,6 +1,6 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
-# `make test-extras` runs the tests that need the optional extras or a browser, `make docs` builds the pages into
-# results/docs, `make install` and `make extras` set up the environment alone.
+# `make test-extras` runs the tests that need the optional extras or a browser, and the longest, `make docs` builds the pages
+# into results/docs, `make install` and `make extras` set up the environment alone.
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
@@ -20,7 +20,10 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/studies/test_person_without_rail.py tests/studies/test_benchmark_run.py \
 	tests/studies/test_gait.py::test_two_walks_are_identified_without_the_samples_beside_the_plates \
 	tests/studies/test_noise.py::test_the_trajectory_estimate_is_right_where_least_squares_is_off_by_several_of_its_own \
-	tests/studies/test_noise_conditions.py::test_conditions_run_from_end_to_end
+	tests/studies/test_noise_conditions.py::test_conditions_run_from_end_to_end \
+	tests/studies/test_monte_carlo.py::test_an_interrupt_ends_running_trials_without_a_traceback \
+	tests/studies/test_trajectory_identification.py::test_an_arm_with_friction_is_predicted_as_well_as_with_the_best_filter_found_by_hand \
+	tests/trajectory/test_late_start.py::test_lifts_that_were_selected_of_one_long_recording
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py \

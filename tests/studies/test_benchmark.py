@@ -1,6 +1,5 @@
 """The benchmark runs and compares equal results; its claims without a clock hold. No time is asserted."""
 
-import json
 import sys
 from fractions import Fraction
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.benchmark import bounds, identification, monte_carlo, peers, sections, tables, targets, timing, words
+from experiments.benchmark import bounds, identification, monte_carlo, peers, sections, tables, targets, timing
 from experiments.benchmark.__main__ import main
 from experiments.benchmark.mechanisms import chain, double_pendulum, humanoid, in_general_position, mechanisms
 from ident.parameters.base_parameters import STANDARD_GRAVITY

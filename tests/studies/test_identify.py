@@ -188,7 +188,7 @@ def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
     flipped = bowing.read_text(encoding="utf-8") + "applied_to_link = false\n"
     bowing.write_text(flipped, encoding="utf-8")
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    (finding,) = coded(identified(prepared), "wrench_sign_or_axes")
+    (finding,) = coded(identified(prepared, estimator="weighted"), "wrench_sign_or_axes")
     assert (finding.values["wrench"], finding.values["frame"]) == ("ground", "as stated")
     assert finding.values["opposite"]
 

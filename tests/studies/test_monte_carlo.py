@@ -63,21 +63,29 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
     np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
-@pytest.mark.parametrize(
-    ("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGINT, "running"), (signal.SIGTERM, "running")]
-)
-def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
+def check_request_to_end(folder, number, moment):
+    """Checks that a signal ends all processes of a run without a traceback, and says how to go on."""
     command = ["--samples", "100", "--trials", "100000", "--redraw", "sensors", "--workers", "2"]
     # The bar shows zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
-    code, said = interrupted([*command, "--formats", "png", "--out", str(tmp_path)], pattern, number)
+    code, said = interrupted([*command, "--formats", "png", "--out", str(folder)], pattern, number)
     assert code == 130, said.decode()
     assert b"Traceback" not in said
     assert b"resource_tracker" not in said
     assert b"every file is whole" in said
-    assert (b"run again with --resume" in said) == (tmp_path / trials.FILE).exists()
-    assert (tmp_path / trials.FILE).exists() or moment == "starting"
+    assert (b"run again with --resume" in said) == (folder / trials.FILE).exists()
+    assert (folder / trials.FILE).exists() or moment == "starting"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
+@pytest.mark.parametrize(("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "running")])
+def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
+    check_request_to_end(tmp_path, number, moment)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
+def test_an_interrupt_ends_running_trials_without_a_traceback(tmp_path):
+    check_request_to_end(tmp_path, signal.SIGINT, "running")
 
 
 def test_trials_of_another_run_are_not_resumed(tmp_path):
