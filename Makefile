@@ -23,7 +23,8 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/studies/test_noise_conditions.py::test_conditions_run_from_end_to_end \
 	tests/studies/test_monte_carlo.py::test_an_interrupt_ends_running_trials_without_a_traceback \
 	tests/studies/test_trajectory_identification.py::test_an_arm_with_friction_is_predicted_as_well_as_with_the_best_filter_found_by_hand \
-	tests/trajectory/test_late_start.py::test_lifts_that_were_selected_of_one_long_recording
+	$(addprefix tests/trajectory/test_late_start.py::,test_lifts_that_were_selected_of_one_long_recording test_a_clock_that_is_fast_is_no_delay) \
+	tests/trajectory/test_pieces.py::test_of_eight_recordings_the_intervals_cover_the_truth tests/studies/test_lifting.py
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py \

@@ -188,7 +188,8 @@ def test_provenance_says_how_to_run_it_again(results):
 def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatch):
     """The trajectory estimates are those of the fixture, which the tables of the first run equal."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
-    monkeypatch.setattr(simulated.Study, "trajectory", lambda self, model: study.trajectory(model))
+    trajectory = study.trajectory
+    monkeypatch.setattr(simulated.Study, "trajectory", lambda self, model: trajectory(model))
     assert misaligned.main(["--out", str(tmp_path), "--formats", *defaults.FORMATS, "--seed", "3"]) == 0
     for file in results.iterdir():
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
