@@ -10,7 +10,6 @@ import pytest
 from commands import refusal
 from pages import replayed
 
-from experiments.data.laboratory import Laboratory
 from experiments.data.person import beginning
 from experiments.human import main
 from experiments.studies import human
