@@ -292,7 +292,7 @@ class Estimate:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """What the estimate is judged by."""
+        """Evidence that the estimate is judged by."""
         joint, channels = self.trajectory, self.channels
         return Evidence(
             fit=self.fit,
@@ -325,7 +325,7 @@ class Estimate:
         return findings(self.evidence)
 
     def verdict(self) -> Verdict:
-        """Whether the estimate can be used, and what for; sentences when printed."""
+        """Verdict on the estimate, with its reasons; sentences when printed."""
         names, bodies = self.base.names, self.prepared.mechanism.bodies
         precision = Precision.of(names, self.psi, self.std, self.std_setup, bodies)
         return Verdict.of(self.evidence, self.findings, precision)

@@ -1,1 +1,1 @@
-"""What may be wrong with a model, a recording or a set-up."""
+"""Findings on a model, a recording, a set-up and a fit, and the verdict on an estimate."""

@@ -1,4 +1,4 @@
-"""What became of the bodies of a model: whether they are physical, and how far from the model's."""
+"""Findings on the bodies of the updated model: physical or not, and far from the model's or not."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -34,7 +34,7 @@ SLIGHT = 1e-3
 
 
 def consistency_findings(evidence: Evidence) -> Iterator[Finding]:
-    """How far the base parameters are moved to make the bodies physical."""
+    """Findings on the base parameters that are moved to make the bodies physical."""
     if evidence.consistent is not None:
         yield _consistency(evidence.consistent, evidence.mechanism.bodies)
 
@@ -52,7 +52,7 @@ def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
 
 
 def mass_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remarks on bodies that end far from the model's mass, seen or not, and on what a last link or a rotor adds."""
+    """Remarks on bodies far from the model's mass, on rotor inertia that explains it, and on heavier last links."""
     full, mechanism = evidence.consistent, evidence.mechanism
     if full is None:
         return

@@ -1,4 +1,4 @@
-"""What can be checked of a fitted recording: weight, signs and axes of wrenches, and contacts left out."""
+"""Checks of a fitted recording: weight, signs and axes of wrenches, and contacts left out."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class NotCheckedError(Exception):
 
 
 class Unchecked(NamedTuple):
-    """What could not be checked.
+    """A check that could not be made.
 
     Attributes:
         check: `weight`, `contact` or `torques`.
@@ -68,7 +68,7 @@ class Weight:
 
 @dataclass(frozen=True, eq=False)
 class Checks:
-    """What was found.
+    """Results of all checks.
 
     Attributes:
         weight: Static check; None where it cannot be made.

@@ -1,4 +1,4 @@
-"""What an estimate is judged by: its numbers, its residuals, other candidates, and checks of the recordings."""
+"""Evidence on an estimate: its numbers, its residuals, other candidates, and checks of the recordings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from ident.trajectory.result import TrajectoryEstimate
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What judges read; each judge skips what an estimate has not.
+    """Everything that judges read; a judge yields nothing where an estimate lacks its entries.
 
     Attributes:
         fit: The fit.

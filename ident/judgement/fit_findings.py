@@ -1,4 +1,4 @@
-"""How a fit went, what of the set-up it found, and what it leaves of each channel."""
+"""Findings on a fit: its course, set-up errors, agreement of its parts, and residuals of each channel."""
 
 from collections.abc import Iterator
 
@@ -36,7 +36,7 @@ BEYOND, RARELY = 0.05, 0.01
 
 
 def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
-    """What of the set-up is not as stated."""
+    """Set-up errors, and a doubt where none explains the recording."""
     for each in evidence.setup:
         yield Finding.of(each.code, each.place, **each.values)
     if evidence.trajectory is not None and evidence.trajectory.search.incredible:
@@ -44,7 +44,7 @@ def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
 
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
-    """How the trajectory estimate went."""
+    """A doubt on a trajectory estimate that has not converged."""
     if evidence.trajectory is None:
         return
     fit = evidence.trajectory.fit
@@ -53,7 +53,7 @@ def course_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def halves_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Whether parts of the data agree."""
+    """Findings on halves and logs that disagree."""
     if evidence.widening > 1:
         yield Finding.of("halves_disagree", rms_z=evidence.disagreement)
     if apart := {log: z for log, z in enumerate(evidence.disagreements, start=1) if z > DISAGREE}:
@@ -62,13 +62,13 @@ def halves_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Whether what the model says was put in, and whether the motion needed it."""
+    """A remark on a prior, and on the need of it."""
     if evidence.trajectory is not None and evidence.trajectory.known:
         yield Finding.of("prior_as_asked" if _separated(evidence) else "prior_needed")
 
 
 def _separated(evidence: Evidence) -> bool:
-    """Whether the data of an estimate that has a prior tell every base parameter without it."""
+    """True if the data of an estimate with a prior determine every base parameter without it."""
     before = known_covariance(evidence.mechanism, evidence.fit.parameters, evidence.known)
     # Of the variance with the prior, over that of the prior alone, this share is left where the data's own is so large.
     share = FAR_LESS**2 / (1 + FAR_LESS**2)
@@ -148,7 +148,7 @@ def posture_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def caveats(evidence: Evidence) -> Iterator[Finding]:
-    """What least squares takes for granted."""
+    """Remarks on what least squares assumes."""
     if evidence.trajectory is not None or not evidence.logs:
         return
     if evidence.logs[0].cutoff is None:

@@ -1,4 +1,4 @@
-"""Whether to believe what a wrist sensor says of a payload."""
+"""Findings and verdict on a payload beyond a wrist sensor."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ INTERVAL = 1.96
 
 
 def payload_findings(evidence: Evidence, told: np.ndarray, sensor: str) -> list[Finding]:
-    """What speaks against it, and what else its reader should know, the doubts first.
+    """Findings on a payload, the doubts first.
 
     Args:
         result: The estimate of what the sensor carries.
@@ -57,7 +57,7 @@ def payload_findings(evidence: Evidence, told: np.ndarray, sensor: str) -> list[
 
 @dataclass(frozen=True)
 class PayloadVerdict:
-    """Whether a payload can be used, and half-widths of its 95 % intervals.
+    """Verdict on a payload, with half-widths of its 95 % intervals.
 
     Attributes:
         outcome: The decision.
@@ -92,7 +92,7 @@ class PayloadVerdict:
 
     @property
     def usable(self) -> bool:
-        """Whether it can be used as it is."""
+        """True if it can be used as it is."""
         return self.outcome is Outcome.USABLE
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""What of the total wrench the motion of a model in a plane cannot explain."""
+"""A remark on channels that the motion of a model in a plane cannot explain."""
 
 from collections.abc import Iterator
 

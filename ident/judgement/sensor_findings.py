@@ -57,7 +57,7 @@ def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def unchecked_findings(evidence: Evidence) -> Iterator[Finding]:
-    """What could not be checked."""
+    """Remarks on checks that could not be made."""
     for each in evidence.checks.unchecked:
         yield Finding.of("unchecked", **each._asdict())
 

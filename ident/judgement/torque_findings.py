@@ -1,4 +1,4 @@
-"""What the joint torques of a recording look like: their sign and size, friction, bodies that were not there."""
+"""Findings on joint torques: their sign and size, friction, and bodies that were not carried."""
 
 from collections.abc import Iterator
 

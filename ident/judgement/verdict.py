@@ -24,7 +24,7 @@ SHOWN = 8
 
 
 class Outcome(Enum):
-    """Whether an estimate can be used."""
+    """Decision on an estimate."""
 
     USABLE = "usable"
     DOUBTFUL = "doubtful"
@@ -33,7 +33,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Precision:
-    """How precisely base parameters are known.
+    """Precision of base parameters.
 
     Attributes:
         total: Number of base parameters.
@@ -68,7 +68,7 @@ class Precision:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an estimate can be used, and what for.
+    """Decision on an estimate, with its reasons.
 
     Attributes:
         outcome: The decision.
@@ -98,7 +98,7 @@ class Verdict:
 
     @property
     def usable(self) -> bool:
-        """Whether it can be used as it is."""
+        """True if it can be used as it is."""
         return self.outcome is Outcome.USABLE
 
     @property

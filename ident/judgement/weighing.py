@@ -56,7 +56,7 @@ def estimated_mass(evidence: Evidence) -> Mass | None:
 
 
 def mass_by_setup_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A set-up that was found and by which the mechanism weighs more or less than the wrenches read."""
+    """Set-up errors by which the mechanism weighs more or less than the wrenches read."""
     weight = evidence.checks.weight
     if weight is None or not evidence.logs or not any(SETUP[each.kind].weighs for each in evidence.setup):
         return

@@ -1,4 +1,4 @@
-"""What the wrenches of a recording look like: their frames, what they weigh, their offsets."""
+"""Findings on wrenches: their frames, contacts that are not measured, what they weigh, and their offsets."""
 
 from collections.abc import Iterator
 
@@ -138,7 +138,7 @@ def offset_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _references(evidence: Evidence) -> dict[str, float]:
-    """What offsets of forces, `F` in N, and of moments, `M` in N m, are compared with.
+    """Sizes that offsets of forces, `F` in N, and of moments, `M` in N m, are compared with.
 
     Without gravity that is the weight on Earth; without postures the mechanism's reach is not known.
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Row:
-    """What a code stands for.
+    """Sentence and doubt of a code.
 
     Attributes:
         template: Format string of the values, or a function of them where grammar depends on them.
