@@ -1,8 +1,8 @@
 """Alignment of numbered columns with joints: the one with which the model explains clearly more than with others."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from math import isclose, perm
+from math import perm
 
 import numpy as np
 
@@ -18,11 +18,10 @@ from experiments.guesses.alignments import (
 from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
 from experiments.guesses.families import Family, families
 from experiments.guesses.log_contents import LogContents
-from experiments.guesses.predicted import curves, explained
+from experiments.guesses.predicted import curves, explained, is_rate
 from experiments.guesses.signs import ENOUGH, LITTLE
 from experiments.guesses.unnamed import CLEAR, MOST
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.plausibility import rate_factor
 from ident.recordings.wrench import GROUND
 
 ENOUGH_OF_WRENCHES = 0.95
@@ -178,21 +177,15 @@ def _rates(problem: Problem, way: Alignment) -> dict[str, str]:
             continue
         for first in range(-min(places), len(each.names) - max(places)) if same else (0,):
             names = [each.names[place + first] for place in places]
-            if not set(names) & taken and _are_rates(problem.contents, list(way.positions.values()), names):
+            if not set(names) & taken and _are_rates(problem.contents, way.positions.values(), names):
                 return dict(zip(way.positions, names, strict=True))
     return {}
 
 
-def _are_rates(contents: LogContents, positions: Sequence[str], rates: Sequence[str]) -> bool:
+def _are_rates(contents: LogContents, positions: Collection[str], rates: Collection[str]) -> bool:
     """True where columns may be derivatives of others, in any unit and of either sign."""
-    if not all(name in contents.columns for name in (*positions, *rates)):
-        return False
-    sizes = [
-        abs(rate_factor(contents.time, contents.columns[x], contents.columns[dx]))
-        for x, dx in zip(positions, rates, strict=True)
-    ]
-    units = (1.0, 180 / np.pi, np.pi / 180)
-    return all(any(isclose(size, unit, rel_tol=0.2) for unit in units) for size in sizes)
+    change = all(name in contents.columns for name in (*positions, *rates))
+    return change and all(is_rate(contents, x, dx) for x, dx in zip(positions, rates, strict=True))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -192,11 +192,7 @@ def _position_or_rate(
     """A joint's position or velocity in SI units; the velocity by differentiation if it has no column (N,)."""
     quantity = belief.of(kind).get(joint)
     if quantity and quantity.column in contents.columns:
-        return (
-            contents.columns[quantity.column]
-            * quantity.gain
-            * _factor(contents, quantity.column, quantity.unit, f"{kinds[joint]} {kind}")
-        )
+        return contents.columns[quantity.column] * quantity.gain * factor(contents, quantity, kinds)
     if kind == "velocity" and (x := _position_or_rate(belief, contents, kinds, joint, "position")) is not None:
         return np.gradient(x, contents.time)
     return None

@@ -11,6 +11,7 @@ from ident.estimation.measurement import joint_states
 from ident.estimation.preparation import predicted_channels
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.recordings.plausibility import rate_factor
 from ident.recordings.smoothing import SETTLING, chosen_cutoff, low_pass, smoothed
 
 ENOUGH = 300
@@ -49,6 +50,12 @@ def curves(contents: LogContents, positions: Iterable[str]) -> Curves:
     states = np.stack(smoothed(x, rate, cutoff))[:, taken]
     levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in contents.columns.items()}
     return Curves({name: states[:, :, k] for k, name in enumerate(names)}, levels)
+
+
+def is_rate(contents: LogContents, position: str, rate: str) -> bool:
+    """True where a column may be the derivative of another, in any unit and of either sign."""
+    size = abs(rate_factor(contents.time, contents.columns[position], contents.columns[rate]))
+    return any(0.8 < size / unit < 1.25 for unit in (1.0, 180 / np.pi, np.pi / 180))
 
 
 def prediction(mechanism: Mechanism, states: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

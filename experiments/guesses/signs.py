@@ -64,13 +64,11 @@ def check_positions(
     low = curves(contents, [positions[joint].column for joint in joints])
     # Joints that are not in the log, or constant, rest.
     states = {joint: np.zeros((3, low.size)) for joint in kinds}
-    for joint in kinds:
-        if joint in positions and positions[joint].column in contents.constant:
-            states[joint][0] = contents.constant[positions[joint].column] * factor(contents, positions[joint], kinds)
-    for joint in joints:
-        states[joint] = (
-            low.states[positions[joint].column] * positions[joint].gain * factor(contents, positions[joint], kinds)
-        )
+    for x in positions.values():
+        if x.joint in states and x.column in contents.constant:
+            states[x.joint][0] = contents.constant[x.column] * factor(contents, x, kinds)
+    for x in (positions[joint] for joint in joints):
+        states[x.joint] = low.states[x.column] * x.gain * factor(contents, x, kinds)
 
     def left(factors: Mapping[str, float]) -> Left | None:
         return _left(belief, low.levels, mechanism, {j: x * factors.get(j, 1.0) for j, x in states.items()})
@@ -97,9 +95,8 @@ def _other_unit(
     """Exchanges radians and degrees if the model explains far more then; returns the shares left unexplained."""
     positions = belief.of("position")
     # A program has one unit for all angles.
-    unit, other, scale = (
-        ("rad", "deg", np.pi / 180) if positions[by_size[0]].unit == "rad" else ("deg", "rad", 180 / np.pi)
-    )
+    unit = positions[by_size[0]].unit
+    other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
     largest = max(float(np.abs(contents.columns[positions[joint].column]).max()) for joint in by_size)
     there = left(dict.fromkeys(by_size, scale)) if other == "deg" or largest < TURNS_OF_A_JOINT else None
     if there is None or there.somehow > BETTER * here.somehow:

@@ -10,12 +10,11 @@ from scipy.optimize import linear_sum_assignment
 from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
 from experiments.guesses.joints import ROUND
 from experiments.guesses.log_contents import LogContents
-from experiments.guesses.predicted import Curves, curves, prediction
+from experiments.guesses.predicted import Curves, curves, is_rate, prediction
 from experiments.guesses.words import words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import UNITS
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.plausibility import rate_factor
 from ident.recordings.wrench import GROUND
 
 MOST = 400
@@ -41,12 +40,9 @@ def add_unnamed(belief: Belief, contents: LogContents, mechanism: Mechanism, joi
         joints: Its joints, each with one coordinate.
         held: True if something holds the base.
     """
-    known = {
-        joint: quantity.column
-        for joint, quantity in belief.of("position").items()
-        if quantity.column in contents.columns
-    }
-    lacking = [joint for joint in joints if joint not in belief.of("position")]
+    positions = belief.of("position")
+    known = {joint: x.column for joint, x in positions.items() if x.column in contents.columns}
+    lacking = [joint for joint in joints if joint not in positions]
     measured = [*belief.of("torque"), *belief.groups]
     still = [joint for joint in joints if joint not in known and joint not in lacking]
     if mechanism.prior is None or still or belief.undecided or not (lacking or not measured):
@@ -67,24 +63,13 @@ def add_unnamed(belief: Belief, contents: LogContents, mechanism: Mechanism, joi
     if not measured and not belief.torques_undecided:
         columns = {joint: quantity.column for joint, quantity in belief.of("position").items()}
         predicted = _predicted(belief, low, mechanism, joints, columns)
-        _add_measured(
-            belief, low, predicted, [n for n in others if n not in belief.columns], joints, contents.names, held
-        )
+        free = [name for name in others if name not in belief.columns]
+        _add_measured(belief, low, predicted, free, joints, contents.names, held)
 
 
 def _rates(contents: LogContents, names: Sequence[str]) -> dict[str, str]:
     """Columns that are derivatives of others, in any unit, with these others."""
-    units = (1.0, 180 / np.pi, np.pi / 180)
-    return {
-        rate: name
-        for name in names
-        for rate in names
-        if rate != name
-        and any(
-            0.8 < abs(rate_factor(contents.time, contents.columns[name], contents.columns[rate])) / u < 1.25
-            for u in units
-        )
-    }
+    return {rate: name for name in names for rate in names if rate != name and is_rate(contents, name, rate)}
 
 
 def _unit(low: Curves, column: str) -> str:
