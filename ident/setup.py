@@ -5,13 +5,16 @@ A set-up parameter is zero if the set-up is as stated. Its effect on the channel
 for any other effect, its mathematics there.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
+if TYPE_CHECKING:
+    # Commands that offer the kinds as options start without numpy.
+    import numpy as np
 
-Shift = Callable[[np.ndarray], np.ndarray]
+Shift = Callable[["np.ndarray"], "np.ndarray"]
 """Shift of the samples' true times per unit of a parameter, by the time since the recording's origin, s."""
 
 
@@ -36,7 +39,7 @@ class Unit(NamedTuple):
 TIME = Unit("s", 1e3, " ms")
 SHARE = Unit("1", 100.0, " %")
 LENGTH = Unit("m", 1e3, " mm")
-ANGLE = Unit("rad", 180 / np.pi, "°", "_deg", np.pi / 180)
+ANGLE = Unit("rad", math.degrees(1), "°", "_deg", math.radians(1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,12 +78,12 @@ class SetupKind:
     weighs: bool = False
 
 
-def _later(elapsed: np.ndarray) -> np.ndarray:
+def _later(elapsed: "np.ndarray") -> "np.ndarray":
     """Shift by a delay of one second."""
-    return -np.ones_like(elapsed)
+    return 0.0 * elapsed - 1.0
 
 
-def _slower(elapsed: np.ndarray) -> np.ndarray:
+def _slower(elapsed: "np.ndarray") -> "np.ndarray":
     """Shift by a clock whose unit is twice as long."""
     return elapsed
 
@@ -117,7 +120,7 @@ SETUP: Mapping[str, SetupKind] = {
         label="shift along {axis}",
     ),
     "rotation": SetupKind(
-        std=np.radians(3),
+        std=math.radians(3),
         unit=ANGLE,
         of="frames",
         sentence="The frame of the wrench '{of}' is turned by {size} about {sign}{axis} from where it was stated",
@@ -136,7 +139,7 @@ SETUP: Mapping[str, SetupKind] = {
         weighs=True,
     ),
     "gravity": SetupKind(
-        std=np.radians(3),
+        std=math.radians(3),
         unit=ANGLE,
         of="gravity",
         sentence="Gravity is tilted by {size} about {sign}{axis} of the base frame",
@@ -145,7 +148,7 @@ SETUP: Mapping[str, SetupKind] = {
         weighs=True,
     ),
     "zero": SetupKind(
-        std=np.radians(3),
+        std=math.radians(3),
         unit=ANGLE,
         of="angles",
         sentence="The joint '{of}' reads {size} too {sign}",
@@ -154,7 +157,7 @@ SETUP: Mapping[str, SetupKind] = {
         label="zero of joint {of}",
     ),
     "axis": SetupKind(
-        std=np.radians(3),
+        std=math.radians(3),
         unit=ANGLE,
         of="axes",
         sentence="The axis of joint '{of}' is tilted by {size} about {sign}{axis} of the base frame",
