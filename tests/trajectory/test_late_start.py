@@ -9,12 +9,14 @@ import pytest
 from recorded_faults import PENDULUM, faulty
 
 import ident
+from ident.errors import ExcitationError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import SetupParameter
 from ident.model.regressor import base_wrench_regressor
 from ident.setup import PRIORS
 from ident.trajectory.fit.fitted import Prior
+from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.pieces import cut
 
@@ -109,3 +111,8 @@ def test_delays_that_are_longer_than_a_recording_are_no_candidates(std):
 @pytest.mark.parametrize("missing", [590, 598, 600])
 def test_where_hardly_a_sample_is_left_no_delay_is_likely(missing):
     assert likely_delay_of_pendulum(0.05, missing=missing) == 0
+
+
+def test_a_fit_that_diverges_is_refused_in_a_sentence():
+    with pytest.raises(ExcitationError, match="The fit diverges"):
+        root_of_inverse(np.diag([1.0, np.nan]))

@@ -38,8 +38,10 @@ def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndar
     """Root R of the inverse `R Rᵀ` of a precision matrix, which is scaled to unit diagonal first.
 
     Raises:
-        ExcitationError: It is not positive definite; the error carries the names.
+        ExcitationError: It is not positive definite or not finite; the error carries the names.
     """
+    if not np.isfinite(precision).all():
+        raise ExcitationError("The fit diverges: the recording does not determine all parameters.", tuple(names))
     scale = np.sqrt(np.maximum(np.diag(precision), TINIEST))
     try:
         factor = linalg.cholesky(precision / np.outer(scale, scale))
