@@ -42,7 +42,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _scale(args: argparse.Namespace) -> "Scale | None":
-    """How to scale the model's segments."""
+    """Scaling of the model's segments that the options ask for; None for none."""
     from experiments.studies.angles import Scale
 
     return Scale(args.scale_from, args.symmetric, args.mass) if args.scale else None

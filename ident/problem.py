@@ -28,7 +28,7 @@ LEAST_HELD_OUT = 2
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What every estimator takes: samples to fit and to judge by, and what is known beforehand.
+    """A problem for any estimator: samples to fit and to judge by, and prior knowledge.
 
     Attributes:
         fitted: Parts of recordings to fit.

@@ -1,4 +1,4 @@
-"""What single studies return: angles of a trial, a drawn mechanism, a design, a sweep, and one pass over recordings."""
+"""Results of single studies: angles of a trial, a drawn mechanism, a design, a sweep, and one pass over recordings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

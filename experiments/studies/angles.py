@@ -23,7 +23,7 @@ from sim.models.opensim.mechanism import is_opensim
 
 @dataclass(frozen=True)
 class Scale:
-    """How to scale a model's segments.
+    """Scaling of a model's segments.
 
     Attributes:
         trial: File of the trial to estimate lengths from, by default the fitted one.

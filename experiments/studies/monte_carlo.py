@@ -17,7 +17,7 @@ from ident.errors import InputError
 
 @dataclass(frozen=True)
 class Trials:
-    """How many trials to run, and how.
+    """Number of trials, noise that they redraw, and workers.
 
     Attributes:
         trials: Number of trials; 0 for none.

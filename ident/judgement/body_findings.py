@@ -72,7 +72,7 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
     """Bodies far from the model's mass on joints whose rotor inertia was not fitted or cannot be told from the links'.
 
     Args:
-        result: The estimate.
+        evidence: The evidence.
         far: Names of the bodies.
     """
     mechanism, equations = evidence.mechanism, evidence.fit.equations

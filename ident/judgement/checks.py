@@ -19,7 +19,7 @@ from ident.regression.ordinary import Fit
 Result = TypeVar("Result")
 
 NOISE_WANDERS = 1 / 15
-"""How far from a measured contact its noise may seem to act, of the mechanism's size: half a foot of a person's."""
+"""Distance from a measured contact at which its noise may seem to act, of the mechanism's size: half a foot."""
 
 
 class NotCheckedError(Exception):
@@ -172,13 +172,13 @@ def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
 
 
 def predicted_wrench(prepared: Prepared) -> np.ndarray:
-    """What the model's own φ predicts of the total wrench in the ground sensor's frame (N, 6)."""
+    """Total wrench in the ground sensor's frame that the model's own φ predicts (N, 6)."""
     by_name = predicted_channels(prepared.mechanism, prepared.samples.motion, prepared.frame)
     return np.stack([by_name[c] for c in COMPONENTS], axis=1)
 
 
 def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck | None]:
-    """What is grossly wrong with wrenches, against what the model's own φ predicts.
+    """Checks of the wrenches for gross errors, against the prediction of the model's own φ.
 
     Returns:
         Sign and axes of each wrench by its name, the other wrenches given; and whether the ground's looks as if it were

@@ -1,4 +1,4 @@
-"""Whether two estimates of one mechanism agree."""
+"""Agreement of two estimates of one mechanism."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What may be wrong with a recording or a model, judged from wrenches measured and predicted."""
+"""Diagnoses of a recording or a model from wrenches measured and predicted."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ TIE = 1.25
 
 @dataclass(frozen=True, eq=False)
 class FrameCheck:
-    """How a measured wrench would have to be turned in its own axes to look like the predicted one.
+    """Turn of a measured wrench in its own axes with which it is most like the predicted one.
 
     Attributes:
         sign: 1, or -1 if the wrench of action was taken for that of reaction.
@@ -35,14 +35,14 @@ class FrameCheck:
 
     @property
     def suspicious(self) -> bool:
-        """Whether another sign or other axes fit far better."""
+        """True if another sign or other axes fit far better."""
         turned = self.sign < 0 or not np.array_equal(self.rotation, np.eye(3))
         return bool(turned and self.error_turned < 0.5 * self.error)
 
 
 @dataclass(frozen=True)
 class BaseCheck:
-    """Where on the resting bodies the ground's wrench looks as if it were measured.
+    """The resting body in whose frame the ground's wrench fits the prediction best.
 
     Attributes:
         body: Name of the body in whose frame it fits best.
@@ -56,12 +56,12 @@ class BaseCheck:
 
     @property
     def suspicious(self) -> bool:
-        """Whether that fits far better."""
+        """True if that fits far better."""
         return self.error_there < 0.5 * self.error
 
 
 CLOSE = 0.2
-"""What the distance of a point of contact from the body's joints counts, of that of the forces from the point."""
+"""Weight of the distance of a point of contact from the body's joints, beside that of the forces from the point."""
 
 NEAR = 0.12
 """Distance within which forces pass a body that is likely, m: half a foot, along which they wander."""
@@ -198,7 +198,7 @@ def check_contact(
     *,
     near: float = NEAR,
 ) -> ContactCheck:
-    """Where on the mechanism an unmeasured force would have to act to leave this residual.
+    """Place on the mechanism at which an unmeasured force would leave this residual.
 
     The residual moment is least-squares fitted by `(p_i + R_i c) × F`. Over a short time forces nearly always pass
     through some point that moves with a body, if it may be far from it: points count as worse the farther they are.
@@ -237,7 +237,7 @@ def _carrier(tree: Tree, i: int) -> int:
 
 
 def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> ContactCheck:
-    """Where on one body the force would act: near its own joint or near one that it carries.
+    """Place of the force on one body: near its own joint or near one that it carries.
 
     Args:
         tree: The mechanism.

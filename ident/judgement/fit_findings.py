@@ -32,7 +32,7 @@ FAR_APART = 4.0
 """Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt."""
 
 BEYOND, RARELY = 0.05, 0.01
-"""How far beyond a joint's range, of the range, and for which share of the samples a posture is not worth a word."""
+"""Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
 
 
 def setup_remarks(evidence: Evidence) -> Iterator[Finding]:

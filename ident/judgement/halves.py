@@ -1,4 +1,4 @@
-"""Whether parts of what was fitted agree: each part's own estimate from its share of the equations, to first order.
+"""Agreement of the fitted parts: each part's own estimate from its share of the equations, to first order.
 
     δ_k = P_k⁻¹ g_k,        cov(δ_1 - δ_2) = P_1⁻¹ + P_2⁻¹
 

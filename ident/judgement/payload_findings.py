@@ -32,7 +32,7 @@ def payload_findings(evidence: Evidence, told: np.ndarray, sensor: str) -> list[
     """Findings on a payload, the doubts first.
 
     Args:
-        result: The estimate of what the sensor carries.
+        evidence: Evidence on the estimate of what the sensor carries.
         told: Whether the data tell mass, centre of mass and inertias (10,).
         sensor: Name of the wrench.
     """

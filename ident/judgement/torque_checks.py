@@ -1,4 +1,4 @@
-"""What joint torques look like against the model's own: their sign and size, friction, and bodies that are not there.
+"""Checks of joint torques against the model's own: sign and size, friction, and bodies that are not there.
 
 Offsets, friction and rotor inertia that the model does not know are taken out of measured and predicted torques alike.
 """
@@ -35,9 +35,9 @@ SCALE, ALIKE = 3.0, 0.8
 share of the variance of one is explained by the other."""
 
 FAR = 2.0
-"""How many times as far as bodies may be from the model's a torque has to be from it to be of another unit. One that is
-nearer may as well be of another body: the torque of a real wrist whose centre of mass is 55 mm from its joint, 5 mm in
-its model, is 11.6 times the model's."""
+"""Distance of a torque from the model's, over the largest one that likely bodies explain, from which it is of another
+unit. One that is nearer may as well be of another body: the torque of a real wrist whose centre of mass is 55 mm from
+its joint, 5 mm in its model, is 11.6 times the model's."""
 
 MISSING = 0.5
 """Share of the residual that has to vanish if a body is not carried."""
@@ -65,12 +65,12 @@ class TorqueCheck:
 
     @property
     def flipped(self) -> bool:
-        """Whether the opposite sign fits far better."""
+        """True if the opposite sign fits far better."""
         return self.error_flipped < FLIPPED * self.error
 
     @property
     def scaled(self) -> bool:
-        """Whether it is the predicted one in another unit, and no other bodies explain it."""
+        """True if it is the predicted one in another unit, and no other bodies explain it."""
         return self.alike > ALIKE and self.far > FAR and not 1 / SCALE < abs(self.gain) < SCALE
 
 
@@ -90,13 +90,13 @@ class AbsentBody:
 
     @property
     def suspicious(self) -> bool:
-        """Whether that is most of the residual, and far more than links too heavy or too light would explain."""
+        """True if that is most of the residual, and far more than links too heavy or too light would explain."""
         return self.explained > MISSING and 1 - self.explained < FLIPPED * (1 - self.explained_by_factor)
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueChecks:
-    """All that was found.
+    """Results of all checks of joint torques.
 
     Attributes:
         joints: Check of each torque.
@@ -108,7 +108,7 @@ class TorqueChecks:
 
     @property
     def grossly_wrong(self) -> bool:
-        """Whether a torque is another one than was stated."""
+        """True if a torque is not the one that was stated."""
         return any(check.flipped or check.scaled for check in self.joints)
 
 
@@ -206,7 +206,7 @@ def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
 
 
 def _least_residual(fit: Fit, equations: Equations, samples: Samples) -> np.ndarray:
-    """What least squares leaves, each channel weighted by what the fit leaves of it (N, C)."""
+    """Residual of least squares, each channel weighted by its residual of the fit (N, C)."""
     scale = np.maximum(fit.residual(samples).std(axis=0), 1e-300)
     root = accumulate(equations, samples, factors=np.broadcast_to(1 / scale, samples.measured.shape)).root
     size = np.maximum(np.linalg.norm(root[:, :-1], axis=0), 1e-300)

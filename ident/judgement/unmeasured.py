@@ -20,8 +20,7 @@ SHARE = 0.06
 """Part of the weight from which something else may carry it: what is less is the model's own error."""
 
 ONE_SIDED, SPREAD = 2.0, 6.0
-"""How many times what is missing has to be what is too much elsewhere, and the standard deviation of what is
-neither."""
+"""Least ratios of the missing force to the excess elsewhere, and to the standard deviation of the rest."""
 
 TAIL = 1 / 3
 """Part of that from which a span begins and ends: contacts are loaded gradually."""
@@ -102,7 +101,7 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
 
 
 def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | None:
-    """How many times heavier the mechanism is than its model: what samples agree on; None where they do not.
+    """Ratio of the mechanism's mass to its model's on which the samples agree; None where they do not.
 
     Args:
         needed: Support that the model needs (N,).
@@ -139,7 +138,7 @@ def _spans(missing: np.ndarray, least: float, shortest: int) -> list[tuple[int, 
 
 
 def _may_be_the_filter(prepared: Prepared, first: int, last: int) -> bool:
-    """Whether a span is at an end of the recording, and too short for the low-pass to tell accelerations there."""
+    """True if a span is at an end of the recording, and too short for the low-pass to give accelerations there."""
     if prepared.cutoff is None or (first > 0 and last < len(prepared.samples)):
         return False
     return last - first < UNTOLD * prepared.recording.rate / prepared.cutoff

@@ -17,7 +17,7 @@ PRECISIONS = 0.1, 0.2, 0.5
 """Standard deviations, of the values, up to which parameters are counted as known."""
 
 WIDER = 2.0
-"""How many times the deviation from the noise is to be that with the set-up to be worth a word."""
+"""Ratio of the standard deviation with the set-up to that from the noise above which parameters are named."""
 
 SHOWN = 8
 """Most parameters that a sentence names."""

@@ -141,7 +141,7 @@ class Payload:
         return payload_findings(self.estimate.evidence, self.in_frame().identifiable, self.sensor)
 
     def verdict(self) -> PayloadVerdict:
-        """Whether the payload can be used, and its standard deviations; a sentence when printed."""
+        """Verdict on the payload with its standard deviations; a sentence when printed."""
         values, _, std, identifiable = self.in_frame()
         return PayloadVerdict.of(self.findings, values, std, identifiable)
 
