@@ -118,13 +118,15 @@ def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
     file.write(str(path))
 
 
-def write_bag(path, topics, *, stamped=True):
+def write_bag(path, topics, *, stamped=True, packed=False):
     """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name.
 
     `topics` has times in s and, for joint states, a dict of names to (position, velocity, effort); for wrenches (N, 6);
     for arrays (N, d).
     """
     from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import CompressionFormat as Format
+    from rosbags.rosbag2 import CompressionMode as Mode
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
@@ -132,7 +134,10 @@ def write_bag(path, topics, *, stamped=True):
     one = path.suffix == ".bag"
     store = get_typestore(Stores.ROS1_NOETIC if one else Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if "mcap" in path.name else StoragePlugin.SQLITE3
-    with Writer1(path) if one else Writer2(path, version=9, storage_plugin=plugin) as writer:
+    writer = Writer1(path) if one else Writer2(path, version=9, storage_plugin=plugin)
+    if packed:
+        writer.set_compression(*([Writer1.CompressionFormat.BZ2] if one else [Mode.STORAGE, Format.ZSTD]))
+    with writer:
         for topic, (time, content) in topics.items():
             kind = "sensor_msgs/msg/JointState" if isinstance(content, dict) else "geometry_msgs/msg/WrenchStamped"
             kind = kind if isinstance(content, dict) or content.shape[1] == 6 else "std_msgs/msg/Float64MultiArray"

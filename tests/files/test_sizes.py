@@ -9,16 +9,17 @@ from written_formats import write_bag, write_mat
 
 from ident.errors import LogError
 from ident.files import csv_file, text_file
+from ident.files.formats.bag_chunks import largest_chunk
 from ident.files.readers import read_clocks, read_tables
 
 LIMIT = 2_000_000
 
 
-def peak(path, limit=LIMIT):
-    """Peak memory of reading a file, bytes, and the table or the sentence."""
+def peak(path, limit=LIMIT, read=read_tables):
+    """Tables of a file, or the sentence that refuses it; `peak.bytes` is the most memory that it took."""
     tracemalloc.start()
     try:
-        return list(read_tables(path, limit=limit))
+        return list(read(path, limit=limit))
     except LogError as error:
         return str(error)
     finally:
@@ -87,3 +88,26 @@ def test_messages_of_bags_count_besides_their_bytes(tmp_path):
     write_bag(tmp_path / "log.bag", {"/x": (time, np.zeros((500, 1)))})
     with pytest.raises(LogError, match="takes 0 MB in memory where at most 0 MB"):
         read_clocks(tmp_path / "log.bag", limit=100_000)
+
+
+@pytest.mark.parametrize("name", ["log.bag", "log_mcap"])
+def test_chunks_of_bags_are_not_unpacked_above_the_limit(tmp_path, name):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    path, time = tmp_path / name, np.arange(20) / 100
+    write_bag(path, {"/x": (time, np.zeros((20, 50_000)))}, packed=True)
+    files = [path] if path.is_file() else sorted(path.glob("*.mcap"))
+    assert sum(file.stat().st_size for file in files) < 100_000
+    assert largest_chunk(path) > 500_000
+    assert "MB in memory where at most 0 MB" in peak(path, 400_000, read_clocks)
+    assert peak.bytes < 400_000
+    (table,) = read_clocks(path, limit=50_000_000)
+    assert len(table.rows) == 20
+
+
+@pytest.mark.parametrize("name", ["log.bag", "log.mcap"])
+@pytest.mark.parametrize("length", [0, 5, 14, 40, 60])
+def test_damaged_bags_state_no_size_and_end_the_search(tmp_path, name, length):
+    path = tmp_path / name
+    magic = b"#ROSBAG V2.0\n" if name == "log.bag" else b"\x89MCAP0\r\n"
+    path.write_bytes((magic + b"\x06" + b"\xff" * 60)[:length])
+    assert largest_chunk(path) in (0, 2**64 - 1)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
+from ident.files.formats.bag_chunks import largest_chunk
 from ident.files.formats.reading import library, undamaged
 from ident.files.npz import check_size
 from ident.files.table import Table
@@ -38,6 +39,8 @@ def tables(path: Path, limit: int) -> list[Table]:
     with library("ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
+    # The library unpacks a chunk whole, whatever its topics.
+    check_size(path, largest_chunk(path), limit)
     with undamaged("a ROS bag"), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         # The types as ROS defines them: the library generates code from those in the bag, without end if damaged.
         types = get_typestore(Stores.ROS2_HUMBLE if reader.is2 else Stores.ROS1_NOETIC)
