@@ -24,11 +24,11 @@ def run(args: argparse.Namespace) -> None:
     _check(args)
     fix, scale = options.fixed(args.fix), _scale(args)
     given = {"places": args.places, "base": args.base, "fix": fix, "wrenches": args.wrenches, "scale": scale}
-    found = angles(args.model, args.markers, **given)
-    document = angles_report.document(found, args.model, args.markers, provenance(options.as_text(args)))
+    result = angles(args.model, args.markers, **given)
+    document = angles_report.document(result, args.model, args.markers, provenance(options.as_text(args)))
     inputs = [*filter(None, (args.model, args.markers, args.places, args.scale_from, args.wrenches))]
     out = print_options.output_of(args, formats=list(dict.fromkeys(["png", *args.formats])))
-    then = f"With forces of plates on the same clock, then:\n{_identify(args, found)}"
+    then = f"With forces of plates on the same clock, then:\n{_identify(args, result)}"
     write(document, out, stale=angles_report.OUTPUTS, inputs=inputs, then=then)
 
 
@@ -48,7 +48,7 @@ def _scale(args: argparse.Namespace) -> "Scale | None":
     return Scale(args.scale_from, args.symmetric, args.mass) if args.scale else None
 
 
-def _identify(args: argparse.Namespace, found: "Angles") -> str:
+def _identify(args: argparse.Namespace, result: "Angles") -> str:
     """The command to run next."""
     from ident.estimation.equations import channels_out_of_plane
     from sim.models.mechanism import mechanism
@@ -60,11 +60,11 @@ def _identify(args: argparse.Namespace, found: "Angles") -> str:
         "experiments.identify",
         str(args.model),
         log,
-        *(["--base", found.base] if found.base else []),
+        *(["--base", result.base] if result.base else []),
     ]
     words += [word for fixed in args.fix for word in ("--fix", *fixed)]
-    words += [word for name in found.postures.undetermined for word in ("--fix", name)]
-    sideways = () if found.base else channels_out_of_plane(mechanism(args.model, fix=options.fixed(args.fix)))
+    words += [word for name in result.postures.undetermined for word in ("--fix", name)]
+    sideways = () if result.base else channels_out_of_plane(mechanism(args.model, fix=options.fixed(args.fix)))
     return shlex.join([*words, *(["--leave-out", *sideways] if sideways else [])])
 
 

@@ -41,13 +41,13 @@ def report(
     laboratory = human.laboratory(source, float(rate), noise)
     shared = {"activities": activities, "report": progress}
     with writable(out.folder):
-        found, feet_alone, *others = human.persons(
+        first, feet_alone, *others = human.persons(
             persons, float(seconds), seed=seed, laboratory=laboratory, workers=workers, **shared
         )
     choices: dict[str, Any] = {"seed": seed, "seconds": seconds, "activities": activities, "rate": rate}
     choices |= {"source": source, "noise": None if laboratory.markers else laboratory.angle_deg}
     origin = provenance({**choices, "persons": persons, "formats": out.formats, **out.choices})
-    return write(human_report.document(found, feet_alone, others, origin), out)
+    return write(human_report.document(first, feet_alone, others, origin), out)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -38,10 +38,10 @@ def run(args: argparse.Namespace) -> None:
         if args.resume:
             progress = progress.resumed(reading.equations)
         with options.workers_of(args).pool(args.workers) as pool:
-            found = stream.streamed(progress, reading, pool, args.held_out)
+            result = stream.streamed(progress, reading, pool, args.held_out)
     held = args.held_out and str(args.held_out)
     origin = provenance({**identity, "ignore": args.ignore, "held_out": held, **out.choices})
-    write(stream_report.document(found, args.model, args.recordings, origin), out, stale=(), inputs=inputs)
+    write(stream_report.document(result, args.model, args.recordings, origin), out, stale=(), inputs=inputs)
 
 
 def _inputs(args: argparse.Namespace) -> list[Path]:

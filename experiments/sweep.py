@@ -19,10 +19,10 @@ def run(args: argparse.Namespace) -> None:
     out = print_options.output_of(args, args.out / args.study / option)
     with writable(out.folder):
         workers = options.workers_of(args)
-        found = swept(args.study, option, values, args.seeds, folder=out.folder, workers=workers)
+        result = swept(args.study, option, values, args.seeds, folder=out.folder, workers=workers)
     choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
     origin, title = provenance({**choices, **out.choices}), packaged(args.study).title
-    write(sweep_report.document(found, args.study, title, args.numbers, origin), out, stale=())
+    write(sweep_report.document(result, args.study, title, args.numbers, origin), out, stale=())
 
 
 def parser() -> argparse.ArgumentParser:

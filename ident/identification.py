@@ -173,16 +173,16 @@ def identified(
         # Without a filter no ends are left out.
         logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
         holdout = 0.0 if len(logs) > 2 and not judges else holdout
-    told = logs[0].recording
+    recording = logs[0].recording
     problem = problem_of(
         logs,
         holdout,
         judges,
         alone=not ESTIMATORS[estimator].filters,
         offsets=offsets,
-        known={**KNOWN, **checked_deviations("known", told.known, KNOWN), **beforehand},
+        known={**KNOWN, **checked_deviations("known", recording.known, KNOWN), **beforehand},
         wanted=None if known is None else bool(known),
-        setup={**checked_deviations("setup", told.setup, PRIORS), **setup},
+        setup={**checked_deviations("setup", recording.setup, PRIORS), **setup},
         own=own,
         physical=physical,
         executor=executor,

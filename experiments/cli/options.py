@@ -145,8 +145,8 @@ def workers_of(args: argparse.Namespace) -> "Workers":
 
 def add_local_workers(group: argparse._ActionsContainer, *, default: int | None, otherwise: str = "") -> None:
     """Adds the number of local processes; `otherwise` explains a default of None."""
-    told = f"local processes that share the work{otherwise}"
-    group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=told)
+    text = f"local processes that share the work{otherwise}"
+    group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=text)
 
 
 def add_film(parser: argparse.ArgumentParser) -> None:

@@ -67,15 +67,17 @@ def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[
     from experiments.document.provenance import provenance as origin
 
     fitted = [
-        {**_told(path), "samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
+        _file_entry(path)
+        | {"samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
         for path, (log, part) in zip(args.logs, logs, strict=True)
     ]
-    files = {"model": _told(args.model), "logs": fitted, "held_out": [_told(path) for path in _judges(args)]}
+    judges = [_file_entry(path) for path in _judges(args)]
+    files = {"model": _file_entry(args.model), "logs": fitted, "held_out": judges}
     given = {key: _text(value) for key, value in vars(args).items() if key != "workers"}
-    return origin(given, files | ({"columns": _told(args.columns)} if args.columns else {}))
+    return origin(given, files | ({"columns": _file_entry(args.columns)} if args.columns else {}))
 
 
-def _told(path: Path) -> dict[str, Any]:
+def _file_entry(path: Path) -> dict[str, Any]:
     """Name and SHA-256 sum of a file, or of each file of a log in several files or of a bag's folder."""
     files = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else _files(path)
     sums = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]

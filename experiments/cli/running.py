@@ -14,7 +14,7 @@ from typing import Any
 
 import ident
 from experiments.cli.print_options import style_of
-from experiments.runs.environment import end_at_once, environment, seldom_collected, unsaid
+from experiments.runs.environment import default_variables, end_at_once, environment, seldom_collected
 from experiments.runs.signals import ENDING, GRACE, ended_after
 from ident.errors import InputError
 
@@ -47,9 +47,9 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
             stream.reconfigure(errors="backslashreplace")
     parser = make_parser()
     options = parser.parse_args(argv)
-    told = environment(unsaid(film=getattr(options, "film", False)))
+    variables = environment(default_variables(film=getattr(options, "film", False)))
     interrupted = f"{parser.prog}: interrupted; every file is whole."
-    with told, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
+    with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
             with _its_consequences(asked), style_of(options):
                 study(options)

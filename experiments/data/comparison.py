@@ -11,7 +11,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.judgement.comparison import Comparison
 
-UNTOLD = ("out", "name", "logs", "model", "held_out", "page_columns", "style", "caption", "parameters")
+EXCLUDED = ("out", "name", "logs", "model", "held_out", "page_columns", "style", "caption", "parameters")
 """Options without effect on results, and files, which are compared by content."""
 
 
@@ -49,22 +49,22 @@ class Result:
     def settings(self) -> Mapping[str, str]:
         """All settings, as text."""
         files, origin = self.provenance["recording"], self.provenance
-        chosen = {key: _told(value) for key, value in origin["options"].items() if key not in UNTOLD}
-        told = {
+        chosen = {key: _text(value) for key, value in origin["options"].items() if key not in EXCLUDED}
+        inputs = {
             key: f"{files[key]['file']} ({files[key]['sha256'][:8]})" for key in ("model", "columns") if key in files
         }
         version = {"version": str(origin["versions"]["multicontact"]), "commit": str(origin["git_commit"])}
-        return chosen | told | {"logs": ", ".join(self.logs.values())} | version
+        return chosen | inputs | {"logs": ", ".join(self.logs.values())} | version
 
     def at(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (k,), covariance from noise (k, k) and standard deviations with the set-up (k,) of some parameters."""
-        found = self.estimate
-        where = [found["columns"].index(name) for name in names]
-        covariance = np.array(found["covariance"], float)[np.ix_(where, where)]
-        return np.array(found["values"], float)[where], covariance, np.array(found["std_setup"], float)[where]
+        estimate = self.estimate
+        where = [estimate["columns"].index(name) for name in names]
+        covariance = np.array(estimate["covariance"], float)[np.ix_(where, where)]
+        return np.array(estimate["values"], float)[where], covariance, np.array(estimate["std_setup"], float)[where]
 
 
-def _told(value: Any) -> str:
+def _text(value: Any) -> str:
     if isinstance(value, list):
         return " ".join(map(str, value)) or "none"
     if isinstance(value, bool):

@@ -88,17 +88,17 @@ def wrench_error(study: Study, model: str) -> np.ndarray:
 def touches(study: Study) -> dict[str, float]:
     """Fraction and episodes of each contact and its peak force; fractions in which all and none touch."""
     number = np.sum(list(study.touching.values()), axis=0)
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for name, touching in study.touching.items():
         site = study.file.scene.contacts[name]
-        found |= {
+        numbers |= {
             f"{site}_fraction": float(touching.mean()),
             f"{site}_fraction_alone": float(np.mean(touching & (number == 1))),
             f"{site}_episodes": int(touching[0] + np.sum(~touching[:-1] & touching[1:])),
             f"{site}_peak_force_N": float(np.linalg.norm(study.recording.true[f"{site}_force"], axis=1).max()),
         }
-    return found | {
-        "contact_peak_force_N": max(x for key, x in found.items() if key.endswith("_peak_force_N")),
+    return numbers | {
+        "contact_peak_force_N": max(x for key, x in numbers.items() if key.endswith("_peak_force_N")),
         "fraction_all_touch": float(np.mean(number == len(study.touching))),
         "fraction_none_touches": float(np.mean(number == 0)),
     }

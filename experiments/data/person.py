@@ -33,7 +33,7 @@ class Study:
         activities: Activity of each recording.
         seconds: Length of each, s.
         filtered: Base parameters by least squares at filtered states (r,).
-        unseen: Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: only ψ has errors.
+        held_out: Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: only ψ has errors.
         laboratory: The laboratory.
     """
 
@@ -42,7 +42,7 @@ class Study:
     activities: tuple[str, ...]
     seconds: float
     filtered: np.ndarray
-    unseen: np.ndarray
+    held_out: np.ndarray
     laboratory: Laboratory
 
     @cached_property
@@ -79,9 +79,9 @@ class Study:
         variances, directions = linalg.eigh(
             covariance[:rank, :rank], known_covariance(self.mechanism, self.estimate.base)
         )
-        told = variances > ROUNDING
-        std = np.sqrt(variances[told])
-        return std, directions[:, told].T @ (self.estimate.psi - self.psi) / std
+        uncertain = variances > ROUNDING
+        std = np.sqrt(variances[uncertain])
+        return std, directions[:, uncertain].T @ (self.estimate.psi - self.psi) / std
 
     @property
     def determined(self) -> np.ndarray:
@@ -96,9 +96,9 @@ class Study:
 
     @cached_property
     def errors(self) -> dict[str, np.ndarray]:
-        """RMS errors of the wrench that unseen motions need, over the wrench's own deviation, by estimator (6,)."""
-        signal = (self.unseen @ self.psi).std(axis=0)
-        off = {name: self.unseen @ (psi - self.psi) for name, psi in self.candidates.items()}
+        """RMS errors of the wrench of motions that were not recorded over its deviation, by estimator (6,)."""
+        signal = (self.held_out @ self.psi).std(axis=0)
+        off = {name: self.held_out @ (psi - self.psi) for name, psi in self.candidates.items()}
         return {name: np.sqrt((x**2).mean(axis=0)) / signal for name, x in off.items()}
 
     @cached_property
@@ -126,8 +126,8 @@ class Study:
         """Standard deviations of φ after the first seconds of each recording, with the noise of all of them (b, 10)."""
         return self._conditioned(seconds)[1]
 
-    def foretold(self, seconds: Sequence[float]) -> float:
-        """Standard deviation of the wrench that unseen motions need after the first seconds of each recording.
+    def predicted_deviation(self, seconds: Sequence[float]) -> float:
+        """Standard deviation of the wrench predicted for other motions, after the first seconds of each recording.
 
         Relative to the prior one, as a geometric mean of the channels, and from noise alone: the set-up is the
         estimated one.
@@ -138,8 +138,8 @@ class Study:
 
     @cached_property
     def _squares(self) -> np.ndarray:
-        """Products of the columns of each channel's unseen regressor, summed over samples (6, r, r)."""
-        Y = self.unseen.swapaxes(0, 1)
+        """Products of the columns of each channel's regressor, summed over samples (6, r, r)."""
+        Y = self.held_out.swapaxes(0, 1)
         return Y.swapaxes(1, 2) @ Y
 
     def _conditioned(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -189,7 +189,7 @@ class Study:
     def axis_error(self) -> np.ndarray:
         """Angle between each recovered and true axis, rad (n,)."""
         pairs = zip(self.recovered.tree.bodies, self.problem.true.bodies, strict=True)
-        return np.array([angle(found.twist[3:], true.twist[3:]) for found, true in pairs if true.moves])
+        return np.array([angle(estimated.twist[3:], true.twist[3:]) for estimated, true in pairs if true.moves])
 
     @cached_property
     def rank_apart(self) -> int:

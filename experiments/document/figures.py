@@ -132,11 +132,11 @@ def spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
     return np.stack([x[edges[::2]], x[edges[1::2] - 1]], axis=1)
 
 
-def visible_spans(found: np.ndarray, shown: float) -> np.ndarray:
+def visible_spans(spans: np.ndarray, shown: float) -> np.ndarray:
     """Spans in order (k, 2), widened to be visible on an abscissa of length `shown`, and merged if nearly touching."""
     least = VISIBLE * shown
-    spare = np.maximum(least - np.diff(found, axis=1), 0) / 2
-    wide = found + np.hstack([-spare, spare])
+    spare = np.maximum(least - np.diff(spans, axis=1), 0) / 2
+    wide = spans + np.hstack([-spare, spare])
     apart = np.flatnonzero(wide[1:, 0] - wide[:-1, 1] > least) + 1
     return np.array([[run[0, 0], run[-1, 1]] for run in np.split(wide, apart)])
 

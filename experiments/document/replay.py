@@ -43,7 +43,7 @@ class Replay:
         curves: The channels at these samples, by label (M, C).
         inks: Their colours, as indices into `figures.INKS`; by default in order.
         estimate: Estimated φ of the bodies (10 b,); None if none was estimated.
-        told: Number of each body's ten parameters that the recording determines (b,).
+        identified: Number of each body's ten parameters that the recording determines (b,).
         spans: Spans of time to shade, s.
         shaded: Meaning of the shaded spans.
         remark: A sentence on the curves.
@@ -60,7 +60,7 @@ class Replay:
     curves: Mapping[str, np.ndarray]
     inks: Sequence[int] = ()
     estimate: np.ndarray | None = None
-    told: np.ndarray | None = None
+    identified: np.ndarray | None = None
     spans: Sequence[tuple[float, float]] = ()
     shaded: str = ""
     remark: str = ""
@@ -118,9 +118,9 @@ class Replay:
             return out
         for k, i in enumerate(tree.inertial):
             own = slice(10 * k, 10 * k + 10)
-            told = None if self.told is None else float(self.told[k]) / 10
+            identified = None if self.identified is None else float(self.identified[k]) / 10
             prior = None if arm.prior is None else ellipsoid(arm.prior[own])
-            out[i] |= {"told": told, "prior": prior, "estimate": ellipsoid(self.estimate[own])}
+            out[i] |= {"told": identified, "prior": prior, "estimate": ellipsoid(self.estimate[own])}
         return out
 
     def _axes(self) -> Iterator[dict[str, Any]]:

@@ -17,8 +17,8 @@ def run(args: argparse.Namespace) -> None:
 
     out = print_options.output_of(args)
     with writable(args.out):
-        found = study(args.data, progress)
-    write(report.document(found, provenance({"formats": args.formats, **out.choices})), out)
+        results = study(args.data, progress)
+    write(report.document(results, provenance({"formats": args.formats, **out.choices})), out)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -36,9 +36,9 @@ def table_3(result: Study) -> tabular.Table:
 def table_wrench_errors(result: Study) -> tabular.Table:
     """Errors of the recovered wrenches by channel, in brackets relative to the true wrench."""
     rows = []
-    for (channel, found), (_, unit) in zip(summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True):
-        shown = (f"{found[f'rms_{m}']:.2f} ({100 * found[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
-        rows.append((f"{channel}, {unit}", found["true_std"], *shown))
+    for (channel, errors), (_, unit) in zip(summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True):
+        shown = (f"{errors[f'rms_{m}']:.2f} ({100 * errors[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
+        rows.append((f"{channel}, {unit}", errors["true_std"], *shown))
     columns = ("channel", "s.d. of the true wrench", "error, simplified", "error, full")
     return tabular.Table("", columns, tuple(rows), decimals=2)
 

@@ -37,12 +37,12 @@ def accelerations(seed: int = 0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 def figure_estimator() -> Figure:
     """The accelerations over a few seconds."""
-    time, found = accelerations()
+    time, curves = accelerations()
     lines = (figures.Line("C1", 0.7), figures.Line("black", 2.0), figures.Line("C0", 1.2, "--"))
     with styles.paper_style():
         figure = Figure(figsize=(6.4, 2.6))
         ax = figure.subplots()
-        for (label, values), line in zip(found.items(), lines, strict=True):
+        for (label, values), line in zip(curves.items(), lines, strict=True):
             ax.plot(time, values, color=line.color, lw=line.width, ls=line.style, label=label)
         ax.set(xlim=SHOWN, xlabel="Time (s)", ylabel=f"Acceleration of the {JOINT} (rad/s²)")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

@@ -92,15 +92,15 @@ def scale_table(lengths: Scaling) -> tabular.Table:
     return tabular.Table("Factors on the lengths of segments", *tabular.columns(**columns), decimals=4)
 
 
-def residuals_figure(found: Angles) -> Figure:
+def residuals_figure(angles: Angles) -> Figure:
     """RMS distance of the markers from the fit over time."""
-    distances = MM * np.where(found.postures.outlying, np.nan, found.postures.distances)
-    seen = np.isfinite(distances)
-    by_frame = np.sqrt(np.nansum(distances**2, axis=1) / np.maximum(seen.sum(axis=1), 1))
+    distances = MM * np.where(angles.postures.outlying, np.nan, angles.postures.distances)
+    visible = np.isfinite(distances)
+    by_frame = np.sqrt(np.nansum(distances**2, axis=1) / np.maximum(visible.sum(axis=1), 1))
     with styles.paper_style():
         figure = Figure(figsize=(styles.text_width(), 1.9))
         ax = figure.subplots()
-        ax.plot(found.markers.time, by_frame, color="C0", lw=0.8)
+        ax.plot(angles.markers.time, by_frame, color="C0", lw=0.8)
         ax.set_xlabel("Time (s)", labelpad=2)
         ax.set_ylabel("Distance, RMS (mm)", labelpad=2)
         ax.set_ylim(bottom=0)
@@ -108,20 +108,20 @@ def residuals_figure(found: Angles) -> Figure:
     return figure
 
 
-def lines(found: Angles) -> list[str]:
+def lines(angles: Angles) -> list[str]:
     """Sentences on the main results of a trial."""
-    postures, labels = found.postures, found.postures.marked.labels
+    postures, labels = angles.postures, angles.postures.marked.labels
     N, M = postures.distances.shape
-    base = "the world's frame" if found.base is None else f"the frame of '{found.base}'"
+    base = "the world's frame" if angles.base is None else f"the frame of '{angles.base}'"
     sigma = f"{MM * postures.sigma:.2f} mm" if np.isfinite(postures.sigma) else "unknown, markers are too few"
     out = [
         f"{M} markers in {N} frames; {{0}} is {base}. Noise of a coordinate of a marker: {sigma}.",
-        *([f"No site belongs to {', '.join(found.unmatched)}; left out."] if found.unmatched else []),
+        *([f"No site belongs to {', '.join(angles.unmatched)}; left out."] if angles.unmatched else []),
     ]
-    for swap in found.swaps:
+    for swap in angles.swaps:
         a, b = swap.labels
         out.append(f"The labels of '{a}' and '{b}' seem exchanged in {swap.frames} of {N} frames.")
-    exchanged = {label for swap in found.swaps for label in swap.labels}
+    exchanged = {label for swap in angles.swaps for label in swap.labels}
     for k in np.flatnonzero(postures.outlying.mean(axis=0) > FAR_OFF):
         if labels[k] not in exchanged:
             number = int(postures.outlying[:, k].sum())
@@ -130,10 +130,10 @@ def lines(found: Angles) -> list[str]:
     for j in sorted({int(model.dof_jntid[d]) for d in postures.marked.dofs}):
         if number := beyond_range(postures, j):
             out.append(f"Joint '{joint_name(model, j)}' is beyond its range in {number} of {N} frames.")
-    return [*out, *found.recording.notes]
+    return [*out, *angles.recording.notes]
 
 
-def document(found: Angles, model: Path, markers: Path, provenance: dict[str, Any]) -> Document:
+def document(angles: Angles, model: Path, markers: Path, provenance: dict[str, Any]) -> Document:
     """Tables and a figure, angles and their covariance, and the scaled model if there is one.
 
     Args:
@@ -142,13 +142,13 @@ def document(found: Angles, model: Path, markers: Path, provenance: dict[str, An
         markers: File of the markers.
         provenance: Provenance of the results.
     """
-    postures, lengths = found.postures, found.scaling
+    postures, lengths = angles.postures, angles.scaling
     tables = {"table_markers": markers_table(postures), "table_joints": joints_table(postures)}
-    covariance = {"time": found.markers.time, "names": np.array(postures.marked.dof_names)}
+    covariance = {"time": angles.markers.time, "names": np.array(postures.marked.dof_names)}
     covariance |= {"covariance": postures.covariance}
     files: dict[str, Callable[[Path], object]] = {
-        "angles.csv": found.recording.save,
-        "angles.npz": found.recording.save,
+        "angles.csv": angles.recording.save,
+        "angles.npz": angles.recording.save,
         "covariance.npz": lambda path: save_arrays(path, covariance),
     }
     if lengths is not None:
@@ -156,10 +156,10 @@ def document(found: Angles, model: Path, markers: Path, provenance: dict[str, An
         files["model_scaled.xml"] = lambda path: write_scaled(path, postures.marked.spec, lengths.model)
     return Document(
         f"Joint angles of {model.name} from {markers.name}",
-        lines=lines(found),
+        lines=lines(angles),
         heading="The trial",
         tables=tables,
-        figures={"figure_residuals": (residuals_figure(found), "Distances of the markers from the fit.")},
+        figures={"figure_residuals": (residuals_figure(angles), "Distances of the markers from the fit.")},
         numbers={"provenance": provenance},
         files=files,
     )

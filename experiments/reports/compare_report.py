@@ -26,21 +26,22 @@ UNLIKELY = 0.01
 """p-value of χ² below which a difference is called more than noise."""
 
 
-def differences_table(found: Difference) -> tabular.Table:
+def differences_table(difference: Difference) -> tabular.Table:
     """Parameters of both, and their difference, with its interval if the logs are independent."""
-    first, second, comparison = found.first, found.second, found.comparison
-    half = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * np.sqrt(np.diag(comparison.covariance))
-    wider = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * found.std_setup
+    first, second, comparison = difference.first, difference.second, difference.comparison
+    names, shared = difference.names, difference.shared
+    unknown = np.full(len(names), np.nan)
+    half = unknown if shared else HALF_WIDTH * np.sqrt(np.diag(comparison.covariance))
     return tabular.Table(
         f"Base parameters of {first.name} less those of {second.name}, SI units; ± 95 % intervals of the difference",
         *tabular.columns(
-            parameter=found.names,
-            first=first.at(found.names)[0],
-            second=second.at(found.names)[0],
+            parameter=names,
+            first=first.at(names)[0],
+            second=second.at(names)[0],
             difference=comparison.difference,
             interval_95=half,
-            interval_setup_95=wider,
-            z=np.full(len(found.names), np.nan) if found.shared else comparison.z,
+            interval_setup_95=unknown if shared else HALF_WIDTH * difference.std_setup,
+            z=unknown if shared else comparison.z,
         ),
         decimals=4,
         caption="Base parameters of two identifications and their difference",
@@ -65,9 +66,9 @@ def prediction_table(results: Sequence[Result]) -> tabular.Table:
 
 def setup_table(results: Sequence[Result]) -> tabular.Table:
     """Set-up errors that each result reports."""
-    found = [{each["name"]: each["text"] for each in result.estimate["setup"]} for result in results]
-    names = list(dict.fromkeys(name for each in found for name in each))
-    rows = tuple((name, *(each.get(name, "as stated") for each in found)) for name in names)
+    setups = [{each["name"]: each["text"] for each in result.estimate["setup"]} for result in results]
+    names = list(dict.fromkeys(name for each in setups for name in each))
+    rows = tuple((name, *(each.get(name, "as stated") for each in setups)) for name in names)
     return tabular.Table("Set-up", ("what", *(result.name for result in results)), rows)
 
 
@@ -79,29 +80,30 @@ def settings_table(results: Sequence[Result]) -> tabular.Table:
     return tabular.Table("Settings that differ", ("setting", *(result.name for result in results)), kept)
 
 
-def agreement(found: Difference) -> str:
+def agreement(difference: Difference) -> str:
     """A sentence on the agreement of two results."""
-    names = f"'{found.first.name}' and '{found.second.name}'"
-    if found.shared:
+    names = f"'{difference.first.name}' and '{difference.second.name}'"
+    if difference.shared:
         return (
-            f"{names} were both fitted to {', '.join(found.shared)}: noise that they share does not show in their "
+            f"{names} were both fitted to {', '.join(difference.shared)}: noise that they share does not show in their "
             "difference, so that neither interval nor χ² can be told; compare results of logs of their own."
         )
-    left_out = [name for name in (*found.first.regrouping, *found.second.regrouping) if name not in found.names]
+    either = (*difference.first.regrouping, *difference.second.regrouping)
+    left_out = [name for name in either if name not in difference.names]
     but = f" Not compared, as only one has them so regrouped: {', '.join(dict.fromkeys(left_out))}." if left_out else ""
-    differ = "agree within noise" if found.comparison.p_value > UNLIKELY else "differ by more than noise"
-    within = np.abs(found.comparison.difference) <= HALF_WIDTH * found.std_setup
+    differ = "agree within noise" if difference.comparison.p_value > UNLIKELY else "differ by more than noise"
+    within = np.abs(difference.comparison.difference) <= HALF_WIDTH * difference.std_setup
     setup = f"; {int(within.sum())} of {len(within)} differences lie within what noise and set-up leave open"
-    return f"{names} {differ}, if their logs are independent: {found.comparison}"[:-1] + f"{setup}.{but}"
+    return f"{names} {differ}, if their logs are independent: {difference.comparison}"[:-1] + f"{setup}.{but}"
 
 
-def figure(found: Difference, layout: Layout = PAPER) -> Figure:
+def figure(difference: Difference, layout: Layout = PAPER) -> Figure:
     """Differences in units of their standard deviation from noise, with intervals from noise and from the set-up."""
-    shown = [k for k, name in enumerate(found.names) if layout.shows(name, found.first.bodies)]
-    std = np.sqrt(np.diag(found.comparison.covariance))[shown]
-    z, wider = found.comparison.z[shown], HALF_WIDTH * found.std_setup[shown] / std
+    shown = [k for k, name in enumerate(difference.names) if layout.shows(name, difference.first.bodies)]
+    std = np.sqrt(np.diag(difference.comparison.covariance))[shown]
+    z, wider = difference.comparison.z[shown], HALF_WIDTH * difference.std_setup[shown] / std
     with styles.paper_style():
-        labels = [symbols.named_symbol(found.names[k], found.first.bodies) for k in shown]
+        labels = [symbols.named_symbol(difference.names[k], difference.first.bodies) for k in shown]
         drawn, panels = row_panels.row_panels(labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
@@ -140,10 +142,10 @@ def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Lay
     }
     names = list(dict.fromkeys(name for result in compared for name in result.regrouping))
     layout.check([*tables, *drawn], names, compared[0].bodies)
-    said = [agreement(pair) for pair in pairs]
+    sentences = [agreement(pair) for pair in pairs]
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
-        verdict=" ".join(said),
+        verdict=" ".join(sentences),
         lines=[
             f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
             for result in compared
@@ -152,7 +154,7 @@ def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Lay
         tables=tables,
         figures=drawn,
         numbers={"comparison": numbers(pairs), "provenance": provenance},
-        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *said])),
+        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *sentences])),
     )
 
 

@@ -19,29 +19,29 @@ SHARES = (0.15, 0.3, 0.6, 1.0)
 """Fractions of each recording's length at which the precision is evaluated."""
 
 
-def figure(found: Study, feet_alone: Study) -> Figure:
+def figure(study: Study, feet_alone: Study) -> Figure:
     """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
     with styles.paper_style():
         drawing = Figure(figsize=(styles.column_width(), 7.2))
         above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
-        _segments(above, found)
-        _growth(middle, found, feet_alone)
-        _foretold(below, found, feet_alone)
+        _segments(above, study)
+        _growth(middle, study, feet_alone)
+        _predictions(below, study, feet_alone)
     return drawing
 
 
-def _segments(ax: Axes, found: Study) -> None:
+def _segments(ax: Axes, study: Study) -> None:
     """Draws the error of each first moment's vector relative to its size, of prior and estimate."""
-    phi, std = found.segments
-    true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
+    phi, std = study.segments
+    true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
     size = np.linalg.norm(true[:, 1:4], axis=1)
     rows = np.arange(len(size))
     for name, x, offset in (("prior", prior, -0.15), ("estimate", phi, 0.15)):
         error = 100 * np.linalg.norm((x - true)[:, 1:4], axis=1) / size
         ax.plot(error, rows + offset, "o", ms=3, color=COLORS[name], label=name)
-    said = 100 * HALF_WIDTH * np.linalg.norm(std[:, 1:4], axis=1) / size
-    ax.hlines(rows + 0.15, 0, said, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="said of the estimate, 95 %")
-    ax.set_yticks(rows, [name.replace("_", " ") for name in found.true.bodies])
+    half = 100 * HALF_WIDTH * np.linalg.norm(std[:, 1:4], axis=1) / size
+    ax.hlines(rows + 0.15, 0, half, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="said of the estimate, 95 %")
+    ax.set_yticks(rows, [name.replace("_", " ") for name in study.true.bodies])
     ax.invert_yaxis()
     ax.set_xscale("symlog", linthresh=10, linscale=1)
     ax.set_xlim(left=0)
@@ -50,46 +50,46 @@ def _segments(ax: Axes, found: Study) -> None:
     ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=6, columnspacing=1)
 
 
-def growth(found: Study) -> np.ndarray:
+def growth(study: Study) -> np.ndarray:
     """Standard deviations over the prior's by kind, geometric means, for each number of recordings (k + 1, 3)."""
-    number = len(found.activities)
-    deviations = np.array([found.information([found.seconds] * n + [0.0] * (number - n)) for n in range(number + 1)])
+    number = len(study.activities)
+    deviations = np.array([study.information([study.seconds] * n + [0.0] * (number - n)) for n in range(number + 1)])
     logs = np.log(deviations / deviations[0])
     return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
 
 
-def _growth(ax: Axes, found: Study, feet_alone: Study) -> None:
+def _growth(ax: Axes, study: Study, feet_alone: Study) -> None:
     """Draws the standard deviations of segments over the number of recordings."""
-    numbers = np.arange(len(found.activities) + 1)
-    for study, style, contacts in ((found, "-", "plates and rail"), (feet_alone, "--", "plates")):
-        for name, marker, color, ratio in zip(KINDS, "osD", KIND_COLORS, growth(study).T, strict=True):
-            label = name if study is found else None
+    numbers = np.arange(len(study.activities) + 1)
+    for each, style, contacts in ((study, "-", "plates and rail"), (feet_alone, "--", "plates")):
+        for name, marker, color, ratio in zip(KINDS, "osD", KIND_COLORS, growth(each).T, strict=True):
+            label = name if each is study else None
             ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=label)
         ax.plot([], [], style, color="0.3", lw=0.9, label=contacts)
-    ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in found.activities)], rotation=20, ha="right")
+    ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=20, ha="right")
     ax.set_ylabel("Deviation over the prior's", labelpad=2)
-    ax.set_title(f"(b) Recordings of {found.seconds:g} s each")
+    ax.set_title(f"(b) Recordings of {study.seconds:g} s each")
     ax.legend(loc="lower left", fontsize=6, ncols=1)
 
 
-def foretold(found: Study) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def predicted_deviations(study: Study) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Total seconds, and the deviation of predictions of unseen motions over the prior's, for each motion and all."""
-    lengths = np.array(SHARES) * found.seconds
-    kinds = {name: np.eye(len(found.activities))[k] for k, name in enumerate(found.activities)}
-    kinds["all"] = np.ones(len(found.activities))
+    lengths = np.array(SHARES) * study.seconds
+    kinds = {name: np.eye(len(study.activities))[k] for k, name in enumerate(study.activities)}
+    kinds["all"] = np.ones(len(study.activities))
     return {
-        name: (lengths * taken.sum(), np.array([found.foretold(list(length * taken)) for length in lengths]))
+        name: (lengths * taken.sum(), np.array([study.predicted_deviation(list(length * taken)) for length in lengths]))
         for name, taken in kinds.items()
     }
 
 
-def _foretold(ax: Axes, found: Study, feet_alone: Study) -> None:
+def _predictions(ax: Axes, study: Study, feet_alone: Study) -> None:
     """Draws the deviation of the wrench that unseen motions need over the seconds recorded."""
-    every = foretold(found)
-    for name in found.activities:
+    every = predicted_deviations(study)
+    for name in study.activities:
         ax.loglog(*every[name], ".-", ms=3, lw=0.7, label=name)
     ax.loglog(*every["all"], "o-", ms=3, lw=1.2, color="black", label="all, plates and rail")
-    ax.loglog(*foretold(feet_alone)["all"], "o--", ms=3, lw=1, color="0.5", label="all, plates")
+    ax.loglog(*predicted_deviations(feet_alone)["all"], "o--", ms=3, lw=1, color="0.5", label="all, plates")
     for axis, ticks in ((ax.xaxis, (0.5, 1, 2, 5, 10, 20, 50)), (ax.yaxis, (0.02, 0.05, 0.1, 0.2, 0.5))):
         low, high = axis.get_view_interval()
         axis.set_ticks([tick for tick in ticks if low < tick < high])

@@ -12,7 +12,7 @@ from experiments.data.person import MOVED, Study
 from experiments.document import tabular
 from experiments.document.document import Document
 from experiments.reports import identify_replay
-from experiments.reports.human_figure import figure, foretold, growth
+from experiments.reports.human_figure import figure, growth, predicted_deviations
 from ident.geometry.inertia import com_from_parameters
 
 ABOUT = (
@@ -23,12 +23,12 @@ ABOUT = (
 """The page's text on the study."""
 
 
-def table_segments(found: Study) -> tabular.Table:
+def table_segments(study: Study) -> tabular.Table:
     """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
-    phi, std = found.segments
-    true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
+    phi, std = study.segments
+    true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
     rows: list[tuple[tabular.Cell, ...]] = []
-    for k, name in enumerate(found.true.bodies):
+    for k, name in enumerate(study.true.bodies):
         first = 1 + int(np.argmax(np.abs(true[k, 1:4])))
         inertia = 4 + int(np.argmax(true[k, 4:7]))
         rows.append((name, *(float(x[k, j]) for j in (0, first, inertia) for x in (true, prior, phi, std))))
@@ -44,19 +44,19 @@ def table_segments(found: Study) -> tabular.Table:
     return tabular.Table(title, tuple(columns), tuple(rows), decimals=3, heads=heads)
 
 
-def table_prediction(found: Study) -> tabular.Table:
+def table_prediction(study: Study) -> tabular.Table:
     """Errors of the wrench that unseen motions need."""
-    rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, errors)) for name, errors in found.errors.items()]
+    rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, errors)) for name, errors in study.errors.items()]
     title = "Errors of the wrench that unseen motions need, over the wrench's own deviation"
-    return tabular.Table(title, ("candidate", *found.estimate.channels[:6]), tuple(rows), decimals=3)
+    return tabular.Table(title, ("candidate", *study.estimate.channels[:6]), tuple(rows), decimals=3)
 
 
 def table_coverage(persons: Sequence[Study]) -> tabular.Table:
     """Coverage of the intervals of determined combinations, for each person and for all together."""
     rows: list[tuple[tabular.Cell, ...]] = []
-    for number, found in enumerate(persons, start=1):
-        better = float((found.errors["prior"] / found.errors["trajectory estimate"]).min())
-        rows.append((str(number), *_counted([found]), found.noise_of_angles, better))
+    for number, person in enumerate(persons, start=1):
+        better = float((person.errors["prior"] / person.errors["trajectory estimate"]).min())
+        rows.append((str(number), *_counted([person]), person.noise_of_angles, better))
     rows.append(("all", *_counted(persons), None, None))
     heads = {
         "determined": "determined",
@@ -73,40 +73,40 @@ def table_coverage(persons: Sequence[Study]) -> tabular.Table:
 def _counted(persons: Sequence[Study]) -> tuple[tabular.Cell, ...]:
     """Number of determined combinations, and coverage of their 95 % intervals: with set-up, and from noise alone."""
     out: list[tabular.Cell] = []
-    for each in ([found.distances for found in persons], [found.distances_of_noise for found in persons]):
+    for each in ([person.distances for person in persons], [person.distances_of_noise for person in persons]):
         z = np.concatenate([distances[std < MOVED] for std, distances in each])
         out += [len(z), float((np.abs(z) < HALF_WIDTH).mean()) if len(z) else None]
     return tuple(out)
 
 
-def numbers(found: Study) -> dict[str, Any]:
+def numbers(study: Study) -> dict[str, Any]:
     """Key numbers for scripts."""
-    estimate, (phi, std) = found.estimate, found.segments
+    estimate, (phi, std) = study.estimate, study.segments
     segments = {
         name: {"true": t, "prior": p, "estimate": x, "std": s}
         for name, t, p, x, s in zip(
-            found.true.bodies,
-            *(y.reshape(-1, 10).tolist() for y in (found.true.known, found.mechanism.known, phi, std)),
+            study.true.bodies,
+            *(y.reshape(-1, 10).tolist() for y in (study.true.known, study.mechanism.known, phi, std)),
             strict=True,
         )
     }
-    told = {name: [x.tolist() for x in each] for name, each in foretold(found).items()}
+    predictions = {name: [x.tolist() for x in each] for name, each in predicted_deviations(study).items()}
     centres = {name: com_from_parameters(np.array(each["estimate"]))[1].tolist() for name, each in segments.items()}
     return {
-        "activities": list(found.activities),
-        "seconds": found.seconds,
-        "base_parameters": len(found.psi),
-        "combinations": len(found.determined),
-        "determined": int(found.determined.sum()),
-        "coverage_of_determined": found.coverage if found.determined.any() else None,
-        "rms_z": float(np.sqrt((found.distances[1] ** 2).mean())),
+        "activities": list(study.activities),
+        "seconds": study.seconds,
+        "base_parameters": len(study.psi),
+        "combinations": len(study.determined),
+        "determined": int(study.determined.sum()),
+        "coverage_of_determined": study.coverage if study.determined.any() else None,
+        "rms_z": float(np.sqrt((study.distances[1] ** 2).mean())),
         "set_up": [{"name": each.name, "value": each.value, "std": each.std} for each in estimate.setup],
         "verdict": str(estimate.verdict()),
         "segments": segments,
-        "growth": growth(found).tolist(),
-        "foretold": {name: dict(zip(("seconds", "deviation"), x, strict=True)) for name, x in told.items()},
-        "errors": {name: dict(zip(estimate.channels, x.tolist(), strict=False)) for name, x in found.errors.items()},
-        "times_better": (found.errors["prior"] / found.errors["trajectory estimate"]).tolist(),
+        "growth": growth(study).tolist(),
+        "foretold": {name: dict(zip(("seconds", "deviation"), x, strict=True)) for name, x in predictions.items()},
+        "errors": {name: dict(zip(estimate.channels, x.tolist(), strict=False)) for name, x in study.errors.items()},
+        "times_better": (study.errors["prior"] / study.errors["trajectory estimate"]).tolist(),
         "centres_of_mass": centres,
     }
 
@@ -120,32 +120,32 @@ def measured(laboratory: Laboratory) -> str:
     return f"Angles have noise of {laboratory.angle_deg:g}°, {kind}."
 
 
-def document(found: Study, feet_alone: Study, others: Sequence[Study], provenance: dict[str, Any]) -> Document:
+def document(study: Study, feet_alone: Study, others: Sequence[Study], provenance: dict[str, Any]) -> Document:
     """Results of a person who holds the rail, of one who does not, and of others who hold it, with a replay."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "
-        f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a); "
+        f"{len(study.activities)} recordings of {study.seconds:g} s, with what the estimate says of itself (a); "
         "standard deviations of all segments' parameters, geometric means over those known beforehand, as recordings "
         "are added (b), and of the wrench that unseen motions need, a geometric mean of the channels, as they get "
         "longer, of one motion or of all of them (c); with the rail and without."
     )
-    estimate, determined = found.estimate, found.determined
+    estimate, determined = study.estimate, study.determined
     line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
     if determined.any():
-        line += f"; {found.coverage:.0%} of their 95 % intervals hold the truth"
-    tables = {"table_segments": table_segments(found), "table_prediction": table_prediction(found)}
+        line += f"; {study.coverage:.0%} of their 95 % intervals hold the truth"
+    tables = {"table_segments": table_segments(study), "table_prediction": table_prediction(study)}
     if others:
-        tables["table_coverage"] = table_coverage([found, *others])
+        tables["table_coverage"] = table_coverage([study, *others])
     return Document(
         "A person on two force plates, at a rail",
-        f"{ABOUT} {measured(found.laboratory)}",
+        f"{ABOUT} {measured(study.laboratory)}",
         verdict=str(estimate.verdict()),
         findings=[(finding.text, finding.doubt) for finding in estimate.findings],
         lines=[f"{line}."],
         tables=tables,
-        figures={"figure_human": (figure(found, feet_alone), caption)},
+        figures={"figure_human": (figure(study, feet_alone), caption)},
         numbers={
-            "summary": {"plates_and_rail": numbers(found), "plates": numbers(feet_alone)},
+            "summary": {"plates_and_rail": numbers(study), "plates": numbers(feet_alone)},
             "provenance": provenance,
         },
         # There is no table of base parameters, whose rows could be pressed.

@@ -41,7 +41,7 @@ def replay(result: Estimate) -> Replay:
         drawn=drawn,
         curves={"measured": samples.measured[drawn]} | predicted,
         estimate=result.consistent().phi,
-        told=parameters_identified(arm, result.base, result.covariance, known, included=included),
+        identified=parameters_identified(arm, result.base, result.covariance, known, included=included),
         spans=[(time[part.stop], time[-1])] if part.stop < len(time) - log.edge else [],
         shaded="held out, and only predicted",
         remark="All predictions take the set-up as it was found." + LEFT_OUT * (not used.all()),

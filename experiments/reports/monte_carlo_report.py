@@ -24,25 +24,25 @@ MEANING = (
 """Text after the tables."""
 
 
-def table(model: str, found: Distribution, bodies: tuple[str, ...] = ()) -> tabular.Table:
+def table(model: str, distribution: Distribution, bodies: tuple[str, ...] = ()) -> tabular.Table:
     """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
-    low, high = found.interval
+    low, high = distribution.interval
     joint, name = f"trajectory estimate ({ESTIMATORS['trajectory']})", model.removesuffix(TRAJECTORY)
     whose = f"{name} model" + (f"'s {joint}" if model.endswith(TRAJECTORY) else "")
     of_model = f"{name} model's trajectory estimate" if name != model else f"{name} model"
-    caption = f"Errors of the {of_model} over {len(found.errors)} trials"
+    caption = f"Errors of the {of_model} over {len(distribution.errors)} trials"
     return tabular.Table(
-        f"Errors of the {whose} over {len(found.errors)} trials, kg, kg m and kg m²",
+        f"Errors of the {whose} over {len(distribution.errors)} trials, kg, kg m and kg m²",
         *tabular.columns(
-            parameter=found.names,
-            mean_error=found.mean,
-            std=found.std,
+            parameter=distribution.names,
+            mean_error=distribution.mean,
+            std=distribution.std,
             low_95=low,
             high_95=high,
-            predicted_std=found.predicted_std,
-            coverage_95=found.coverage,
-            paper_error=found.published,
-            paper_percentile=["" if np.isnan(a) else f"{a:.0f} to {b:.0f}" for a, b in found.percentile.T],
+            predicted_std=distribution.predicted_std,
+            coverage_95=distribution.coverage,
+            paper_error=distribution.published,
+            paper_percentile=["" if np.isnan(a) else f"{a:.0f} to {b:.0f}" for a, b in distribution.percentile.T],
         ),
         decimals=4,
         caption=caption,
@@ -51,20 +51,20 @@ def table(model: str, found: Distribution, bodies: tuple[str, ...] = ()) -> tabu
     )
 
 
-def chart(found: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
+def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
     """Chart of all parameters, a panel for each model: interval, mean, prediction and the paper's error."""
     with styles.paper_style():
-        width = styles.column_width() if len(found) < 3 else styles.text_width()
+        width = styles.column_width() if len(distributions) < 3 else styles.text_width()
         figure = Figure(figsize=(width, 3.2))
-        panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-        for ax, (model, d) in zip(panels, found.items(), strict=True):
+        panels = figure.subplots(1, len(distributions), sharey=True, squeeze=False)[0]
+        for ax, (model, d) in zip(panels, distributions.items(), strict=True):
             _draw(ax, d, [k for k, name in enumerate(d.names) if layout.shows(name, bodies)])
             ax.set_title(tabular.heading(model))
-        names = [name for name in next(iter(found.values())).names if layout.shows(name, bodies)]
+        names = [name for name in next(iter(distributions.values())).names if layout.shows(name, bodies)]
         panels[0].set_yticks(np.arange(len(names)), [symbols.named_symbol(name, bodies) for name in names])
         panels[0].invert_yaxis()
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=2 if len(found) < 3 else 4)
+        figure.legend(handles, labels, loc="outside upper center", ncols=2 if len(distributions) < 3 else 4)
     return figure
 
 
@@ -92,7 +92,7 @@ def _limit(error: float) -> float:
 
 
 def document(
-    found: Mapping[str, Distribution],
+    distributions: Mapping[str, Distribution],
     study: Study,
     redrawn: str,
     provenance: dict[str, Any],
@@ -110,27 +110,27 @@ def document(
     remark = "No predicted interval of a model knows the errors of its recovered axes." if study.recovers else ""
     bodies = study.known.bodies
     caption = (
-        f"Errors over {max(len(d.errors) for d in found.values())} trials beside the predicted interval and the "
-        f"paper's single run. Drawn anew: {REDRAWN[redrawn]}."
+        f"Errors over {max(len(d.errors) for d in distributions.values())} trials beside the predicted interval and "
+        f"the paper's single run. Drawn anew: {REDRAWN[redrawn]}."
     )
     caption += remark and f" {remark}"
     caption += "".join(
         f" Joint: {ESTIMATORS['trajectory']}; over the first {len(d.errors)} trials."
-        for model, d in found.items()
+        for model, d in distributions.items()
         if model.endswith(TRAJECTORY)
     )
-    tables = {f"monte_carlo_{model}": table(model, d, bodies) for model, d in found.items()}
+    tables = {f"monte_carlo_{model}": table(model, d, bodies) for model, d in distributions.items()}
     return Document(
         tables=tables,
-        figures={"figure_monte_carlo": (chart(found, bodies, layout), caption)},
-        numbers={"monte_carlo": _numbers(found) | {"provenance": provenance}},
-        screen="\n".join([*_texts(found, tables), f"{MEANING}{remark}\n"]),
+        figures={"figure_monte_carlo": (chart(distributions, bodies, layout), caption)},
+        numbers={"monte_carlo": _numbers(distributions) | {"provenance": provenance}},
+        screen="\n".join([*_texts(distributions, tables), f"{MEANING}{remark}\n"]),
     )
 
 
-def _texts(found: Mapping[str, Distribution], tables: Mapping[str, tabular.Table]) -> Iterator[str]:
+def _texts(distributions: Mapping[str, Distribution], tables: Mapping[str, tabular.Table]) -> Iterator[str]:
     """Yields each table as text, and a sentence on its biases."""
-    for model, d in found.items():
+    for model, d in distributions.items():
         yield tables[f"monte_carlo_{model}"].text()
         biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(d.errors)))
         if len(biased):
@@ -138,10 +138,10 @@ def _texts(found: Mapping[str, Distribution], tables: Mapping[str, tabular.Table
             yield wrapped(f"Biased beyond chance: {named}\n")
 
 
-def _numbers(found: Mapping[str, Distribution]) -> dict[str, Any]:
+def _numbers(distributions: Mapping[str, Distribution]) -> dict[str, Any]:
     """Key numbers for scripts."""
-    numbers: dict[str, Any] = {"trials": max(len(d.errors) for d in found.values())}
-    for model, d in found.items():
+    numbers: dict[str, Any] = {"trials": max(len(d.errors) for d in distributions.values())}
+    for model, d in distributions.items():
         if model.endswith(TRAJECTORY):
             numbers["trajectory_trials"] = len(d.errors)
         columns = {

@@ -60,20 +60,20 @@ def _lines(estimate: Fit, judged: Judged) -> list[str]:
     ]
 
 
-def document(found: Streamed, model: Path, recordings: Sequence[Path], provenance: dict[str, Any]) -> Document:
+def document(result: Streamed, model: Path, recordings: Sequence[Path], provenance: dict[str, Any]) -> Document:
     """Base parameters, their numbers, and what is said of them."""
-    estimate, judged, verdict = found.estimate, found.judged, str(found.judged.verdict)
+    estimate, judged, verdict = result.estimate, result.judged, str(result.judged.verdict)
     shown, lines = table(estimate), _lines(estimate, judged)
     reasons = [finding.line for finding in judged.findings]
     return Document(
         f"{model.name}, identified from {', '.join(file.name for file in recordings)} in pieces",
         verdict=verdict,
         findings=[(finding.text, finding.doubt) for finding in judged.findings],
-        lines=[*lines, *found.notes],
+        lines=[*lines, *result.notes],
         tables={"base_parameters": shown},
         numbers={
             "estimate": numbers(estimate, judged),
             "provenance": provenance,
         },
-        screen=wrapped("\n".join([shown.text(), *lines, f"Verdict: {verdict}", *reasons, *found.notes])),
+        screen=wrapped("\n".join([shown.text(), *lines, f"Verdict: {verdict}", *reasons, *result.notes])),
     )

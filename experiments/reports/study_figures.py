@@ -63,8 +63,8 @@ def page_inks(study: Study, curves: Iterable[str]) -> list[int]:
     """Colours of wrenches on the study's page: those of its first figure of wrenches, or other free ones."""
     entries = (entry["curves"].values() for entry in study.file.figures.values() if entry["kind"] == "wrenches")
     wanted = list(curves)
-    found = inks([*next(entries, ()), *wanted])
-    return [found[what] for what in wanted]
+    chosen = inks([*next(entries, ()), *wanted])
+    return [chosen[what] for what in wanted]
 
 
 def wrench(study: Study, what: str) -> np.ndarray:

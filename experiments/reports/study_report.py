@@ -19,10 +19,10 @@ def lines(study: Study) -> list[str]:
     """Sentences with the main numbers."""
     shown = [*_conditions(study), *_errors(study), *(_axes(study) if study.recovers else [])]
     if study.touching:
-        found = touches(study)
+        numbers = touches(study)
         shown.append(
-            f"All contacts touch in {found['fraction_all_touch']:.0%} of the samples, "
-            f"none in {found['fraction_none_touches']:.0%}"
+            f"All contacts touch in {numbers['fraction_all_touch']:.0%} of the samples, "
+            f"none in {numbers['fraction_none_touches']:.0%}"
         )
     return shown
 

@@ -101,10 +101,10 @@ def wrench_errors(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
 
 def contacts(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
     """Fraction and episodes of each contact, and its peak force."""
-    found, known = key_numbers.touches(study), study.known
+    touching, known = key_numbers.touches(study), study.known
 
     def each(number: str) -> list[float]:
-        return [found[f"{site}_{number}"] for site in study.file.scene.contacts.values()]
+        return [touching[f"{site}_{number}"] for site in study.file.scene.contacts.values()]
 
     return tabular.Table(
         entry["caption"],

@@ -28,29 +28,29 @@ CHARTED = {
 """Numbers of a study's summary that the chart shows by default, and their titles."""
 
 
-def table(found: Sweep, names: Sequence[str]) -> tabular.Table:
+def table(sweep: Sweep, names: Sequence[str]) -> tabular.Table:
     """Means and standard deviations over the seeds, a row for each number and value."""
     rows = [
         (name, str(value), *_statistics(column))
         for name in names
-        for value, column in zip(found.values, found.numbers(name).T, strict=True)
+        for value, column in zip(sweep.values, sweep.numbers(name).T, strict=True)
     ]
-    columns = ("number", found.option, "runs", "mean", "std")
-    title = f"Numbers over {tabular.heading(found.option)}, their means and standard deviations over the seeds"
+    columns = ("number", sweep.option, "runs", "mean", "std")
+    title = f"Numbers over {tabular.heading(sweep.option)}, their means and standard deviations over the seeds"
     words = {name: tabular.heading(name) for name in names}
     return tabular.Table(title, columns, tuple(rows), decimals=4, names=words)
 
 
-def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
+def chart(sweep: Sweep, titles: Mapping[str, str]) -> Figure:
     """Chart of some numbers over the option, a panel for each: all seeds as dots, and their mean as a line."""
-    numeric = not isinstance(found.values[0], str)
-    x = np.array(found.values) if numeric else np.arange(len(found.values))
+    numeric = not isinstance(sweep.values[0], str)
+    x = np.array(sweep.values) if numeric else np.arange(len(sweep.values))
     order = np.argsort(x)
     with styles.paper_style():
         figure = Figure(figsize=(styles.column_width(), 0.6 + 1.1 * len(titles)))
         panels = figure.subplots(len(titles), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (name, title) in zip(panels, titles.items(), strict=True):
-            numbers = found.numbers(name)
+            numbers = sweep.numbers(name)
             mean = np.array([_statistics(column)[1] for column in numbers.T], dtype=float)
             ax.plot(x[order], mean[order], "o-" if numeric else "o", color="C0", ms=3, zorder=3, label="mean")
             for row in numbers:
@@ -61,9 +61,9 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
                 figures.widen_flat(ax)
             ax.set_title(title, pad=3)
         if not numeric:
-            panels[-1].set_xticks(x, [escape.label(str(value)) for value in found.values])
+            panels[-1].set_xticks(x, [escape.label(str(value)) for value in sweep.values])
             panels[-1].margins(x=0.2)
-        panels[-1].set_xlabel(_label(found.option))
+        panels[-1].set_xlabel(_label(sweep.option))
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles[:2], labels[:2], loc="outside upper center", ncols=2)
     return figure
@@ -82,7 +82,7 @@ def _label(name: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def document(found: Sweep, study: str, title: str, numbers: Sequence[str], provenance: dict[str, Any]) -> Document:
+def document(sweep: Sweep, study: str, title: str, numbers: Sequence[str], provenance: dict[str, Any]) -> Document:
     """Table, chart and numbers of a sweep.
 
     Args:
@@ -98,19 +98,19 @@ def document(found: Sweep, study: str, title: str, numbers: Sequence[str], prove
     titles = CHARTED[study]
     charted = {name: titles.get(name, _label(name)) for name in numbers or titles}
     for name in charted:
-        if name not in found.names:
-            raise InputError(f"--numbers needs names of {', '.join(found.names)}, got '{name}'.")
-    seeds = len(found.runs) // len(found.values)
-    option = tabular.heading(found.option)
+        if name not in sweep.names:
+            raise InputError(f"--numbers needs names of {', '.join(sweep.names)}, got '{name}'.")
+    seeds = len(sweep.runs) // len(sweep.values)
+    option = tabular.heading(sweep.option)
     caption = f"Numbers over {option}: of each seed, and their means."
     return Document(
         f"{title} over {option}",
-        f"The study '{study}' over its option {found.option}, with {f'{seeds} seeds' if seeds > 1 else 'one seed'} of "
+        f"The study '{study}' over its option {sweep.option}, with {f'{seeds} seeds' if seeds > 1 else 'one seed'} of "
         "each value.",
-        lines=[run["refused"] for run in found.runs if "refused" in run],
+        lines=[run["refused"] for run in sweep.runs if "refused" in run],
         heading="Refused",
-        tables={"table_sweep": table(found, found.names)},
-        figures={"figure_sweep": (chart(found, charted), caption)},
-        numbers={"sweep": {"runs": found.runs, "provenance": provenance}, "provenance": provenance},
-        screen=table(found, list(charted)).text(),
+        tables={"table_sweep": table(sweep, sweep.names)},
+        figures={"figure_sweep": (chart(sweep, charted), caption)},
+        numbers={"sweep": {"runs": sweep.runs, "provenance": provenance}, "provenance": provenance},
+        screen=table(sweep, list(charted)).text(),
     )

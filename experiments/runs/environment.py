@@ -29,7 +29,7 @@ def environment(values: Mapping[str, str]) -> Iterator[None]:
             os.environ.update({} if value is None else {name: value})
 
 
-def unsaid(*, film: bool) -> dict[str, str]:
+def default_variables(*, film: bool) -> dict[str, str]:
     """Variables for a command's libraries that its user has not set.
 
     Matrices here are too small, or too tall and thin, for several threads: these would only wait, and make sums depend

@@ -160,16 +160,16 @@ def best(
     if collisions is not None:
         check_starts(collisions, starts, limits)
     rng, near = np.random.default_rng([seed, 1]), len(starts) // 2
-    lowest, found = np.inf, None
+    lowest, chosen = np.inf, None
     for k in tqdm(range(len(starts) + near), desc="Starts", file=sys.stderr):
-        start = starts[k] if k < len(starts) else nearby_start(found or starts[0], limits, rng)
+        start = starts[k] if k < len(starts) else nearby_start(chosen or starts[0], limits, rng)
         trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=lowest)
         if trajectory is not None and (cost := _value_of(value, trajectory)) < lowest:
-            lowest, found = cost, trajectory
-    if found is None:
+            lowest, chosen = cost, trajectory
+    if chosen is None:
         assert collisions is not None
         raise InputError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
-    return found
+    return chosen
 
 
 def _value_of(value: Cost, trajectory: FourierTrajectory) -> float:

@@ -25,13 +25,13 @@ from ident.parameters.base_parameters import BaseParameters
 from ident.trajectory.fit.iteration import Report
 from sim.motion.person import ACTIVITIES
 
-UNSEEN = 1000
+HELD_OUT = 1000
 """Offset of the seeds of recordings that are not fitted."""
 
 CORRELATED = 0.9
 """Autocorrelation of correlated noise of angles at a lag of one sample."""
 
-LEAST_SEEN = 1e-3
+LEAST_SINGULAR = 1e-3
 """Singular values over the largest, below which least squares keeps the prior."""
 
 
@@ -42,15 +42,15 @@ def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
     samples = joined([log.samples[slice(log.edge, len(log.samples) - log.edge)] for log in logs])
     R = accumulate(equations, samples).root
     prior = equations.parameters.regroup(equations.mechanism.known)
-    step, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1] - R[:, :-1] @ prior, rcond=LEAST_SEEN)
+    step, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1] - R[:, :-1] @ prior, rcond=LEAST_SINGULAR)
     return np.asarray(prior + step)
 
 
-def regressor_of_unseen(base: BaseParameters, activities: Sequence[str], seconds: float, seed: int) -> np.ndarray:
+def held_out_regressor(base: BaseParameters, activities: Sequence[str], seconds: float, seed: int) -> np.ndarray:
     """Base-wrench regressor of motions that are not recorded (N, 6, r)."""
     true, columns = humanoid(), []
     for number, activity in enumerate(activities):
-        motion = moved(activity, Laboratory().times(seconds), UNSEEN + seed + number)
+        motion = moved(activity, Laboratory().times(seconds), HELD_OUT + seed + number)
         Y = base_wrench_regressor(true.tree, *motion.states, gravity=true.gravity, base=motion.base)
         columns.append(Y[..., list(base.kept)])
     return np.concatenate(columns)
@@ -88,12 +88,12 @@ def study(
             prepared(who, recorded(activity, seconds, start + number, laboratory, faults), name=activity)
             for number, activity in enumerate(activities)
         ]
-        for start in (first, UNSEEN + first)
+        for start in (first, HELD_OUT + first)
     )
     estimate = identified(fitted, judges=judges, known=True, executor=executor, report=report)
-    unseen = regressor_of_unseen(estimate.base, activities, seconds, first)
+    held_out = held_out_regressor(estimate.base, activities, seconds, first)
     filtered = least_squares_from_prior(estimate)
-    return Study(estimate, humanoid(), tuple(activities), seconds, filtered, unseen, laboratory)
+    return Study(estimate, humanoid(), tuple(activities), seconds, filtered, held_out, laboratory)
 
 
 def laboratory(source: str, rate: float, noise: float | None = None) -> Laboratory:

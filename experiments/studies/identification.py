@@ -57,9 +57,9 @@ def prepare(
     arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages)
     if person is not None:
         arm = with_person(arm, person, read_segments(columns) if columns else None)
-    with with_angles(source, log_path, base, fix) as (angles_path, said):
+    with with_angles(source, log_path, base, fix) as (angles_path, notes):
         log = recorded(arm, angles_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
-    log = replace(log, notes=(*said, *log.notes))
+    log = replace(log, notes=(*notes, *log.notes))
     if person is not None:
         log = replace(log, notes=(*log.notes, _of_person(arm, person)))
     ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, leave_out=leave_out, name=str(log_path))

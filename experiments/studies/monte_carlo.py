@@ -79,15 +79,15 @@ class Run:
         with asked.workers.pool(left) as pool:
             run = partial(run_trials, self.draw, executor=pool.executor, ahead=pool.ahead, threads=pool.threads)
             outcomes = run(analyse, asked.trials, file=self.folder / FILE, done=self.done)
-            found = {
+            distributions = {
                 name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())
             }
             if trajectory_model and trajectory_trials:
                 kept, model = self.folder / TRAJECTORY_FILE, file.trials[trajectory_model]
                 analyse, done = partial(trajectory_trial, study.problem, model), self.trajectory_done
                 outcomes = run(analyse, trajectory_trials, file=kept, done=done, what="trajectory trials")
-                found[trajectory_model + TRAJECTORY] = _distribution(study, model, outcomes[:, 0])
-        return found
+                distributions[trajectory_model + TRAJECTORY] = _distribution(study, model, outcomes[:, 0])
+        return distributions
 
 
 def _distribution(study: Study, model: str, outcomes: np.ndarray) -> Distribution:

@@ -36,7 +36,7 @@ ROUNDING = 1e-6
 
 
 @dataclass(eq=False)
-class Seen:
+class Statistics:
     """Extremes of the joints' channels and of the total wrench, and its sum, over all samples so far.
 
     Attributes:
@@ -54,7 +54,7 @@ class Seen:
     high: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, tree: Tree) -> "Seen":
+    def of(cls, tree: Tree) -> "Statistics":
         """Empty statistics of a mechanism's joints.
 
         Raises:
@@ -147,11 +147,11 @@ class Passed:
     """Results of one pass over recordings.
 
     Attributes:
-        seen: Statistics of the channels.
+        statistics: Statistics of the channels.
         accumulated: Accumulated sums of their equations.
     """
 
-    seen: Seen
+    statistics: Statistics
     accumulated: Accumulator
 
     def ratio(self, fit: Fit) -> dict[str, float]:
@@ -160,12 +160,12 @@ class Passed:
         Raises:
             LogError: No channel of the wrench changes.
         """
-        seen, changes = self.seen, self.seen.extent("wrench") > 0
+        statistics, changes = self.statistics, self.statistics.extent("wrench") > 0
         if not changes.any():
             raise LogError("Every channel of the total wrench is constant; there is nothing to fit.")
         signal = self.squares(np.zeros(len(fit.values)), 1)
-        std = np.sqrt(np.maximum(signal / seen.samples - (seen.total / seen.samples) ** 2, 1e-300))
-        ratio = np.sqrt(self.squares(-fit.values, 1) / seen.samples) / std
+        std = np.sqrt(np.maximum(signal / statistics.samples - (statistics.total / statistics.samples) ** 2, 1e-300))
+        ratio = np.sqrt(self.squares(-fit.values, 1) / statistics.samples) / std
         return {c: float(r) for c, r, changing in zip(COMPONENTS, ratio, changes, strict=True) if changing}
 
     def squares(self, values: np.ndarray, sign: float) -> np.ndarray:
@@ -185,13 +185,13 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
     Raises:
         LogError: No channel of the wrench changes.
     """
-    seen, mechanism = fitted.seen, fit.equations.mechanism
+    statistics, mechanism = fitted.statistics, fit.equations.mechanism
     own = fitted.ratio(fit)
     ratios, part = (own, "fitted") if held_out is None else (held_out.ratio(fit), "held-out")
     model = np.zeros(len(fit.names))
     model[: fit.parameters.rank] = fit.parameters.regroup(mechanism.known)
     predicted, straight, opposite = (fitted.squares(*x) for x in ((model, 0), (-model, 1), (-model, -1)))
-    constant = ~(seen.extent("wrench") > 0)
+    constant = ~(statistics.extent("wrench") > 0)
     differs = straight > np.maximum(STUCK**2 * predicted, ROUNDING**2 * predicted.max())
     offsets = fit.offsets
     evidence = Evidence(
@@ -199,11 +199,11 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
         ratios=ratios,
         part=part,
         condition_number=fit.condition_number,
-        checks=_checks(seen, mechanism, _sign(predicted, straight, opposite)),
+        checks=_checks(statistics, mechanism, _sign(predicted, straight, opposite)),
         offsets=offsets,
         inseparable=tuple(channel for channel in COMPONENTS if offsets and channel not in offsets),
         scale=dict(zip(COMPONENTS, (fit.residual_norms / np.sqrt(fit.samples)).tolist(), strict=True)),
-        constant=(*seen.resting(), *np.array(COMPONENTS)[constant & differs].tolist()),
+        constant=(*statistics.resting(), *np.array(COMPONENTS)[constant & differs].tolist()),
     )
     return Judged(evidence, findings(evidence))
 
@@ -216,13 +216,14 @@ def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> 
     return FrameCheck(-1, np.eye(3), error, turned)
 
 
-def _checks(seen: Seen, mechanism: Mechanism, sign: FrameCheck) -> Checks:
+def _checks(statistics: Statistics, mechanism: Mechanism, sign: FrameCheck) -> Checks:
     """Checks of the total wrench: its sign, what it weighs and its largest components."""
     g = float(np.linalg.norm(mechanism.gravity))
     weight, unchecked = None, []
     if g:
-        weight = Weight(float(-seen.total[:3] @ mechanism.gravity) / (seen.samples * g**2), mechanism.mass, 0.0)
+        mass = float(-statistics.total[:3] @ mechanism.gravity) / (statistics.samples * g**2)
+        weight = Weight(mass, mechanism.mass, 0.0)
     else:
         unchecked.append(Unchecked("weight", "no gravity"))
-    largest = float(np.linalg.norm(np.maximum(-seen.low["wrench"], seen.high["wrench"])[:3]))
+    largest = float(np.linalg.norm(np.maximum(-statistics.low["wrench"], statistics.high["wrench"])[:3]))
     return Checks(weight, {}, None, None, None, tuple(unchecked), total=sign, largest_force=largest)

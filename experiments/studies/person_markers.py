@@ -57,15 +57,15 @@ def from_markers(
     turns = tree.body_coordinates(motion.q)
     noise, skin = size
     decay = np.exp(-float(np.median(np.diff(time))) / LASTS)
-    seen = []
+    measured = []
     for body, place in places:
         i = tree.names.index(body)
         by_chance = np.stack([autoregressive(rng, len(time), decay) for _ in range(3)], axis=1)
         slides = PER_RADIAN * _direction(rng) * _turned(turns[i])[:, None]
         own = place + skin * (by_chance + slides)
         at = poses[:, i, :3, 3] + (poses[:, i, :3, :3] @ own[..., None])[..., 0]
-        seen.append(at + noise * rng.normal(size=at.shape))
-    postures = fit_trial(marked, np.stack(seen, axis=1))
+        measured.append(at + noise * rng.normal(size=at.shape))
+    postures = fit_trial(marked, np.stack(measured, axis=1))
     check_fit(postures)
     return recording(postures, time, base, {"sigma_m": postures.sigma}, felt)
 

@@ -84,9 +84,9 @@ def recorded(
     """
     time, who = laboratory.times(seconds), faults.true(humanoid())
     true, late = (moved(activity, t, seed, rail=laboratory.rail, who=who) for t in (time, time - laboratory.late))
-    found = sensed(who, time, (true, late), laboratory, np.random.default_rng((seed, 1)), faults=faults)
-    provenance = {**found.provenance, "activity": activity, "seed": seed}
-    return replace(found, setup=laboratory.setup, provenance=provenance)
+    recording = sensed(who, time, (true, late), laboratory, np.random.default_rng((seed, 1)), faults=faults)
+    provenance = {**recording.provenance, "activity": activity, "seed": seed}
+    return replace(recording, setup=laboratory.setup, provenance=provenance)
 
 
 def sensed(

@@ -35,8 +35,8 @@ def study(name: str, **options: object) -> Study:
 
 def trial(problem: Problem, models: Sequence[str], recording: Recording) -> trials.Outcome:
     """Errors of some models from one recording, axes always recovered as one direction."""
-    found = Study(problem, recording, significance=0)
-    return trials.outcome(*map(found.fit, models))
+    study = Study(problem, recording, significance=0)
+    return trials.outcome(*map(study.fit, models))
 
 
 def trajectory_trial(problem: Problem, model: str, recording: Recording) -> trials.Outcome:

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from experiments.data.outcomes import Streamed
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool
-from experiments.studies.one_pass import Passed, Seen, judged, separated, with_offsets
+from experiments.studies.one_pass import Passed, Statistics, judged, separated, with_offsets
 from experiments.studies.stream_progress import Progress
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
@@ -48,7 +48,7 @@ class Reading:
         sensors: Sensors of the wrenches besides the ground's, by name.
         without: Names of wrenches to leave out.
         limit: Bytes that a piece of an npz file may take in memory.
-        seen: Statistics of the channels.
+        statistics: Statistics of the channels.
         notes: Sentences on the files; more are appended.
     """
 
@@ -59,7 +59,7 @@ class Reading:
     sensors: Mapping[str, Sensor]
     without: Sequence[str]
     limit: int
-    seen: Seen
+    statistics: Statistics
     notes: list[str] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Samples]:
@@ -98,11 +98,11 @@ class Reading:
                 )
         if recording.base is not None:
             raise LogError("the base moves, and its poses take a filter over all of the log: see experiments.identify")
-        self.seen.check(recording, names)
+        self.statistics.check(recording, names)
         total = recording.total_wrench(tree, self.without).in_base
         if np.isnan(total).any():
             raise LogError("the ground's wrench needs all six components here; experiments.identify takes fewer.")
-        self.seen.add(recording, total)
+        self.statistics.add(recording, total)
         self.notes.extend(note for note in recording.notes if note not in self.notes)
         return Samples(Motion(*recording.joint_states(tree.joints)), total)
 
@@ -141,10 +141,10 @@ def accumulated(
         if progress.done:
             print(f"\nThe {progress.done} pieces done are in {progress.file}; go on with --resume.", file=sys.stderr)
         raise
-    if progress.found is None:
+    if progress.accumulator is None:
         raise LogError("The recordings hold no samples.")
     progress.save()
-    return progress.found
+    return progress.accumulator
 
 
 def reading(
@@ -181,9 +181,9 @@ def reading(
         raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
     arm = mechanism(model, base, ignore=ignore, fix=fix, packages=packages)
     sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in contact}
-    seen, equations = Seen.of(arm.tree), Equations.of_wrench(arm)
+    statistics, equations = Statistics.of(arm.tree), Equations.of_wrench(arm)
     equations = with_offsets(equations) if offsets else equations
-    return Reading(equations, recordings, columns, piece or PIECE, sensors, without, limit, seen)
+    return Reading(equations, recordings, columns, piece or PIECE, sensors, without, limit, statistics)
 
 
 def identity(
@@ -215,13 +215,13 @@ def streamed(progress: Progress, reading: Reading, pool: WorkerPool, held_out: P
     fitted, equations = separated(whole, reading.equations)
     first = solve(fitted, equations)
     other = None if held_out is None else _held_out(held_out, reading, equations, pool)
-    judgement = judged(Passed(reading.seen, fitted), first, other)
+    judgement = judged(Passed(reading.statistics, fitted), first, other)
     return Streamed(huber_white(first, reading, steady=True), judgement, reading.notes)
 
 
 def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool) -> Passed:
     """One pass over another recording."""
-    other = replace(reading, files=[file], equations=equations, seen=Seen.of(equations.mechanism.tree))
+    other = replace(reading, files=[file], equations=equations, statistics=Statistics.of(equations.mechanism.tree))
     parts = in_order(pool.executor, partial(accumulate, equations), other, ahead=pool.ahead)
     with closing(parts):
-        return Passed(other.seen, reduce(add, parts))
+        return Passed(other.statistics, reduce(add, parts))

@@ -25,13 +25,13 @@ class Progress:
     Attributes:
         file: The file.
         identity: Settings that determine the result, in JSON types.
-        found: Accumulator of the pieces; None before the first.
+        accumulator: Accumulator of the pieces; None before the first.
         done: Number of pieces.
     """
 
     file: Path
     identity: Mapping[str, Any]
-    found: Accumulator | None = None
+    accumulator: Accumulator | None = None
     done: int = 0
 
     def resumed(self, equations: Equations) -> "Progress":
@@ -45,24 +45,24 @@ class Progress:
             kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
             if fields.keys() != Accumulator.__dataclass_fields__.keys():
                 raise InputError("another version of this package wrote it")
-            found = Accumulator(**fields)
+            accumulator = Accumulator(**fields)
             different = [key for key, value in self.identity.items() if kept.get(key) != value]
             columns = (len(equations.names) + 1,) * 2
-            whole = (found.factor.shape, found.grams.shape) == (columns, (6, *columns)) and done > 0
-            whole = whole and bool(np.isfinite([*found.factor, *found.gram]).all())
-            if not different and not (whole and found.names == equations.names):
+            whole = (accumulator.factor.shape, accumulator.grams.shape) == (columns, (6, *columns)) and done > 0
+            whole = whole and bool(np.isfinite([*accumulator.factor, *accumulator.gram]).all())
+            if not different and not (whole and accumulator.names == equations.names):
                 raise InputError("damaged")
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
         if different:
             raise InputError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
-        return Progress(self.file, self.identity, found, done)
+        return Progress(self.file, self.identity, accumulator, done)
 
     def and_piece(self, part: Accumulator) -> "Progress":
         """The progress with one more piece."""
-        found = part if self.found is None else self.found + part
-        return Progress(self.file, self.identity, found, self.done + 1)
+        accumulator = part if self.accumulator is None else self.accumulator + part
+        return Progress(self.file, self.identity, accumulator, self.done + 1)
 
     def save(self) -> None:
         """Writes the file."""
-        save_arrays(self.file, {"identity": json.dumps(self.identity), "done": self.done, **vars(self.found)})
+        save_arrays(self.file, {"identity": json.dumps(self.identity), "done": self.done, **vars(self.accumulator)})

@@ -74,8 +74,8 @@ def labelled(models: Sequence[str]) -> dict[str, str]:
     {'Full': 'full', 'a_b': 'a_b', 'a b': 'a b'}
     """
     words = {name: name.replace("_", " ").capitalize() for name in models}
-    said = list(words.values())
-    return {words[name] if said.count(words[name]) == 1 else name: name for name in models}
+    labels = list(words.values())
+    return {words[name] if labels.count(words[name]) == 1 else name: name for name in models}
 
 
 def shown(
@@ -84,9 +84,9 @@ def shown(
     kinds: Mapping[str, Sequence[str]],
     models: Mapping[str, Model],
     scene: Scene,
-    unsaid: Mapping[str, Mapping[str, Any]],
+    defaults: Mapping[str, Mapping[str, Any]],
 ) -> Mapping[str, Mapping[str, Any]]:
-    """Tables or figures by file name, each with `kind`, `caption` and defaults from `unsaid`."""
+    """Tables or figures by file name, each with `kind`, `caption` and `defaults`."""
     displays = {}
     for name, value in table(f"[{what}]", entries.get(what, {})).items():
         where, entry = f"{what}.{name}", table(f"{what}.{name}", value)
@@ -94,7 +94,7 @@ def shown(
             raise InputError(f"{where}: names of files here begin with {what[:-1]}_, letters and digits follow.")
         kind = choice(f"{where}.kind", entry.get("kind", next(iter(kinds))), kinds)
         check_keys(where, entry, ("kind", "caption", *kinds[kind]))
-        entry = {**unsaid[kind], **entry}
+        entry = {**defaults[kind], **entry}
         if kind == "contacts" and not scene.contacts:
             raise InputError(f"{where} shows contacts, but [scene] has none.")
         # The first entry of a kind is its content, and must not be empty.

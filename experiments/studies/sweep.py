@@ -24,10 +24,10 @@ def run_of(study: str, option: str, run: tuple[str | float, int]) -> list[str]:
     """Summary of a study with a value and a seed as JSON, in a batch of one; run by workers."""
     value, seed = run
     try:
-        found = summary(simulated(packaged(study, **{option: value}, seed=seed)))
+        numbers = summary(simulated(packaged(study, **{option: value}, seed=seed)))
     except InputError as error:
-        found = {"refused": f"{option} {value}, seed {seed}: {error}"}
-    return [json.dumps(found)]
+        numbers = {"refused": f"{option} {value}, seed {seed}: {error}"}
+    return [json.dumps(numbers)]
 
 
 def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float]:
@@ -68,10 +68,10 @@ def swept(
     runs = [(value, seed) for seed in range(seeds) for value in values]
     kept = Checkpoint("runs", folder / FILE, {"study": study, "option": option, "values": values})
     outcomes = workers.collected(partial(run_of, study, option), runs, kept)
-    found = [{option: value, "seed": seed, **x} for (value, seed), x in zip(runs, outcomes, strict=True)]
-    refused = [run["refused"] for run in found if "refused" in run]
-    if len(refused) == len(found):
+    results = [{option: value, "seed": seed, **x} for (value, seed), x in zip(runs, outcomes, strict=True)]
+    refused = [run["refused"] for run in results if "refused" in run]
+    if len(refused) == len(results):
         raise InputError(f"{study} refuses every run: {refused[0]}")
     for sentence in refused:
         print(f"Refused: {sentence}", file=sys.stderr)
-    return Sweep(option, values, found)
+    return Sweep(option, values, results)

@@ -118,8 +118,8 @@ def run_trials(
     size = min(BATCH, 1 + len(left) // 16)
     batches = (left[k : k + size] for k in range(0, len(left), size))
     work = partial(_outcomes, draw, analyse, threads)
-    with closing(in_order(executor, work, batches, ahead=ahead)) as found:
-        outcomes = Checkpoint(what, file, draw.identity).collect(found, trials, done)
+    with closing(in_order(executor, work, batches, ahead=ahead)) as results:
+        outcomes = Checkpoint(what, file, draw.identity).collect(results, trials, done)
     return np.array(outcomes[:trials])
 
 

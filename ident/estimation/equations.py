@@ -102,31 +102,31 @@ class Equations:
         """
         moving = samples.motion.base is not None
         if moving not in self._orders:
-            seen, rank = self._seen(moving), self.parameters.rank
+            nonzero, rank = self._nonzero(moving), self.parameters.rank
             # Last the columns of the channel with fewest, before them the remaining ones of the next channel.
-            by_size = np.argsort(seen[:rank].sum(axis=0), kind="stable")
-            smallest = seen[:rank, by_size].argmax(axis=1)
-            order = np.append(np.argsort(-smallest, kind="stable"), np.arange(rank, len(seen)))
-            self._orders[moving] = order, tuple(seen[order].argmax(axis=0).tolist())
+            by_size = np.argsort(nonzero[:rank].sum(axis=0), kind="stable")
+            smallest = nonzero[:rank, by_size].argmax(axis=1)
+            order = np.append(np.argsort(-smallest, kind="stable"), np.arange(rank, len(nonzero)))
+            self._orders[moving] = order, tuple(nonzero[order].argmax(axis=0).tolist())
         return self._orders[moving]
 
     @cached_property
     def _orders(self) -> dict[bool, tuple[np.ndarray, tuple[int, ...]]]:
         return {}
 
-    def _seen(self, moving: bool) -> np.ndarray:
+    def _nonzero(self, moving: bool) -> np.ndarray:
         """Mask of the columns and measurements that are not structurally zero (columns + 1, C)."""
         rank, (wrench, torques) = self.parameters.rank, self._parts()
-        seen = np.ones((len(self.names) + 1, len(self.channels)), bool)
+        nonzero = np.ones((len(self.names) + 1, len(self.channels)), bool)
         if wrench:
             of_wrench = self.program(moving=moving, torques=False).written.reshape(rank, 6)
-            seen[:rank, wrench] = of_wrench if self.wrench is None else of_wrench @ (self.wrench != 0).T
+            nonzero[:rank, wrench] = of_wrench if self.wrench is None else of_wrench @ (self.wrench != 0).T
         if torques:
             own = self.program(moving=moving, torques=True).written.reshape(rank, -1)
-            seen[:rank, torques] = own[:, list(self.torques)]
-        seen[rank:-1, wrench] = False
-        seen[rank + len(self.drives) + np.arange(len(self.offsets)), list(self.offsets)] = True
-        return seen
+            nonzero[:rank, torques] = own[:, list(self.torques)]
+        nonzero[rank:-1, wrench] = False
+        nonzero[rank + len(self.drives) + np.arange(len(self.offsets)), list(self.offsets)] = True
+        return nonzero
 
     @property
     def straight(self) -> bool:
@@ -169,9 +169,9 @@ class Equations:
         used = [program for program in (of_wrench, of_torques) if program]
         size = min(min(map(chunk, used)), len(samples))
         block, straight = self.block(size), self.straight
-        seen = block[:rank] if straight else np.zeros((rank, 6, size))
+        of_base = block[:rank] if straight else np.zeros((rank, 6, size))
         felt = np.zeros((rank, len(arm.tree.freedoms) if torques else 0, size))
-        programs = [(out, program) for out, program in ((seen, of_wrench), (felt, of_torques)) if program]
+        programs = [(out, program) for out, program in ((of_base, of_wrench), (felt, of_torques)) if program]
         for out, program in programs:
             program.fill(out.reshape(-1, size))
         for first in range(0, len(samples), size):
@@ -181,7 +181,8 @@ class Equations:
                 program.run(inputs, out.reshape(-1, size)[:, :count])
             rows = block[:, :, :count]
             if not straight and wrench:
-                rows[:rank, wrench] = seen[:, :, :count] if self.wrench is None else self.wrench @ seen[:, :, :count]
+                Y = of_base[:, :, :count]
+                rows[:rank, wrench] = Y if self.wrench is None else self.wrench @ Y
             if torques:
                 rows[:rank, torques] = felt[:, list(self.torques), :count]
                 rows[rank : rank + len(self.drives), torques] = self._drives(part)

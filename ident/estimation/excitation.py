@@ -73,7 +73,7 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
         floor = np.maximum(floor, ABOVE_NOISE * of_noise)
     hidden = directions[lengths <= floor]
     if len(hidden):
-        names = blamed(hidden, names)
+        names = contributing(hidden, names)
         raise ExcitationError(
             f"The motion of {samples} samples does not separate the base parameters {', '.join(names)}: "
             f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
@@ -105,7 +105,7 @@ def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, Excitat
     hidden = directions[s <= s[0] / CONDITION_LIMIT]
     if not len(hidden):
         return s, None
-    names = blamed(hidden, equations.names)
+    names = contributing(hidden, equations.names)
     return s, ExcitationError(
         f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
         f"parameters; it does not separate {', '.join(names)}. Move the joints further (experiments.excite "
@@ -114,7 +114,7 @@ def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, Excitat
     )
 
 
-def blamed(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
+def contributing(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
     """Names of the columns that contribute notably to combinations that are not excited (k, r)."""
     size = np.linalg.norm(hidden, axis=0)
     return [name for name, share in zip(names, size, strict=True) if share > 0.1 * size.max()]

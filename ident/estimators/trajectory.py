@@ -57,30 +57,30 @@ def trajectory(problem: Problem) -> Estimate:
         executor=problem.executor,
         report=problem.report,
     )
-    found = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
-    rms = disagreement(found)
+    result = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
+    rms = disagreement(result)
     widening = rms if rms is not None and rms > DISAGREE else 1.0
-    problem = replace(problem, smoothing=chosen_smoothing(problem.fitted, found))
-    mended = _corrected(problem, found)
-    fit = as_fit(found, mended.samples, mended.equations, widening)
+    problem = replace(problem, smoothing=chosen_smoothing(problem.fitted, result))
+    mended = _corrected(problem, result)
+    fit = as_fit(result, mended.samples, mended.equations, widening)
     fits = [fit]
     if not problem.apart and len(problem.fitted) > 2:
-        values = (without(found, k) for k in range(len(problem.fitted)))
+        values = (without(result, k) for k in range(len(problem.fitted)))
         fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
-    rivals, filtered_at = _rivals(problem, with_offsets, found, fit)
+    rivals, filtered_at = _rivals(problem, with_offsets, result, fit)
     return Estimate(
         logs=mended.fitted,
         fit=fit,
         offsets=fit.offsets,
         held_out=mended.held_out(fits),
         singular_values=singular_values,
-        trajectory=found,
+        trajectory=result,
         rivals=rivals,
         filtered_at=filtered_at,
         disagreement=rms,
-        disagreements=disagreements(found),
+        disagreements=disagreements(result),
         widening=widening,
-        bounded=found.bounds,
+        bounded=result.bounds,
     )
 
 

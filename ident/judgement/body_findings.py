@@ -18,7 +18,7 @@ from ident.tolerances import DRIVE
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
 
-SEEN = 1.96
+INTERVAL = 1.96
 """Standard deviations by which a mass has to differ to be another one, with 95 % confidence."""
 
 NARROWER = 0.5
@@ -58,11 +58,11 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     far: dict[bool, dict[str, dict[str, float]]] = {False: {}, True: {}}
     masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], full.unseen, strict=True)
-    for name, mass, std, before, unseen in masses:
+    for name, mass, std, before, hardly in masses:
         if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
-            far[bool(unseen)][name] = {"mass": float(mass), "std": float(std), "model": float(before)}
-    for unseen, code in ((False, "masses_shown"), (True, "masses_hardly_shown")):
-        if masses_of := far[unseen]:
+            far[bool(hardly)][name] = {"mass": float(mass), "std": float(std), "model": float(before)}
+    for hardly, code in ((False, "masses_shown"), (True, "masses_hardly_shown")):
+        if masses_of := far[hardly]:
             yield Finding.of(code, Place(bodies=tuple(masses_of)), masses=masses_of, factor=FACTOR)
     yield from rotor_findings(evidence, [*far[True], *far[False]])
     yield from tool_findings(evidence, full)
@@ -99,7 +99,7 @@ def tool_findings(evidence: Evidence, full: ConsistentParameters) -> Iterator[Fi
     masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
     for name, mass, std, before in masses:
         more = mass - before
-        if name in last and name in heavier and more > max(SEEN * std, known * before):
+        if name in last and name in heavier and more > max(INTERVAL * std, known * before):
             place = Place(bodies=(name,))
             yield Finding.of("heavier_last_link", place, body=name, mass=float(more), std=float(std))
 
@@ -121,7 +121,7 @@ def _heavier(evidence: Evidence) -> set[str]:
     size = np.linalg.norm(phi[:, 1:], axis=1)
     grown = size - np.linalg.norm(before[:, 1:], axis=1)
     std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, TINIEST)
-    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > SEEN * std_size)
+    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size)
     return {name for name, each in zip(mechanism.bodies, heavier, strict=True) if each}
 
 

@@ -124,16 +124,16 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
 
     def error(sign: int, R: np.ndarray) -> float:
         turn = sign * linalg.block_diag(R, R)
-        seen = np.abs(turn) @ known > 0
-        off = (measured @ turn[seen].T - predicted[:, seen]) / scale[seen]
-        return float(np.linalg.norm(off) / np.sqrt(seen.sum() / 3))
+        compared = np.abs(turn) @ known > 0
+        off = (measured @ turn[compared].T - predicted[:, compared]) / scale[compared]
+        return float(np.linalg.norm(off) / np.sqrt(compared.sum() / 3))
 
     straight, *right_angled = right_angled_rotations()
     simple = [(1, straight), (-1, straight), (1, rotation.T @ rotation.T)]
     turns = simple + [(sign, R) for sign in (1, -1) for R in right_angled]
     errors = [error(*turn) for turn in turns]
     # In a planar motion several fit; the simplest mistake is the likeliest.
-    best = next(k for k, found in enumerate(errors) if found <= TIE * min(errors))
+    best = next(k for k, each in enumerate(errors) if each <= TIE * min(errors))
     sign, R = turns[best]
     return FrameCheck(sign, R, errors[0], errors[best])
 
@@ -217,9 +217,9 @@ def check_contact(
         The best body and point.
     """
     poses = tree.poses(q)
-    found = {i: _contact_on(tree, i, poses[:, i], residual) for i in tree.inertial}
-    near = max(near, AS_NEAR * min(check.distance for check in found.values()))
-    likely = {i: check for i, check in found.items() if check.body in usual and check.distance < near} or found
+    checks = {i: _contact_on(tree, i, poses[:, i], residual) for i in tree.inertial}
+    near = max(near, AS_NEAR * min(check.distance for check in checks.values()))
+    likely = {i: check for i, check in checks.items() if check.body in usual and check.distance < near} or checks
     best = min(likely, key=lambda i: likely[i].distance)
     if up is None:
         return likely[best]

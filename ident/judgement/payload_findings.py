@@ -28,12 +28,12 @@ INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
 
-def payload_findings(evidence: Evidence, told: np.ndarray, sensor: str) -> list[Finding]:
+def payload_findings(evidence: Evidence, identifiable: np.ndarray, sensor: str) -> list[Finding]:
     """Findings on a payload, the doubts first.
 
     Args:
         evidence: Evidence on the estimate of what the sensor carries.
-        told: Whether the data tell mass, centre of mass and inertias (10,).
+        identifiable: Which of mass, centre of mass and inertias the data determine (10,).
         sensor: Name of the wrench.
     """
     on_fit = [
@@ -48,10 +48,10 @@ def payload_findings(evidence: Evidence, told: np.ndarray, sensor: str) -> list[
         *(finding for finding in consistency_findings(evidence) if finding.doubt),
     ]
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
-    if not told[0] or not told[1:4].all():
+    if not identifiable[0] or not identifiable[1:4].all():
         on_fit.append(Finding.of("payload_mass_unknown"))
-    if untold := _untold(told):
-        on_fit.append(Finding.of("payload_inertia_unknown", quantities=untold))
+    if unknown := _unknown(identifiable):
+        on_fit.append(Finding.of("payload_inertia_unknown", quantities=unknown))
     return doubts_first(on_fit)
 
 
@@ -76,18 +76,20 @@ class PayloadVerdict:
     inertia_within: float | None
 
     @classmethod
-    def of(cls, findings: Sequence[Finding], values: np.ndarray, std: np.ndarray, told: np.ndarray) -> "PayloadVerdict":
+    def of(
+        cls, findings: Sequence[Finding], values: np.ndarray, std: np.ndarray, identifiable: np.ndarray
+    ) -> "PayloadVerdict":
         """The verdict on findings and numbers.
 
         Args:
             findings: Findings on the payload.
             values: Mass, centre of mass and inertias (10,).
             std: Their standard deviations with the uncertainty of the set-up (10,).
-            told: Which of them the data determine (10,).
+            identifiable: Which of them the data determine (10,).
         """
         doubts = doubts_of(findings)
         reach = [float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:])]
-        inertia = None if _untold(told) else reach[2]
+        inertia = None if _unknown(identifiable) else reach[2]
         return cls(decided(doubts), doubts, float(values[0]), reach[0], reach[1], inertia)
 
     @property
@@ -122,5 +124,5 @@ def _renamed(values: Any, sensor: str) -> Any:
     return sensor if isinstance(values, str) and values == GROUND else values
 
 
-def _untold(told: np.ndarray) -> list[str]:
-    return [name for name, known in zip(INERTIAS, told[4:], strict=True) if not known]
+def _unknown(identifiable: np.ndarray) -> list[str]:
+    return [name for name, known in zip(INERTIAS, identifiable[4:], strict=True) if not known]

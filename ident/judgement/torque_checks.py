@@ -146,12 +146,12 @@ def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -
     """The mounted body without which least is left of a residual (N, n); torques of all bodies (N, n, b)."""
     tree, before, predicted = mechanism.tree, max(float((residual**2).sum()), 1e-300), of_bodies.sum(axis=2)
     by_factor = float((residual * predicted).sum() ** 2 / max(float((predicted**2).sum()), 1e-300)) / before
-    found = []
+    candidates = []
     for i in _mounted(mechanism):
         carried = [tree.inertial.index(k) for k in tree.carried(i) if k in tree.inertial]
         torque = of_bodies[:, :, carried].sum(axis=2)
-        found.append(AbsentBody(tree.names[i], 1 - float(((residual + torque) ** 2).sum()) / before, by_factor))
-    return max(found, key=lambda each: each.explained, default=None)
+        candidates.append(AbsentBody(tree.names[i], 1 - float(((residual + torque) ** 2).sum()) / before, by_factor))
+    return max(candidates, key=lambda each: each.explained, default=None)
 
 
 def _mounted(mechanism: Mechanism) -> Iterator[int]:

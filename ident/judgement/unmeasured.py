@@ -28,7 +28,7 @@ TAIL = 1 / 3
 SHORTEST = 0.03
 """Shortest span, and what is left out beside each, s."""
 
-UNTOLD = 0.5
+AT_THE_END = 0.5
 """Length of a span at an end of the recording, in periods of the cut-off, up to which it has to be of a body."""
 
 THROUGH_A_POINT = 0.8
@@ -141,7 +141,7 @@ def _may_be_the_filter(prepared: Prepared, first: int, last: int) -> bool:
     """True if a span is at an end of the recording, and too short for the low-pass to give accelerations there."""
     if prepared.cutoff is None or (first > 0 and last < len(prepared.samples)):
         return False
-    return last - first < UNTOLD * prepared.recording.rate / prepared.cutoff
+    return last - first < AT_THE_END * prepared.recording.rate / prepared.cutoff
 
 
 def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:

@@ -166,8 +166,8 @@ def _sums(own: Filtered, taken: np.ndarray, equations: Equations) -> _Sums:
             counting = counts[part, channel]
             every = np.vstack([rows[:, channel, counting], raw[part, channel][counting]])
             # Torques of one limb do not depend on the others.
-            seen = np.flatnonzero(every.any(axis=1))
-            gram[np.ix_(seen, seen)] += every[seen] @ every[seen].T
+            nonzero = np.flatnonzero(every.any(axis=1))
+            gram[np.ix_(nonzero, nonzero)] += every[nonzero] @ every[nonzero].T
         first = part.stop
     return _Sums(grams, np.maximum(counts.sum(axis=0), 1), (counts * raw).sum(axis=0))
 

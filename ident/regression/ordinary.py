@@ -214,7 +214,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
     residual = np.append(-shift, scale)
     squares = np.maximum(residual @ accumulated.grams @ residual, 0)
     own = accumulated.grams[:, :m, :m]
-    seen = (np.diagonal(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * gram[:m, :m].diagonal()).any(axis=1)
+    measured = (np.diagonal(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * gram[:m, :m].diagonal()).any(axis=1)
     half = (inverse_of(P_b) @ inverse)[natural]
     if accumulated.weighted:
         covariance = half @ half.T
@@ -227,7 +227,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         covariance=covariance,
         weighted=accumulated.weighted,
         root=root,
-        rows=int(seen.sum()) * accumulated.samples,
+        rows=int(measured.sum()) * accumulated.samples,
         samples=accumulated.samples,
         residual_norms=np.sqrt(squares),
         method=f"one pass in QR coordinates, {accumulated.factored} of {accumulated.chunks} chunks by stacked QR",

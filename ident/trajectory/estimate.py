@@ -82,11 +82,11 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
     contacts = {name: recording.sensors[name] for name in recording.wrenches if name != GROUND}
     plates = dict.fromkeys(sensor.plate or name for name, sensor in contacts.items())
     held = GROUND in recording.wrenches
-    seen = np.isfinite(prepared.wrench).all(axis=0)
+    measured = np.isfinite(prepared.wrench).all(axis=0)
     return Measurement(
         equations,
         prepared.frame if held else None,
-        tuple(np.flatnonzero(seen).tolist()),
+        tuple(np.flatnonzero(measured).tolist()),
         contacts,
         setup_parameters(equations, tuple(plates), dict(setup or {}), held=held),
         recording.base is not None,

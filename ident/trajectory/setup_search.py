@@ -11,7 +11,7 @@ from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
 from ident.trajectory.left_out import clearly_better, costs, gains
 
-MOST_FOUND = 10
+MOST_DEVIATIONS = 10
 """Largest number of set-up parameters that are fitted."""
 
 ALIKE, ALIKE_SHARE = 15.0, 0.1
@@ -88,7 +88,7 @@ def searched(
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
     least = np.maximum(NEGLIGIBLE * known, least)
-    while len(deviations) < MOST_FOUND and fitted.status != "interrupted":
+    while len(deviations) < MOST_DEVIATIONS and fitted.status != "interrupted":
         left = np.flatnonzero(candidates & ~fitted.free)
         if not len(left):
             break
@@ -104,20 +104,21 @@ def searched(
         best = int(np.argmax(z))
         close = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
         alike = sorted((k for k in np.flatnonzero(z > close) if k != best), key=lambda k: -z[k])
-        found = Deviation(int(left[best]), tuple(left[alike].tolist()), _together(working, groups, close))
+        index = int(left[best])
+        deviation = Deviation(index, tuple(left[alike].tolist()), _together(working, groups, close))
         theta = fitted.theta.copy()
-        theta[found.index] += values[best]
-        free = fitted.free | (np.arange(len(theta)) == found.index)
+        theta[index] += values[best]
+        free = fitted.free | (np.arange(len(theta)) == index)
         try:
             tried = scattered(refit(replace(fitted.end, theta=theta), free, SEARCH_ROUNDS))
         except ExcitationError:
             return replace(first, incredible=True)
-        if not abs(tried.theta[found.index]) > threshold * np.sqrt(tried.covariance[found.index, found.index]):
+        if not abs(tried.theta[index]) > threshold * np.sqrt(tried.covariance[index, index]):
             break
         if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
             return replace(first, incredible=True)
         fitted = tried
-        deviations.append(found)
+        deviations.append(deviation)
     return replace(first, fit=fitted, deviations=tuple(deviations))
 
 

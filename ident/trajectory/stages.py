@@ -295,8 +295,8 @@ class Stages:
         if not self.known or fit.scatters is None or fit.prior.weight > 1:
             return estimate
         rank = self.measurement.equations.parameters.rank
-        told, scatter = (np.diag(each - fit.prior.precision)[:rank] for each in (fit.precision, fit.scatter))
-        weight = float(np.median(scatter[told > 0] / told[told > 0])) if (told > 0).any() else 1.0
+        curvature, scatter = (np.diag(each - fit.prior.precision)[:rank] for each in (fit.precision, fit.scatter))
+        weight = float(np.median(scatter[curvature > 0] / curvature[curvature > 0])) if (curvature > 0).any() else 1.0
         if weight < OVERRATED:
             return estimate
         weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)

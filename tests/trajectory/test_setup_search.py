@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ident.trajectory import setup_search
-from ident.trajectory.setup_search import MOST_FOUND, Search, searched
+from ident.trajectory.setup_search import MOST_DEVIATIONS, Search, searched
 
 
 @dataclass(frozen=True)
@@ -107,4 +107,4 @@ def test_what_explains_as_much_is_named_beside_it():
 
 
 def test_so_many_faults_are_fitted_and_no_more():
-    assert len(found(np.full(MOST_FOUND + 5, 1.0), 0.1).deviations) == MOST_FOUND
+    assert len(found(np.full(MOST_DEVIATIONS + 5, 1.0), 0.1).deviations) == MOST_DEVIATIONS

@@ -56,8 +56,8 @@ class Posterior:
         n, width = coordinates, WINDOW * coordinates
         # The first interval's window begins with a function that does not exist.
         followed = np.vstack([np.zeros((n, root.shape[1])), eliminated.by_theta @ root])
-        seen = np.lib.stride_tricks.sliding_window_view(followed, width, axis=0)[: intervals * n : n]
-        return cls(eliminated.factor.inverse_windows(intervals), transposed(seen), root)
+        windows = np.lib.stride_tricks.sliding_window_view(followed, width, axis=0)[: intervals * n : n]
+        return cls(eliminated.factor.inverse_windows(intervals), transposed(windows), root)
 
     @cached_property
     def by_coordinate(self) -> np.ndarray:

@@ -46,8 +46,8 @@ class BlockTridiagonal:
         blocks, size = -(-(len(windows) + LOCAL) // LOCAL), LOCAL * n
         pairs = np.zeros((blocks, 2 * size, 2 * size))
         for offset in range(LOCAL):
-            own, seen = windows[offset::LOCAL], slice(offset * n, (offset + WINDOW) * n)
-            pairs[: len(own), seen, seen] += own
+            own, inside = windows[offset::LOCAL], slice(offset * n, (offset + WINDOW) * n)
+            pairs[: len(own), inside, inside] += own
         diagonal = pairs[:, :size, :size].copy()
         diagonal[1:] += pairs[:-1, size:, size:]
         untouched = np.einsum("kii->ki", diagonal) == 0
@@ -113,8 +113,8 @@ class Factor:
         n = size // LOCAL
         windows = np.empty((number, WINDOW * n, WINDOW * n))
         for offset in range(LOCAL):
-            seen = slice(offset * n, (offset + WINDOW) * n)
-            windows[offset::LOCAL] = pairs[: len(windows[offset::LOCAL]), seen, seen]
+            inside = slice(offset * n, (offset + WINDOW) * n)
+            windows[offset::LOCAL] = pairs[: len(windows[offset::LOCAL]), inside, inside]
         return windows
 
     @property

@@ -168,9 +168,9 @@ class TrajectoryFit:
         regressed = across[:, free] @ inside
         curvature = ((across - regressed @ self.precision[free]) * directions).sum(axis=1)
         pull = directions @ self.gradient - regressed @ self.gradient[free]
-        told = curvature > 0
-        curvature = np.where(told, curvature, 1.0)
+        determined = curvature > 0
+        curvature = np.where(determined, curvature, 1.0)
         alone = directions.copy()
         alone[:, free] -= regressed
         variance = np.maximum(((alone @ self.scatter) * alone).sum(axis=1), LEAST_SCATTER * curvature)
-        return np.where(told, pull / curvature, 0.0), np.where(told, np.sqrt(variance) / curvature, np.inf)
+        return np.where(determined, pull / curvature, 0.0), np.where(determined, np.sqrt(variance) / curvature, np.inf)

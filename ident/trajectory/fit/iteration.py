@@ -172,7 +172,7 @@ class _Iteration:
         self._stalled = 0 if moved is not at else self._stalled + 1
         self._leads_back = _leads_back(step[free], self._step[free], problem.precision(parts))
         self.at, self._step = replace(moved, noise=noise.midway(at.noise) if self._leads_back else noise), step
-        if self._explore and len(self.trace) > 1 and _found(noise, at.noise):
+        if self._explore and len(self.trace) > 1 and _noise_converged(noise, at.noise):
             return True
         return (self._was_coloured or not self._coloured) and _quiet(problem.pieces, at, self.trace[-1], moves, noise)
 
@@ -385,7 +385,7 @@ def _quiet(pieces: Sequence[Piece], at: Start, step: float, moves: Sequence[np.n
     return step < SETTLED and motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
 
 
-def _found(noise: Noise, before: Noise) -> bool:
+def _noise_converged(noise: Noise, before: Noise) -> bool:
     """True if the geometric mean of the channels' noise has converged."""
     return bool(abs(np.log(noise.channels / before.channels).mean()) < SETTLED_EXPLORING)
 

@@ -97,8 +97,8 @@ def hastened(before: Stride | None, now: Stride) -> np.ndarray:
     if before is not None:
         with np.errstate(divide="ignore", invalid="ignore"):
             secant = (before.place - now.place) / (now.step - before.step)
-        told = (now.step * before.step > 0) & (np.abs(now.step) > PACED)
-        longer = np.where(told, np.clip(np.where(secant > 0, secant, FURTHEST), 1, FURTHEST), 1.0)
+        steady = (now.step * before.step > 0) & (np.abs(now.step) > PACED)
+        longer = np.where(steady, np.clip(np.where(secant > 0, secant, FURTHEST), 1, FURTHEST), 1.0)
     most = np.maximum(np.abs(now.step), LONGEST)
     return np.exp(now.place + np.clip(longer * now.step, -most, most))
 
