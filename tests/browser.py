@@ -101,8 +101,8 @@ def browser():
     """Yields a browser that ends with the block."""
     driver = subprocess.Popen([DRIVER, "--port=0"], stdout=subprocess.PIPE, text=True)
     try:
-        told = (re.search(r"successfully on port (\d+)", line) for line in driver.stdout)
-        port = next(found[1] for found in told if found)
+        matches = (re.search(r"successfully on port (\d+)", line) for line in driver.stdout)
+        port = next(match[1] for match in matches if match)
         # Containers have no sandbox for root and little shared memory.
         arguments = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
         capabilities = {

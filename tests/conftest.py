@@ -67,9 +67,9 @@ def undrawn(monkeypatch):
 @pytest.fixture
 def no_trajectory(monkeypatch):
     """Replaces trajectory estimates by the truth, as they take most of a study's time."""
-    from truth import told
+    from truth import use_truth
 
-    told(monkeypatch)
+    use_truth(monkeypatch)
 
 
 @pytest.fixture

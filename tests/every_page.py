@@ -11,7 +11,7 @@ from fuzz.undrawn import leave_undrawn
 from marked import labels_of, marked_person, trc, trial
 from pages import PENDULUM, identified, options
 from persons import briefly
-from truth import told
+from truth import use_truth
 
 import scenes
 from experiments import (
@@ -138,6 +138,6 @@ def written(name, folder):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
         patched.setattr(persons_study, "study", lambda *_, **__: briefly())
-        told(patched)
+        use_truth(patched)
         assert COMMANDS[name](folder) == 0
     return folder / "out" / ("index.html" if name == "paper" else PAGE)

@@ -15,12 +15,12 @@ JOINTS = PENDULUM.tree.joints
 TRUTH = ident.find_base_parameters(PENDULUM).regroup(PENDULUM.known)
 
 
-def angles_and_wrench(time, q, wrench, **told):
+def angles_and_wrench(time, q, wrench, **faults):
     channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}, **told)
+    return ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}, **faults)
 
 
-def leaning(spans, force, body="link2", point=(0, 0, 0.1), **told):
+def leaning(spans, force, body="link2", point=(0, 0, 0.1), **faults):
     """A recording of a body leaning on something without a sensor, which pushes with a force in the base's axes.
 
     Args:
@@ -28,9 +28,9 @@ def leaning(spans, force, body="link2", point=(0, 0, 0.1), **told):
         force: Force, N (3,).
         body: The body.
         point: Point in the body's frame, m (3,).
-        told: As for `faulty`.
+        faults: As for `faulty`.
     """
-    recording = faulty(**told)
+    recording = faulty(**faults)
     t, q = recording.time, recording.of_joints(JOINTS, "position")
     share = sum(np.clip(np.minimum(t - first, last - t) / 0.06, 0, 1) for first, last in spans)
     pose = PENDULUM.tree.poses(q)[:, PENDULUM.tree.names.index(body)]

@@ -48,8 +48,8 @@ def rigid_forces(model, qpos, qvel, qacc):
     return forces, wrenches
 
 
-def assert_equal(found, expected, what):
-    assert abs(found - expected).max(initial=0) <= TOLERANCE * abs(expected).max(initial=0), what
+def assert_equal(computed, expected, what):
+    assert abs(computed - expected).max(initial=0) <= TOLERANCE * abs(expected).max(initial=0), what
 
 
 def check(model, what, regrouped):

@@ -34,9 +34,9 @@ def recorded(request):
     return request.param
 
 
-def assert_equal(found, expected, scale=None, tolerance=1e-10):
+def assert_equal(computed, expected, scale=None, tolerance=1e-10):
     np.testing.assert_allclose(
-        found, expected, rtol=0, atol=tolerance * abs(expected if scale is None else scale).max()
+        computed, expected, rtol=0, atol=tolerance * abs(expected if scale is None else scale).max()
     )
 
 

@@ -32,6 +32,6 @@ def test_regressors_are_equal(seed):
         for column, i in enumerate(tree.inertial):
             in_order = parameter_transform(peer.in_joint[i])[list(PINOCCHIO)]
             expected = Y[:, 10 * (peer.joint[i] - 1) : 10 * peer.joint[i]] @ in_order
-            for found, part in ((Y_base[k], expected[:6]), (Y_joint[k], expected[peer.rows])):
-                own = found[:, 10 * column : 10 * column + 10]
+            for computed, part in ((Y_base[k], expected[:6]), (Y_joint[k], expected[peer.rows])):
+                own = computed[:, 10 * column : 10 * column + 10]
                 np.testing.assert_allclose(own, part, rtol=0, atol=1e-10 * abs(expected).max())

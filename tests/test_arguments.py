@@ -49,11 +49,11 @@ def test_a_recording_is_needed():
 
 
 @pytest.mark.parametrize(
-    ("told", "message"), [({"setup": {"delay": -1}}, "setup.delay"), ({"known": {"mass": np.nan}}, "known.mass")]
+    ("given", "message"), [({"setup": {"delay": -1}}, "setup.delay"), ({"known": {"mass": np.nan}}, "known.mass")]
 )
-def test_what_a_recording_knows_is_checked_too(told, message):
+def test_what_a_recording_knows_is_checked_too(given, message):
     with pytest.raises(ident.InputError, match=f"{message} {DEVIATION}"):
-        ident.identify(PENDULUM, replace(RECORDING, **told))
+        ident.identify(PENDULUM, replace(RECORDING, **given))
 
 
 @pytest.mark.parametrize(("known", "message"), WRONG)

@@ -42,5 +42,5 @@ def test_relative_rms_is_over_the_signal_with_its_mean():
     held = ordinary().held_out
     residual, signal = (np.linalg.norm(x, axis=0) for x in (held.residual, held.samples.measured))
     np.testing.assert_allclose(held.relative_rms, residual / signal, rtol=1e-12)
-    told = ordinary().to_dict()["held_out"]["Fz"]
-    assert told["relative_rms"] < 0.1 * told["ratio"], "most of Fz is weight"
+    errors = ordinary().to_dict()["held_out"]["Fz"]
+    assert errors["relative_rms"] < 0.1 * errors["ratio"], "most of Fz is weight"

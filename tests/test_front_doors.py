@@ -106,5 +106,5 @@ def test_clients_are_typed(tmp_path, pytestconfig):
     command = [sys.executable, "-m", "mypy", *arguments, *map(str, tmp_path.glob("*.py"))]
     # Type checkers do not follow the import hook of an editable installation.
     here = {**os.environ, "MYPYPATH": str(Path(__file__).parents[1])}
-    found = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=here)
-    assert found.returncode == 0, found.stdout
+    checked = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=here)
+    assert checked.returncode == 0, checked.stdout

@@ -22,7 +22,7 @@ def test_damaged_input_is_refused_or_accepted(tmp_path, capsys):
 
 def test_a_case_is_the_same_whatever_ran_before():
     with cases.Runner(2) as runner:
-        first, other, again = ((found.what, found.story.splitlines()[0]) for found in map(runner.run, (3, 4, 3)))
+        first, other, again = ((ending.what, ending.story.splitlines()[0]) for ending in map(runner.run, (3, 4, 3)))
     assert first == again != other
 
 

@@ -51,8 +51,8 @@ def test_channels_are_the_sensors_own(felt):
     def recorded(seed):
         states = random_model_states(np.random.default_rng(seed), model, 200)
         torques, wrench = inverse_dynamics(model, *states)
-        seen = np.where(np.isin(range(6), there), wrench, np.nan)
-        channels = {"ground_force": seen[:, :3], "ground_torque": seen[:, 3:]}
+        measured = np.where(np.isin(range(6), there), wrench, np.nan)
+        channels = {"ground_force": measured[:, :3], "ground_torque": measured[:, 3:]}
         for k, joint in enumerate(arm.tree.joints):
             channels |= {f"{joint}_{kind}": x[:, k] for kind, x in zip(STATES, states, strict=True)}
             channels |= {f"{joint}_torque": torques[:, k]} if joint in felt else {}

@@ -56,17 +56,17 @@ def test_commands_and_python_agree(tmp_path, files, offsets, other):
         held_out=[ident.read_log(held_out, arm)] if other else [],
     )
     rank = len(estimate.psi)
-    answers = [(found["values"][:rank], found["std"][:rank]) for found in (by_identify, by_stream)]
+    answers = [(each["values"][:rank], each["std"][:rank]) for each in (by_identify, by_stream)]
     assert_the_same([*answers, (estimate.psi, estimate.std)])
     ratios, others = (
-        {channel: numbers["ratio"] for channel, numbers in found["held_out"].items()}
-        for found in (by_identify, by_stream)
+        {channel: numbers["ratio"] for channel, numbers in each["held_out"].items()}
+        for each in (by_identify, by_stream)
     )
     assert others == pytest.approx(ratios, rel=1e-8)
     if offsets:
-        told = [[(x["value"], x["std"]) for x in found["offsets"].values()] for found in (by_identify, by_stream)]
+        values = [[(x["value"], x["std"]) for x in each["offsets"].values()] for each in (by_identify, by_stream)]
         assert by_identify["offsets"].keys() == by_stream["offsets"].keys() != set()
-        assert_the_same([np.transpose(each) for each in told])
+        assert_the_same([np.transpose(each) for each in values])
     else:
         assert by_stream["offsets"] == {}
 

@@ -53,8 +53,11 @@ def test_a_larger_condition_number_is_only_a_choice_of_columns(study):
 @pytest.fixture(scope="module")
 def spread():
     """Errors of the simplified and of the full model over twelve seeds (12, 13), by parameter."""
-    found = [study_of("misaligned", seed=seed) for seed in range(12)]
-    errors = ([study.fit("simplified").error for study in found], [study.fit("full_on_table").error for study in found])
+    studies = [study_of("misaligned", seed=seed) for seed in range(12)]
+    errors = (
+        [study.fit("simplified").error for study in studies],
+        [study.fit("full_on_table").error for study in studies],
+    )
     return tuple(dict(zip(paper.TABLE_3, np.transpose(e), strict=True)) for e in errors)
 
 
@@ -134,9 +137,9 @@ def test_errors_of_the_wrench_are_far_lower_in_three_channels_only(study):
     gain = {channel: x["rms_simplified"] / x["rms_full"] for channel, x in errors.items()}
     assert all(28 < gain[channel] < 56 for channel in ("Fx", "τy", "τz"))
     assert all(0.99 < gain[channel] < 1.02 for channel in ("Fy", "Fz")) and 1.04 < gain["τx"] < 1.10
-    seen = {channel: x["ratio_simplified"] for channel, x in errors.items()}
+    ratios = {channel: x["ratio_simplified"] for channel, x in errors.items()}
     expected = {"Fx": 1.007, "Fy": 0.044, "Fz": 0.034, "τx": 0.007, "τy": 0.446, "τz": 1.893}
-    assert seen == pytest.approx(expected, rel=0.02, abs=0.003)
+    assert ratios == pytest.approx(expected, rel=0.02, abs=0.003)
 
 
 def test_the_axes_are_recovered_and_not_given(study):
@@ -203,6 +206,6 @@ def test_acceleration_noise_ruins_the_estimate():
     clean = simulate(spec, DOUBLE_PENDULUM, noise_scale=0)
     levels = {s: 0.0 for s in clean.noise} | {"joint1_acceleration": 0.3, "joint2_acceleration": 0.3}
     noisy = with_noise(replace(clean, noise=levels), np.random.default_rng(0))
-    found = fit(mechanism(spec, "base"), noisy)
-    assert abs(found.error).max() > 0.5
-    assert abs(found.error / found.estimate.std).max() > 10
+    trial = fit(mechanism(spec, "base"), noisy)
+    assert abs(trial.error).max() > 0.5
+    assert abs(trial.error / trial.estimate.std).max() > 10

@@ -79,9 +79,9 @@ def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
     assert (np.abs(body.values - TRUTH) < 4 * body.std_setup).all()
     heavy = {"mass": 3.0, "com": (0.01, 0.02, 0.1), "inertia": (0.03, 0.025, 0.01, 1e-3, 1e-3, -1e-3)}
     log = wrist.log(text=wrist.model(tool=heavy), seconds=8.0, size=1.5)
-    told = identify_payload(arm(stated=False), log, **GIVEN).in_frame()
-    assert told.identifiable.all()
-    assert (np.abs(told.values - [3.0, *heavy["com"], *heavy["inertia"]]) < 4 * told.std_setup).all()
+    body = identify_payload(arm(stated=False), log, **GIVEN).in_frame()
+    assert body.identifiable.all()
+    assert (np.abs(body.values - [3.0, *heavy["com"], *heavy["inertia"]]) < 4 * body.std_setup).all()
 
 
 def test_bodies_welded_to_the_tool_count_and_the_robot_gets_them():

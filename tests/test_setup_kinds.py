@@ -97,10 +97,12 @@ def test_a_parameter_of_one_log_is_named_and_placed_there():
     own = SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
     fit = SimpleNamespace(names=[shared.name, own.name], covariance=np.eye(2) * 1e-8, theta=np.array([0.02, 0.03]))
     search = SimpleNamespace(deviations=(Deviation(1, (0,)),))
-    (found,) = setup_findings(SimpleNamespace(fit=fit, search=search, setup={0: shared, 1: own}))
-    assert found.name == "delay(plate of log 7) of log 2" and found.alternatives == ("delay(plate of log 7)",)
-    assert found.place == Place(wrenches=("plate of log 7",), log=1)
-    assert found.text.startswith("The wrench 'plate of log 7' is 30.00 ± 0.10 ms late in log 2; the estimate includes")
+    (finding,) = setup_findings(SimpleNamespace(fit=fit, search=search, setup={0: shared, 1: own}))
+    assert finding.name == "delay(plate of log 7) of log 2" and finding.alternatives == ("delay(plate of log 7)",)
+    assert finding.place == Place(wrenches=("plate of log 7",), log=1)
+    assert finding.text.startswith(
+        "The wrench 'plate of log 7' is 30.00 ± 0.10 ms late in log 2; the estimate includes"
+    )
     assert own != shared and own == SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
 
 

@@ -95,12 +95,12 @@ machine.
 
 def read_until(process, pattern):
     """Standard error of a process up to a pattern."""
-    seen = b""
-    while not re.search(pattern, seen):
+    output = b""
+    while not re.search(pattern, output):
         part = process.stderr.read1()
-        assert part, seen
-        seen += part
-    return seen
+        assert part, output
+        output += part
+    return output
 
 
 def interrupted(command, pattern, number=signal.SIGINT):
@@ -113,13 +113,13 @@ def interrupted(command, pattern, number=signal.SIGINT):
     quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "disable"}
     command = [sys.executable, "-c", WITHOUT_FIGURES, *command]
     with subprocess.Popen(command, **quiet) as process:
-        seen = read_until(process, pattern)
+        output = read_until(process, pattern)
         for _ in range(2):
             os.killpg(process.pid, number)
-        seen += process.stderr.read()
+        output += process.stderr.read()
         code = process.wait(timeout=60)
     with pytest.raises(ProcessLookupError):
         for _ in range(100):
             os.killpg(process.pid, 0)
             time.sleep(0.1)
-    return code, seen
+    return code, output

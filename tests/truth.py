@@ -11,7 +11,7 @@ def truth(mechanism, recording, base):
     return TrajectoryTrial(psi, np.ones_like(psi), psi)
 
 
-def told(patched):
+def use_truth(patched):
     """Replaces the studies' trajectory estimates by the truth while a monkeypatch lasts."""
     for name in ("trajectory_fit", "trajectory_fit_if_determined"):
         patched.setattr(simulated, name, truth)

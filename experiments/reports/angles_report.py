@@ -137,7 +137,7 @@ def document(angles: Angles, model: Path, markers: Path, provenance: dict[str, A
     """Tables and a figure, angles and their covariance, and the scaled model if there is one.
 
     Args:
-        found: The fitted angles.
+        angles: The fitted angles.
         model: Model file.
         markers: File of the markers.
         provenance: Provenance of the results.

@@ -101,7 +101,7 @@ def document(
     """A table for each model, a chart and key numbers.
 
     Args:
-        found: Errors by model.
+        distributions: Errors by model.
         study: The study.
         redrawn: One of `REDRAWN`.
         provenance: Provenance of the trials.

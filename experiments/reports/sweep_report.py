@@ -86,7 +86,7 @@ def document(sweep: Sweep, study: str, title: str, numbers: Sequence[str], prove
     """Table, chart and numbers of a sweep.
 
     Args:
-        found: The sweep.
+        sweep: The sweep.
         study: Name of the study.
         title: Its title.
         numbers: Names of the numbers that the chart shows, by default `CHARTED`.

@@ -85,7 +85,7 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
     reach = max(1, round(SHORTEST * prepared.recording.rate))
     # Where a sensor's range ends support is missing as well.
     missing = ndimage.median_filter(np.where(whole, heavier * needed - carried, 0), reach, mode="nearest")
-    time, found = prepared.recording.time, []
+    time, contacts = prepared.recording.time, []
     for first, last in _spans(missing, SHARE * heavier * weight, reach):
         span = slice(max(0, first - reach), last + reach)
         residual = prepared.wrench[first:last] - heavier * predicted[first:last]
@@ -96,8 +96,8 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
             _contact(prepared, slice(first, last), residual, up[first:last]),
         )
         if each.body or not _may_be_the_filter(prepared, first, last):
-            found.append(each)
-    return tuple(found)
+            contacts.append(each)
+    return tuple(contacts)
 
 
 def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | None:

@@ -46,9 +46,9 @@ def test_every_command_is_listed_with_a_line(capsys, monkeypatch):
     with pytest.raises(SystemExit) as stop:
         main(["--help"])
     assert stop.value.code == 0
-    said = " ".join(capsys.readouterr().out.split())
+    output = " ".join(capsys.readouterr().out.split())
     for name, module in COMMANDS.items():
-        assert f" {name} {module.__doc__.splitlines()[0]}" in said
+        assert f" {name} {module.__doc__.splitlines()[0]}" in output
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -63,18 +63,18 @@ def test_options_are_those_of_the_module(name, capsys):
 
 def test_a_subcommand_does_what_its_module_does(tmp_path, capsys):
     options = ["--formats", "svg", "--out", str(tmp_path)]
-    found = []
+    outputs = []
     for command in (partial(main, ["mechanism", *options]), partial(mechanism.main, options)):
         assert command() == 0
-        found.append((capsys.readouterr(), {path.name: path.read_bytes() for path in tmp_path.iterdir()}))
-    assert found[0] == found[1]
+        outputs.append((capsys.readouterr(), {path.name: path.read_bytes() for path in tmp_path.iterdir()}))
+    assert outputs[0] == outputs[1]
 
 
 def test_the_shell_completes_commands_and_options(tmp_path):
     pytest.importorskip("argcomplete")
     for line, expected in (("multicontact ident", ["identify "]), ("multicontact identify --held", ["--held-out "])):
-        found = tmp_path / "found"
+        completions = tmp_path / "completions"
         shell = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "IFS": "\n", "_ARGCOMPLETE_IFS": "\n"}
-        shell |= {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(found)}
+        shell |= {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(completions)}
         python("-c", "from experiments.cli.command import main; main()", **shell)
-        assert found.read_text().split("\n") == expected
+        assert completions.read_text().split("\n") == expected

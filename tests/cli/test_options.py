@@ -39,8 +39,8 @@ def main_of(error):
     ids=lambda error: type(error).__name__,
 )
 def test_what_users_do_wrong_is_one_sentence(capsys, error):
-    said = refusal(main_of(error), [], capsys)
-    assert said == f"{COMMAND}: error: the sentence\n"
+    message = refusal(main_of(error), [], capsys)
+    assert message == f"{COMMAND}: error: the sentence\n"
 
 
 @pytest.mark.parametrize("error", [ValueError("of numpy"), np.linalg.LinAlgError("of LAPACK"), KeyError("of ours")])

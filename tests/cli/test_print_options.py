@@ -44,8 +44,8 @@ def options(command):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_that_prints_lets_authors_choose(name):
-    found = options(COMMANDS[name]) & CHOICES
-    assert found == (set() if name in WITHOUT else PAGE if name == "paper" else CHOICES)
+    offered = options(COMMANDS[name]) & CHOICES
+    assert offered == (set() if name in WITHOUT else PAGE if name == "paper" else CHOICES)
 
 
 DREADFUL = {

@@ -22,11 +22,11 @@ TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
 
 def blocks(language):
     """Code of the pages in one language, by page."""
-    found = {name: re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL) for name, text in TEXTS.items()}
-    return {name: codes for name, codes in found.items() if codes}
+    codes_of = {name: re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL) for name, text in TEXTS.items()}
+    return {name: codes for name, codes in codes_of.items() if codes}
 
 
-SAID = {
+EXPECTED = {
     "README.md": "m2rz2 \\+ 0.425 m3.*Usable: held-out residuals",
     "identify.md": r"'ground' is turned by 5\.0\d+ ± 0\.0\d+° about -z .* a turn of all joint axes about z",
     "python.md": r"± 0\.\d+   m2rz2 \+ 0\.425 m3",
@@ -46,7 +46,7 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
     for code in blocks("python")[page]:
         if "viewer" not in code:
             exec(compile(code, page, "exec"), {})
-    assert re.search(SAID.get(page, ""), capsys.readouterr().out, re.DOTALL)
+    assert re.search(EXPECTED.get(page, ""), capsys.readouterr().out, re.DOTALL)
     if page == "README.md":
         assert len(sim.mechanism("identified.xml", base="base").bodies) == 3
         guess, fit = (shlex.split(line, comments=True)[3:] for line in blocks("sh")[page][-1].splitlines())
@@ -57,11 +57,11 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
 
 def shell_blocks():
     """Shell blocks of the pages, and of the tutorials' remarks."""
-    found = blocks("sh")
+    codes = blocks("sh")
     for path in (ROOT / "docs" / "tutorials").glob("*.py"):
         text = re.sub("^# ?", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
-        found[path.name] = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
-    return found
+        codes[path.name] = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+    return codes
 
 
 def commands():
@@ -114,13 +114,13 @@ def resolves(dotted):
     parts = dotted.split(".")
     for cut in range(len(parts), 0, -1):
         try:
-            found = importlib.import_module(".".join(parts[:cut]))
+            value = importlib.import_module(".".join(parts[:cut]))
         except ModuleNotFoundError:
             continue
         for part in parts[cut:]:
-            if not hasattr(found, part):
+            if not hasattr(value, part):
                 return False
-            found = getattr(found, part)
+            value = getattr(value, part)
         return True
     return False
 

@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore"),
 ]
 
-SAID = {
+EXPECTED = {
     "paper": (r"Ixz2 +-2\.\d+ &lt;- wrong", r"ignored: largest error \d", r"error: simplified 2\.\d+, full 0\.0\d"),
     "arm": (r"is 1[12]\.\d+ ± 0\.\d+ ms late", "Usable: held-out", r"fore: 2\.00 kg .*, 2\.[78]\d kg identified"),
     "person": ("Usable: held-out", r"(9\d|100)% of the 95 %", r"person: 66\.1 kg .* 6[78]\.\d kg identified"),
@@ -40,8 +40,8 @@ def site(tmp_path_factory):
 
 
 def test_tutorials_run_and_show_what_they_print(site):
-    assert {path.stem for path in (ROOT / "docs" / "tutorials").glob("*.py")} == set(SAID)
-    for name, patterns in SAID.items():
+    assert {path.stem for path in (ROOT / "docs" / "tutorials").glob("*.py")} == set(EXPECTED)
+    for name, patterns in EXPECTED.items():
         page = re.sub(r"<[^>]+>", "", (site / "tutorials" / f"{name}.html").read_text(encoding="utf-8"))
         assert [pattern for pattern in patterns if not re.search(pattern, page)] == [], name
         assert (site / "tutorials" / f"{name}_0.png").stat().st_size > 10_000

@@ -8,7 +8,7 @@ import pytest
 from commands import refusal
 from pages import options
 from PIL import Image
-from truth import told
+from truth import use_truth
 
 import scenes
 from experiments import identify, misaligned
@@ -38,11 +38,11 @@ def test_pictures_differ_from_one_another_and_become_a_film(moving, tmp_path, mo
         pytest.skip(str(error))
     with Image.open(tmp_path / name) as drawn:
         assert (name, drawn.n_frames, drawn.size) == ("film.gif", 4, (film.WIDTH, film.HEIGHT))
-        seen = []
+        pictures = []
         for k in range(4):
             drawn.seek(k)
-            seen.append(np.asarray(drawn.convert("RGB"), int))
-    assert all(abs(a - b).max() > 50 for a, b in pairwise(seen))
+            pictures.append(np.asarray(drawn.convert("RGB"), int))
+    assert all(abs(a - b).max() > 50 for a, b in pairwise(pictures))
 
 
 def test_without_opengl_there_is_a_sentence(moving, tmp_path, monkeypatch):
@@ -58,13 +58,13 @@ def test_a_study_has_a_film_in_either_format(name, tmp_path, monkeypatch, capsys
     encoder = shutil.which("ffmpeg") if name == "film.mp4" else None
     if name == "film.mp4" and not encoder:
         pytest.skip("ffmpeg is not on PATH, so no MP4 is written")
-    told(monkeypatch)
+    use_truth(monkeypatch)
     monkeypatch.setattr(replay, "FRAMES", 3)
     monkeypatch.setattr(film.shutil, "which", lambda _: encoder)
     (tmp_path / {"film.gif": "film.mp4", "film.mp4": "film.gif"}[name]).touch()
     code = misaligned.main(["--samples", "60", "--formats", "png", "--film", "--out", str(tmp_path)])
-    if "A film needs OpenGL" in (said := capsys.readouterr().err):
-        pytest.skip(said)
+    if "A film needs OpenGL" in (output := capsys.readouterr().err):
+        pytest.skip(output)
     assert code == 0
     assert [path.name for path in tmp_path.glob("film.*")] == [name] and (tmp_path / name).stat().st_size > 1000
     assert f'href="{name}"' in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -63,9 +63,9 @@ def test_hostile_texts_are_shown_and_do_nothing(tmp_path, place):
     table = Table(EVIL[2], ("what",), tuple((text,) for text in texts))
     if place == "columns":
         table = Table(EVIL[2], texts, (texts,))
-    seen = read(table, tmp_path)
-    assert "script" not in seen.tags and seen.caption.startswith(EVIL[2])
-    shown = seen.rows[-1] if place == "columns" else [row[0] for row in seen.rows[1:]]
+    page = read(table, tmp_path)
+    assert "script" not in page.tags and page.caption.startswith(EVIL[2])
+    shown = page.rows[-1] if place == "columns" else [row[0] for row in page.rows[1:]]
     assert [text for _, text in shown] == EVIL
 
 

@@ -49,8 +49,8 @@ def page(page_of):
 
 @pytest.fixture(scope="module")
 def window():
-    with browser() as found:
-        yield found
+    with browser() as opened:
+        yield opened
 
 
 def test_the_slider_moves_the_arrows_and_the_cursor(page, window):
@@ -78,19 +78,19 @@ def test_charts_zoom_all_at_once_and_back(page, window):
 
 def test_the_mechanism_turns_by_mouse_and_by_keys(page, window):
     window.open(page)
-    seen = [window.run(RED)]
+    views = [window.run(RED)]
     window.drag("#view", (0, 0), (60, 20))
-    seen.append(window.run(RED))
+    views.append(window.run(RED))
     window.type("#view", RIGHT + RIGHT + "+")
-    seen.append(window.run(RED))
-    assert seen[0] != seen[1] != seen[2]
+    views.append(window.run(RED))
+    assert views[0] != views[1] != views[2]
 
 
 def test_parameters_and_findings_tell_what_they_are_about(page, window):
     window.open(page)
     window.click("[data-table=table_base_parameters] tbody tr:nth-child(5) button")
-    told = window.run("return document.getElementById('told').textContent")
-    assert "of link" in told and "95 % interval" in told and "regroup" not in told
+    text = window.run("return document.getElementById('told').textContent")
+    assert "of link" in text and "95 % interval" in text and "regroup" not in text
     assert window.run("return document.querySelectorAll('.findings button.show').length") > 0
     window.click(".findings button.show")
     assert window.run("return document.getElementById('told').textContent").startswith("The finding is about ")
@@ -120,7 +120,7 @@ def test_figures_are_dark_where_the_page_is(page, window):
     window.open(page)
     assert set(window.run(filters)) == {"none"}
     window.open(page, dark=True)
-    assert all("invert(1)" in found for found in window.run(filters))
+    assert all("invert(1)" in each for each in window.run(filters))
 
 
 def test_paper_is_white_whatever_the_screen_is(page, window):
@@ -166,5 +166,5 @@ def test_wide_tables_take_the_width_of_the_window(page_of, window, name):
 def test_everybody_can_read_it(page_of, window, name, width, dark):
     window.open(page_of(name), width=width, dark=dark)
     window.run(Path(AXE).read_text(encoding="utf-8"))
-    found = window.run("return axe.run({ resultTypes: ['violations'] }).then((all) => all.violations)")
-    assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []
+    violations = window.run("return axe.run({ resultTypes: ['violations'] }).then((all) => all.violations)")
+    assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from test_escape import EVIL
-from truth import told
+from truth import use_truth
 
 from experiments.document import figures, print_table, styles, tabular
 from experiments.document.document import Document
@@ -130,9 +130,9 @@ def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
         assert mpl.rcParams["font.family"] == ["STIXGeneral"]
     with styles.paper_style():
         assert (mpl.rcParams["font.size"], styles.column_width()) == (8, WIDTHS[2][0])
-    for text, said in (("font.size: huge?\n", "font.size"), ("nonsense: 1\n", "nonsense")):
+    for text, message in (("font.size: huge?\n", "font.size"), ("nonsense: 1\n", "nonsense")):
         style.write_text(text)
-        with pytest.raises(InputError, match=f"--style needs a style file.*{said}"), styles.author_style(style, 2):
+        with pytest.raises(InputError, match=f"--style needs a style file.*{message}"), styles.author_style(style, 2):
             pass
     with pytest.raises(InputError, match="--style needs"), styles.author_style(tmp_path / "absent", 2):
         pass
@@ -168,10 +168,10 @@ def studies():
     """Short runs of the studies with the most content, with the truth as trajectory estimates."""
     made = [study(name, samples=100) for name in ("misaligned", "several_contacts")]
     with pytest.MonkeyPatch.context() as patched:
-        told(patched)
-        for found in made:
-            for model in found.file.models:
-                found.trajectory(model)
+        use_truth(patched)
+        for each in made:
+            for model in each.file.models:
+                each.trajectory(model)
     return made
 
 
@@ -203,9 +203,9 @@ def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studie
     hostile = tuple((name, 1.0, name) for name in evil)
     tables["table_evil"] = tabular.Table(EVIL[1], ("name", EVIL[2], EVIL[6]), hostile, notes=tuple(evil))
     with styles.author_style(None, columns):
-        for found in studies:
-            tables |= {f"{name}_{found.several}": study_tables.table(found, name) for name in found.file.tables}
-            for name, entry in found.file.figures.items():
-                drawn[f"{name}_{found.several}"] = study_figures.figure(found, name), entry["caption"]
+        for each in studies:
+            tables |= {f"{name}_{each.several}": study_tables.table(each, name) for name in each.file.tables}
+            for name, entry in each.file.figures.items():
+                drawn[f"{name}_{each.several}"] = study_figures.figure(each, name), entry["caption"]
         write_parts(Document(tables=tables, figures=drawn), Output(tmp_path, ["pdf"], layout))
     assert compiled(tmp_path, layout, [*tables, *drawn]) == []

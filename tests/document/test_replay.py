@@ -44,13 +44,13 @@ def out(tmp_path_factory):
 
 def test_numbers_of_the_page_are_those_of_its_json(out):
     estimate, page = json.loads((out / "estimate.json").read_text()), replayed(out / "report.html")
-    told = {each["name"]: (each["value"], each["std"]) for each in page["parameters"]}
+    shown = {each["name"]: (each["value"], each["std"]) for each in page["parameters"]}
     numbers = zip(estimate["columns"], estimate["values"], estimate["std_setup"], strict=True)
-    assert told == {name: (value, std) for name, value, std in numbers}
+    assert shown == {name: (value, std) for name, value, std in numbers}
     assert page["curves"][:2] == ["measured", "predicted"] and page["every"] == 1
     measured, predicted = (np.array(x)[:, np.array(page["time"]) >= page["spans"][0][0]] for x in page["values"][:2])
-    for (channel, _), y, said in zip(page["channels"], measured, predicted, strict=True):
-        ratio = np.sqrt(np.mean((y - said) ** 2)) / y.std()
+    for (channel, _), y, fit in zip(page["channels"], measured, predicted, strict=True):
+        ratio = np.sqrt(np.mean((y - fit) ** 2)) / y.std()
         assert ratio == pytest.approx(estimate["held_out"][channel]["ratio"], rel=1e-3)
     assert (out / "report.html").stat().st_size < 3_000_000
 
@@ -77,8 +77,8 @@ def test_a_place_is_shown_by_its_data_whatever_the_values_are(tmp_path):
     result = SimpleNamespace(logs=[Part(log, slice(0))], channels=("Fx", "Mz"))
 
     def shown(**where):
-        found = place(Finding.of("constant_channels", Place(**where), channels=("Fx",)), result)
-        return found["where"].removeprefix("The finding is about "), *(found[k] for k in ("body", "channels", "span"))
+        entry = place(Finding.of("constant_channels", Place(**where), channels=("Fx",)), result)
+        return entry["where"].removeprefix("The finding is about "), *(entry[k] for k in ("body", "channels", "span"))
 
     assert shown() == ("", None, [], None)
     assert shown(joints=("joint2",), channels=("Mz", "Fq")) == ("joint joint2; channels Mz, Fq.", 2, ["Mz"], None)
@@ -149,20 +149,20 @@ GEOMS = """
 def test_shapes_have_the_volumes_of_their_geoms_and_are_where_mujoco_has_them():
     model = mujoco.MjModel.from_xml_string(GEOMS)
     arm = mechanism(model, "base")
-    found = shapes(arm)
-    assert [each.body for each in found] == [0, 1, 1, 1, -1]
+    solids = shapes(arm)
+    assert [each.body for each in solids] == [0, 1, 1, 1, -1]
     exact = {1: 8 * 0.1 * 0.2 * 0.3, 2: np.pi * 0.05**2 * (0.6 + 0.05 * 4 / 3), 3: np.pi * 0.1**2 * 0.4, 4: 0.008}
     for k, volume in exact.items():
-        corners = found[k].vertices[found[k].faces]
+        corners = solids[k].vertices[solids[k].faces]
         inside = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
         assert inside == pytest.approx(volume, rel=1e-9 if k in (1, 4) else 0.15) and inside <= volume * (1 + 1e-9)
     data = mujoco.MjData(model)
     data.qpos[0] = 0.7
     mujoco.mj_kinematics(model, data)
     T = arm.pose @ arm.tree.poses(np.array([0.7]))[1]
-    centre = T[:3, :3] @ found[1].vertices.mean(axis=0) + T[:3, 3]
+    centre = T[:3, :3] @ solids[1].vertices.mean(axis=0) + T[:3, 3]
     np.testing.assert_allclose(centre, data.geom("box").xpos, atol=1e-12)
-    np.testing.assert_allclose(found[4].vertices.mean(axis=0) + arm.pose[:3, 3], [2, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(solids[4].vertices.mean(axis=0) + arm.pose[:3, 3], [2, 0, 0], atol=1e-12)
 
 
 def test_parameters_in_words():
@@ -171,10 +171,10 @@ def test_parameters_in_words():
     assert in_words("m2rz2", arm) == "first moment of link1 along z about joint joint1"
     assert in_words("Ixy1", arm) == "product of inertia xy of base, at the origin of the frame of base"
     assert in_words("offset(Fx)", arm) == "constant offset of Fx"
-    told = regrouped_in_words(base, base.names.index("m2rz2"), arm)
-    assert told == f"{in_words('m2rz2', arm)}, in which are also counted: 0.425 m × the mass of link2"
-    told = regrouped_in_words(base, base.names.index("Ixx2"), arm)
-    assert "0.181 m² × the mass of link2" in told
+    words = regrouped_in_words(base, base.names.index("m2rz2"), arm)
+    assert words == f"{in_words('m2rz2', arm)}, in which are also counted: 0.425 m × the mass of link2"
+    words = regrouped_in_words(base, base.names.index("Ixx2"), arm)
+    assert "0.181 m² × the mass of link2" in words
     assert regrouped_in_words(base, 0, arm) == (
         "mass of base, in which are also counted: the mass of link1; the mass of link2"
     )
@@ -184,8 +184,8 @@ def test_how_many_samples_are_drawn_is_said_in_english():
     template = _environment().get_template("replay.html").make_module({"prose": str})
     names = "frames", "arrows", "axes", "estimated", "curves", "channels", "spans", "parameters", "remark"
     shown = dict.fromkeys(names, ())
-    for every, said in ((1, False), (2, True)):
-        assert ("One sample in 2 is drawn." in template.moving(shown | {"every": every})) == said
+    for every, expected in ((1, False), (2, True)):
+        assert ("One sample in 2 is drawn." in template.moving(shown | {"every": every})) == expected
 
 
 def test_samples_are_thinned_evenly():

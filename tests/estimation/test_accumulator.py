@@ -71,12 +71,12 @@ def test_as_accurate_as_householder_in_extended_precision(tree, size, condition,
         rows, target = rows_of(tree, samples, base), samples.measured.ravel()
         exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
         Q, R = linalg.qr(rows, mode="economic")
-        found = [linalg.solve_triangular(R, Q.T @ target)]
+        solutions = [linalg.solve_triangular(R, Q.T @ target)]
         for source in (samples, [samples[k : k + 100] for k in range(0, 500, 100)]):
             fit = fitted(tree, source, gravity=GRAVITY, parameters=base)
             assert condition / 8 < fit.condition_number < condition * 8
-            found.append(fit.psi)
-        errors.append([np.linalg.norm(psi - exact) / np.linalg.norm(exact) for psi in found])
+            solutions.append(fit.psi)
+        errors.append([np.linalg.norm(psi - exact) / np.linalg.norm(exact) for psi in solutions])
     lapacks, whole, in_pieces = np.sum(errors, axis=0)
     assert max(whole, in_pieces) <= max(2 * lapacks, 5e-14)
 
@@ -88,8 +88,8 @@ def test_normal_equations_would_not_do():
     rows, target = rows_of(TILTED, samples, base), samples.measured.ravel()
     exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
     squared = np.linalg.solve(rows.T @ rows, rows.T @ target)
-    found = fitted(TILTED, samples, gravity=GRAVITY, parameters=base)
-    assert np.linalg.norm(found.psi - exact) < 1e-4 * np.linalg.norm(squared - exact)
+    fit = fitted(TILTED, samples, gravity=GRAVITY, parameters=base)
+    assert np.linalg.norm(fit.psi - exact) < 1e-4 * np.linalg.norm(squared - exact)
 
 
 @pytest.mark.parametrize(("quiet", "renewed"), [(0.0, 0), (1e-7, 1), (1e-3, 0)])
@@ -97,17 +97,17 @@ def test_a_quiet_beginning_is_put_right_by_qr(quiet, renewed):
     """Coordinates from almost resting joints may not suit the motion that follows."""
     base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
     parts = [moved_by(quiet, CHUNK, seed=1), moved_by(1.0, CHUNK, seed=2), moved_by(0.3, CHUNK, seed=3)]
-    found = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base)
+    fit = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base)
     rows = np.vstack([rows_of(STRAIGHT, part, base) for part in parts])
     target = np.concatenate([part.measured.ravel() for part in parts])
-    np.testing.assert_allclose(found.psi, np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-10, atol=1e-11)
-    assert f" {renewed} of 3 chunks by stacked QR" in found.method
+    np.testing.assert_allclose(fit.psi, np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-10, atol=1e-11)
+    assert f" {renewed} of 3 chunks by stacked QR" in fit.method
     with ThreadPoolExecutor(2) as pool:
         shared = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base, executor=pool)
-    np.testing.assert_allclose(shared.psi, found.psi, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(shared.psi, fit.psi, rtol=1e-10, atol=1e-11)
     backwards = fitted(STRAIGHT, parts[::-1], gravity=GRAVITY, parameters=base)
-    np.testing.assert_allclose(backwards.psi, found.psi, rtol=1e-10, atol=1e-11)
-    np.testing.assert_allclose(backwards.covariance, found.covariance, rtol=1e-8, atol=1e-14)
+    np.testing.assert_allclose(backwards.psi, fit.psi, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(backwards.covariance, fit.covariance, rtol=1e-8, atol=1e-14)
     assert " 0 of 3 chunks by stacked QR" in backwards.method
 
 
@@ -146,10 +146,10 @@ def test_accumulators_add_in_any_order():
     own = [accumulate(known, part) for part in parts]
     first = solve(reduce(add, own), known)
     for order in np.random.default_rng(0).permuted(np.tile(range(5), (6, 1)), axis=1):
-        found = solve(reduce(add, [own[k] for k in order]), known)
-        np.testing.assert_allclose(found.psi, first.psi, rtol=1e-9, atol=1e-10)
-        np.testing.assert_allclose(found.covariance, first.covariance, rtol=1e-8, atol=1e-13)
-        np.testing.assert_allclose(found.residual_norms, first.residual_norms, rtol=1e-9)
+        fit = solve(reduce(add, [own[k] for k in order]), known)
+        np.testing.assert_allclose(fit.psi, first.psi, rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(fit.covariance, first.covariance, rtol=1e-8, atol=1e-13)
+        np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
     left = (own[0] + own[1]) + (own[2] + (own[3] + own[4]))
     np.testing.assert_allclose(solve(left, known).psi, first.psi, rtol=1e-9, atol=1e-10)
     assert left.samples == sum(map(len, parts)) and left.chunks == 5
@@ -158,13 +158,15 @@ def test_accumulators_add_in_any_order():
 def test_accumulators_keep_in_files_and_cross_processes(tmp_path):
     base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
     known = equations(STRAIGHT, base)
-    found = accumulate(known, moved_by(1.0, 100))
-    np.savez(tmp_path / "part.npz", **vars(found))
+    accumulated = accumulate(known, moved_by(1.0, 100))
+    np.savez(tmp_path / "part.npz", **vars(accumulated))
     with np.load(tmp_path / "part.npz") as data:
         read = Accumulator(**data)
-    for other in (read, pickle.loads(pickle.dumps(found))):
-        np.testing.assert_array_equal(solve(other + found, known).psi, solve(found + found, known).psi)
-        assert (other.names, other.samples, other.weighted) == (found.names, 100, False)
+    for other in (read, pickle.loads(pickle.dumps(accumulated))):
+        np.testing.assert_array_equal(
+            solve(other + accumulated, known).psi, solve(accumulated + accumulated, known).psi
+        )
+        assert (other.names, other.samples, other.weighted) == (accumulated.names, 100, False)
 
 
 def test_what_does_not_belong_together_does_not_add():
@@ -208,8 +210,8 @@ def test_memory_is_flat(monkeypatch):
     assert peaks[1] < 1.1 * peaks[0] < 25
 
 
-def _second_pass(found, tree, source, *, gravity):
-    huber_white(found, source)
+def _second_pass(fit, tree, source, *, gravity):
+    huber_white(fit, source)
 
 
 def test_random_states_are_far_from_any_trouble():
@@ -264,9 +266,9 @@ def test_no_split_costs_digits(parts):
     residual = (target - rows @ exact.astype(float)).reshape(-1, 6)
     with ThreadPoolExecutor(2) as pool:
         for executor in (None, pool):
-            found = fitted(STRAIGHT, iter(parts), gravity=GRAVITY, parameters=base, executor=executor)
-            assert np.linalg.norm(found.psi - exact) <= max(limit, 1e-14 * np.linalg.norm(exact))
-            np.testing.assert_allclose(found.residual_norms, np.linalg.norm(residual, axis=0), rtol=1e-7)
+            fit = fitted(STRAIGHT, iter(parts), gravity=GRAVITY, parameters=base, executor=executor)
+            assert np.linalg.norm(fit.psi - exact) <= max(limit, 1e-14 * np.linalg.norm(exact))
+            np.testing.assert_allclose(fit.residual_norms, np.linalg.norm(residual, axis=0), rtol=1e-7)
 
 
 @pytest.mark.parametrize(("out", "least"), [(0, 1e-7), (1e-12, 1e-7), (1e-6, 1e-6), (0.1, 0.1)])

@@ -44,10 +44,10 @@ def test_even_pieces_are_the_same_samples(size):
     motion = BaseMotion(np.tile(np.eye(4), (90, 1, 1)), *rng.normal(size=(2, 90, 6)))
     whole = with_arrays(base=motion, covariance=rng.normal(size=(90, 6, 6)))
     cuts = [0, 1, 2, 33, 34, 90]
-    found = list(even((whole[a:b] for a, b in pairwise(cuts)), size))
-    assert [len(part) for part in found] == [*[size] * (90 // size), *[90 % size] * (90 % size > 0)]
+    parts = list(even((whole[a:b] for a, b in pairwise(cuts)), size))
+    assert [len(part) for part in parts] == [*[size] * (90 // size), *[90 % size] * (90 % size > 0)]
     first = 0
-    for part in found:
+    for part in parts:
         expected = whole[first : first + len(part)]
         np.testing.assert_array_equal(part.covariance, expected.covariance)
         for name, x in arrays_of(part).items():

@@ -22,11 +22,11 @@ TEXT = trc(TIME, LABELS, X)
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("m", 1.0), ("cm", 100.0)])
 def test_trc_files_are_read(tmp_path, unit, factor):
     (tmp_path / "a.trc").write_text(trc(TIME, LABELS, X, unit, factor))
-    found = read_markers(tmp_path / "a.trc")
-    assert found.labels == LABELS
-    np.testing.assert_allclose(found.positions, X, rtol=1e-14)
-    np.testing.assert_array_equal(found.time, TIME)
-    np.testing.assert_array_equal(found.visible, np.isfinite(X[..., 0]))
+    markers = read_markers(tmp_path / "a.trc")
+    assert markers.labels == LABELS
+    np.testing.assert_allclose(markers.positions, X, rtol=1e-14)
+    np.testing.assert_array_equal(markers.time, TIME)
+    np.testing.assert_array_equal(markers.visible, np.isfinite(X[..., 0]))
 
 
 @pytest.mark.parametrize("cells", ["\t\t", "nan\tNaN\tnan", "0\t0.0\t0", ""])
@@ -65,8 +65,8 @@ def test_damaged_trc_files_are_refused_in_a_sentence(tmp_path, capsys, name):
     with pytest.raises(LogError, match=expected):
         read_markers(path)
     (tmp_path / "m.xml").write_text("<mujoco><worldbody/></mujoco>")
-    said = refusal(main, [str(tmp_path / "m.xml"), str(path), "--out", str(tmp_path / "out")], capsys)
-    assert said.count("\n") == 1 and str(path) in said and not (tmp_path / "out").exists()
+    message = refusal(main, [str(tmp_path / "m.xml"), str(path), "--out", str(tmp_path / "out")], capsys)
+    assert message.count("\n") == 1 and str(path) in message and not (tmp_path / "out").exists()
 
 
 def table(text, tmp_path):
@@ -76,10 +76,10 @@ def table(text, tmp_path):
 
 def test_tables_are_read(tmp_path):
     path = table("time,A.x,A.y,A.z,remark\n0,1,2,3,\n0.1,,nan,,x\n", tmp_path)
-    found = read_markers(path, "mm")
-    assert found.labels == ("A",)
-    np.testing.assert_allclose(found.positions[0, 0], [0.001, 0.002, 0.003])
-    assert found.visible.tolist() == [[True], [False]]
+    markers = read_markers(path, "mm")
+    assert markers.labels == ("A",)
+    np.testing.assert_allclose(markers.positions[0, 0], [0.001, 0.002, 0.003])
+    assert markers.visible.tolist() == [[True], [False]]
     np.savez(tmp_path / "a.npz", time=TIME, A=X[:, 0])
     np.testing.assert_allclose(read_markers(tmp_path / "a.npz").positions[:, 0], X[:, 0])
 
@@ -119,18 +119,18 @@ def test_times_of_frames_are_finite_and_increase(time):
 
 
 def test_markers_are_columns_of_a_table(tmp_path):
-    found = Markers(TIME, LABELS, X).table
-    write_csv(tmp_path / "a.csv", found.cells, {})
+    table = Markers(TIME, LABELS, X).table
+    write_csv(tmp_path / "a.csv", table.cells, {})
     np.testing.assert_array_equal(read_markers(tmp_path / "a.csv").positions, X)
 
 
 def test_markers_of_c3d_files_are_read(tmp_path):
     pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
     write_c3d(tmp_path / "a.c3d", 50.0, dict(zip(LABELS, X.swapaxes(0, 1), strict=True)), angles=("HIP",))
-    found = read_markers(tmp_path / "a.c3d")
-    assert found.labels == ("KNEE",)
-    np.testing.assert_allclose(found.positions[:, 0], X[:, 0], atol=1e-6)
-    np.testing.assert_allclose(found.time, np.arange(4) / 50)
+    markers = read_markers(tmp_path / "a.c3d")
+    assert markers.labels == ("KNEE",)
+    np.testing.assert_allclose(markers.positions[:, 0], X[:, 0], atol=1e-6)
+    np.testing.assert_allclose(markers.time, np.arange(4) / 50)
     write_c3d(tmp_path / "b.c3d", 50.0, {"HIP": X[:, 1]}, angles=("HIP",))
     with pytest.raises(LogError, match="0 markers in 4 frames need positions"):
         read_markers(tmp_path / "b.c3d")

@@ -8,7 +8,7 @@ from ident.files.table import Table
 
 
 @pytest.mark.parametrize(
-    ("missing", "told"),
+    ("missing", "message"),
     [
         ([3], "row 5, column 'x' is empty or NaN, as are 1 of 20 samples of it; a filter"),
         ([3, 9, 15], "row 5, column 'x' is empty or NaN, as are 3 of 20 samples of it; a filter"),
@@ -16,11 +16,11 @@ from ident.files.table import Table
         ([3, 9, 10, 17, 18, 19], "as are 6 of 20 samples of it, 3 in a row from row 19 to row 21; a filter"),
     ],
 )
-def test_the_longest_run_of_missing_samples_is_named(missing, told):
+def test_the_longest_run_of_missing_samples_is_named(missing, message):
     x = np.arange(20.0)
     x[missing] = np.nan
     table = Table({"x": x}, range(2, 22), "row")
     with pytest.raises(LogError) as refusal:
         table.column("x")
-    assert told in str(refusal.value)
+    assert message in str(refusal.value)
     np.testing.assert_array_equal(table.column("x", gaps=True), x)

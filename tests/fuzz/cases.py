@@ -159,14 +159,14 @@ def _ending(command: ModuleType, arguments: Sequence[str], err: StringIO) -> tup
         signal.setitimer(signal.ITIMER_PROF, 0)
     if code == 130:
         raise KeyboardInterrupt
-    said = [line.split(": error: ", 1)[1] for line in err.getvalue().splitlines() if ": error: " in line]
-    if code == 0 and not said:
+    messages = [line.split(": error: ", 1)[1] for line in err.getvalue().splitlines() if ": error: " in line]
+    if code == 0 and not messages:
         return "accepted", ""
-    if code != 2 or len(said) != 1 or len(said[0]) < 10:
-        return "odd", f"exit {code} after {len(said)} error lines"
+    if code != 2 or len(messages) != 1 or len(messages[0]) < 10:
+        return "odd", f"exit {code} after {len(messages)} error lines"
     if refusals and not isinstance(refusals[0], InputError | OSError):
-        return "foreign", f"{_place(refusals[0])}: {said[0]}"
-    return "refused", said[0]
+        return "foreign", f"{_place(refusals[0])}: {messages[0]}"
+    return "refused", messages[0]
 
 
 def _place(error: Exception) -> str:

@@ -24,10 +24,10 @@ class Journal:
         # The last line of a killed process may be incomplete.
         file.write_text("".join(line for line in lines if line.endswith("\n")), encoding="utf-8")
         for line in file.read_text(encoding="utf-8").splitlines():
-            found = json.loads(line)
-            self.endings[found["case"]] = found
+            entry = json.loads(line)
+            self.endings[entry["case"]] = entry
         # Failures may have been fixed, and run again; a case that killed its process would do so again.
-        self.endings = {k: found for k, found in self.endings.items() if found["ending"] in (*CLEAN, "died")}
+        self.endings = {k: entry for k, entry in self.endings.items() if entry["ending"] in (*CLEAN, "died")}
 
     @contextmanager
     def entry(self, case: int) -> Iterator[Callable[[Ending], None]]:

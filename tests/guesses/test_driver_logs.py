@@ -16,27 +16,29 @@ from ident.files.column import CURRENT, UNITS
 from ident.recordings.columns.plates import AUTO
 
 
-def scale(found, seen):
+def scale(quantity, contents):
     """Factor from a column to SI."""
-    if found.unit in CURRENT:
-        return found.gain * CURRENT[found.unit]
+    if quantity.unit in CURRENT:
+        return quantity.gain * CURRENT[quantity.unit]
     units = {unit: factor for kinds in UNITS.values() for unit, factor in kinds.items()}
-    return found.gain * units.get(found.unit or ("deg" if seen.units.get(found.column) == "deg" else ""), 1.0)
+    return quantity.gain * units.get(
+        quantity.unit or ("deg" if contents.units.get(quantity.column) == "deg" else ""), 1.0
+    )
 
 
 def judged(log, folder):
     """`right`, `asked` or `wrong`, and the quantities in question."""
-    seen, belief = believed(log.mechanism, [log.write(folder)])
-    said = {f"{x.joint}.{x.kind}": x for x in belief.quantities.values() if x.column and x.sure != DOUBTFUL}
-    wrong, lacking = [], [key for key, truth in log.truth.items() if truth and key not in said]
-    for key, found in said.items():
+    contents, belief = believed(log.mechanism, [log.write(folder)])
+    guesses = {f"{x.joint}.{x.kind}": x for x in belief.quantities.values() if x.column and x.sure != DOUBTFUL}
+    wrong, lacking = [], [key for key, truth in log.truth.items() if truth and key not in guesses]
+    for key, guess in guesses.items():
         if log.truth.get(key) is None:
-            wrong.append(f"{key} ← {found.column}")
+            wrong.append(f"{key} ← {guess.column}")
             continue
         column, factor = log.truth[key]
-        off = abs(scale(found, seen) / factor - 1)
-        if found.column != column or off > (0.3 if found.unit in CURRENT else 1e-6):
-            wrong.append(f"{key} ← {scale(found, seen):g} {found.column}, not {factor:g} {column}")
+        off = abs(scale(guess, contents) / factor - 1)
+        if guess.column != column or off > (0.3 if guess.unit in CURRENT else 1e-6):
+            wrong.append(f"{key} ← {scale(guess, contents):g} {guess.column}, not {factor:g} {column}")
     there = {}
     for group in belief.groups.values():
         if not is_doubtful(group):

@@ -35,23 +35,23 @@ def test_the_guessed_mapping_reads_as_the_true_one(tmp_path, log):
     path, true = write(tmp_path, log)
     belief, columns = guessed(path)
     assert belief.open == [] and read_mapping(columns, arm().tree)
-    found, expected = (ident.read_log(path, arm(), mapping) for mapping in (columns, true))
-    assert found.measured.keys() == expected.measured.keys() and found.sensors.keys() == expected.sensors.keys()
+    recording, expected = (ident.read_log(path, arm(), mapping) for mapping in (columns, true))
+    assert recording.measured.keys() == expected.measured.keys() and recording.sensors.keys() == expected.sensors.keys()
     for name, sensor in expected.sensors.items():
-        np.testing.assert_allclose(found.sensors[name].pose, sensor.pose, atol=1e-9)
-        assert found.sensors[name].applied_to_link == sensor.applied_to_link
+        np.testing.assert_allclose(recording.sensors[name].pose, sensor.pose, atol=1e-9)
+        assert recording.sensors[name].applied_to_link == sensor.applied_to_link
     for name, x in expected.measured.items():
         # Gains of motors are regressed on the model.
         close = 0.03 if log is motors and name.endswith("torque") else 1e-9
-        np.testing.assert_allclose(found[name], x, rtol=close, atol=1e-9)
+        np.testing.assert_allclose(recording[name], x, rtol=close, atol=1e-9)
 
 
 def test_gains_of_motors_come_with_deviations_that_hold_the_truth(tmp_path):
     belief, _ = guessed(write(tmp_path, motors)[0])
     for joint, gain in zip(JOINTS, GAINS, strict=True):
-        found = belief.quantities[f"joints.{joint}.torque"]
-        deviation = float(found.why[-1].split("±")[1].split()[0])
-        assert abs(found.gain - gain) < max(3 * deviation, 5e-4 * abs(gain)) and deviation < 0.1 * abs(gain)
+        torque = belief.quantities[f"joints.{joint}.torque"]
+        deviation = float(torque.why[-1].split("±")[1].split()[0])
+        assert abs(torque.gain - gain) < max(3 * deviation, 5e-4 * abs(gain)) and deviation < 0.1 * abs(gain)
 
 
 def angles():
@@ -92,7 +92,7 @@ def test_small_angles_are_told_by_the_model(tmp_path, factor, unit):
     wrench = base_wrench_regressor(arm().tree, *smoothed(q, 100, 5.0), gravity=arm().gravity) @ arm().known
     assert np.abs(factor * q).max() < 6
     belief, _ = guessed(log_of(tmp_path, dict(zip(JOINTS, factor * q.T, strict=True)), wrench))
-    assert {found.unit for found in belief.of("position").values()} == {unit}
+    assert {guess.unit for guess in belief.of("position").values()} == {unit}
 
 
 def test_a_mirrored_joint_before_a_turned_plate_stays_open(tmp_path):
@@ -132,8 +132,8 @@ def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
     log, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
     columns = {"time": log.time, **{f"A{k} [deg]": DEG * log[f"{j}_position"] for k, j in enumerate(wrist.JOINTS, 1)}}
     path.write_text(text(columns | vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])))
-    seen, belief = believed(robot, [path])
-    write_mapping(tmp_path / "guessed.toml", seen, belief, robot.joints)
+    contents, belief = believed(robot, [path])
+    write_mapping(tmp_path / "guessed.toml", contents, belief, robot.joints)
     sensor = ident.read_log(path, robot, tmp_path / "guessed.toml").sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link and belief.open == []
@@ -148,8 +148,8 @@ def test_plates_of_a_walker_find_their_feet(tmp_path):
         columns |= vector(f"{name}_ground_torque_{{}}", np.column_stack([0 * free, 0 * free, free]))
     path = tmp_path / "walk.csv"
     path.write_text(text(columns), encoding="utf-8")
-    seen, belief = believed(walker.mechanism(), [path])
-    write_mapping(tmp_path / "guessed.toml", seen, belief, walker.mechanism().joints)
+    contents, belief = believed(walker.mechanism(), [path])
+    write_mapping(tmp_path / "guessed.toml", contents, belief, walker.mechanism().joints)
     sensors = ident.read_log(path, walker.mechanism(), tmp_path / "guessed.toml").sensors
     assert [sensor.body for sensor in sensors.values()] == ["foot_r", "foot_l"] and belief.open == []
     assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}
@@ -168,8 +168,8 @@ def posed(pattern, x, components):
 def read_as_guessed(tmp_path, columns, mechanism, base=None):
     """The log read by its guessed mapping, and the belief."""
     (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    seen, belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
-    write_mapping(tmp_path / "c.toml", seen, belief, mechanism.joints)
+    contents, belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
+    write_mapping(tmp_path / "c.toml", contents, belief, mechanism.joints)
     return ident.read_log(tmp_path / "log.csv", mechanism, tmp_path / "c.toml"), belief
 
 
@@ -183,8 +183,8 @@ def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
         ]
         return
     log, belief = read_as_guessed(tmp_path, columns, mechanism)
-    found = Rotation.from_quat(log["hip_position"], scalar_first=True)
-    assert (found * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
+    orientation = Rotation.from_quat(log["hip_position"], scalar_first=True)
+    assert (orientation * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
     np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
     assert belief.open == [] and is_complete(belief, mechanism.joints)
 

@@ -26,9 +26,9 @@ def test_an_order_that_explains_nothing_is_not_likely(tmp_path):
     robot = ur()
     order = [3, 0, 5, 1, 4, 2]
     columns = stamped(robot) | states(replace(robot, q=robot.q[:, order]), "actual_q_{}", "", "tau_{}")
-    seen, belief = believed_of(tmp_path, robot, columns)
+    contents, belief = believed_of(tmp_path, robot, columns)
     assert belief.of("position") == {} and belief.of("torque") == {}
-    assert not any(" likely" in line for line in table(seen, belief)[1:])
+    assert not any(" likely" in line for line in table(contents, belief)[1:])
     assert "It is open which columns of actual_q_0 to actual_q_5 are the positions of" in belief.open[0]
     assert belief.undecided == set(robot.joints) and len(belief.open) == 1
 
@@ -147,8 +147,8 @@ def test_numbers_that_are_no_motion_are_not_taken(tmp_path):
 
 def test_the_mapping_of_a_zero_based_log_reads_as_it_should(tmp_path):
     robot = seven()
-    seen, belief = believed_of(tmp_path, robot, stamped(robot) | states(robot, "q_{}", "dq_{}", "tau_{}"))
-    write_mapping(tmp_path / "c.toml", seen, belief, robot.joints)
+    contents, belief = believed_of(tmp_path, robot, stamped(robot) | states(robot, "q_{}", "dq_{}", "tau_{}"))
+    write_mapping(tmp_path / "c.toml", contents, belief, robot.joints)
     log = ident.read_log(tmp_path / "log.csv", robot.mechanism, tmp_path / "c.toml")
     for k, joint in enumerate(robot.joints):
         for kind, x in zip(STEPS, (robot.q, robot.dq, robot.tau), strict=True):

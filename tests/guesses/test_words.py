@@ -25,8 +25,8 @@ from ident.recordings.wrench_names import wrench_groups
     ],
 )
 def test_names_say_quantity_unit_and_whose(name, kind, unit, core):
-    said = words(name)
-    assert (said.kind, said.unit, said.core) == (kind, unit, core)
+    meaning = words(name)
+    assert (meaning.kind, meaning.unit, meaning.core) == (kind, unit, core)
 
 
 @pytest.mark.parametrize(
@@ -109,8 +109,8 @@ def test_moments_of_plates_belong_to_their_forces(whose, moment):
 @pytest.mark.parametrize(("step", "unit"), [(0.01, "s"), (0.001, "s"), (10.0, "ms"), (1000.0, "us"), (1e6, "ns")])
 def test_steps_tell_the_unit_of_times(step, unit):
     rng, t = np.random.default_rng(0), step * (17 + np.arange(200.0))
-    found = clock_of({"counter": np.arange(200.0), "x": rng.normal(size=200), "stamp": t})
-    assert (found.column, found.unit) == ("stamp", unit)
+    clock = clock_of({"counter": np.arange(200.0), "x": rng.normal(size=200), "stamp": t})
+    assert (clock.column, clock.unit) == ("stamp", unit)
 
 
 def test_without_times_or_with_two_clocks_a_sentence_says_so():

@@ -112,9 +112,9 @@ def test_a_body_that_is_likely_comes_first_only_if_it_is_near():
 def test_correlation_time_of_white_and_slow_noise():
     white = RNG.normal(size=5000)
     slow = np.convolve(white, np.exp(-np.arange(500) / 100), mode="same")
-    found = diagnosis.correlation_time(np.stack([white, slow], axis=1), 100.0)
-    assert found[0] == pytest.approx(0.01)
-    assert 0.5 < found[1] < 1.6
+    times = diagnosis.correlation_time(np.stack([white, slow], axis=1), 100.0)
+    assert times[0] == pytest.approx(0.01)
+    assert 0.5 < times[1] < 1.6
 
 
 def test_gross_outliers_are_interpolated_and_nothing_else():
@@ -141,10 +141,10 @@ def test_the_share_that_a_motion_explains_is_that_of_the_projection_onto_its_fun
     r = residual - residual.mean(axis=0)
     projected = rows @ np.linalg.lstsq(rows, r, rcond=1e-10)[0]
     share = (projected**2).sum(axis=0) / (r**2).sum(axis=0)
-    found = diagnosis.explained_by_motion(residual, Motion(q, dq, ddq))
+    shares = diagnosis.explained_by_motion(residual, Motion(q, dq, ddq))
     # Thirteen functions of four hundred samples explain a thirtieth by chance, and rarely more than a tenth.
-    assert share[0] > 0.5 and share[0] - 0.1 < found[0] < share[0]
-    assert found[1] == 0
+    assert share[0] > 0.5 and share[0] - 0.1 < shares[0] < share[0]
+    assert shares[1] == 0
 
 
 def several_sines(rng, seconds, rate):

@@ -38,9 +38,9 @@ def judged_by(judge, **evidence):
     ],
 )
 def test_an_estimate_that_did_not_settle_is_a_doubt(status, steps, doubted):
-    found = list(course_findings(joint(status=status, trace=steps)))
-    assert [(finding.code, finding.doubt) for finding in found] == [("not_converged", True)] * doubted
-    assert not found or found[0].values == {"status": status, "rounds": len(steps)}
+    findings = list(course_findings(joint(status=status, trace=steps)))
+    assert [(finding.code, finding.doubt) for finding in findings] == [("not_converged", True)] * doubted
+    assert not findings or findings[0].values == {"status": status, "rounds": len(steps)}
 
 
 def test_nothing_is_said_of_a_course_or_slow_residuals_without_a_trajectory_estimate():
@@ -54,8 +54,8 @@ LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}
 @pytest.mark.parametrize("setup", [(), (SetupFinding("delay(ground)", 0.02, 0.001, "delay", LATE, ()),)])
 def test_a_set_up_that_explains_nothing_is_a_doubt_beside_what_was_found(setup):
     search = SimpleNamespace(incredible=True)
-    *found, doubt = setup_remarks(SimpleNamespace(setup=setup, trajectory=SimpleNamespace(search=search)))
-    assert [(finding.code, finding.doubt) for finding in found] == [("setup_delay", False)] * len(setup)
+    *remarks, doubt = setup_remarks(SimpleNamespace(setup=setup, trajectory=SimpleNamespace(search=search)))
+    assert [(finding.code, finding.doubt) for finding in remarks] == [("setup_delay", False)] * len(setup)
     assert (doubt.code, doubt.doubt, doubt.values) == ("setup_unexplained", True, {"changed": bool(setup)})
 
 
@@ -70,9 +70,9 @@ def slow(times, floor=0.0):
 
 def test_more_than_a_sensors_noise_is_a_remark_from_three_times_on():
     assert not slow([2.7, 2.7])
-    (found,) = slow([2.7, 5.0])
-    assert not found.doubt and found.place.channels == ("Fz",) and not found.values["all_channels"]
-    assert found.values["factors"] == {"Fz": pytest.approx(5, abs=0.2)}
+    (finding,) = slow([2.7, 5.0])
+    assert not finding.doubt and finding.place.channels == ("Fz",) and not finding.values["all_channels"]
+    assert finding.values["factors"] == {"Fz": pytest.approx(5, abs=0.2)}
     (both,) = slow([4.0, 5.0])
     assert both.values["all_channels"] and both.values["factors"].keys() == {"Fx", "Fz"}
     # Noise at its lower bound does not indicate an imperfect model.
@@ -82,13 +82,13 @@ def test_more_than_a_sensors_noise_is_a_remark_from_three_times_on():
 
 def test_residuals_over_signals_are_sorted_by_what_they_mean():
     ratios = {"a": 0.2, "b": 0.6, "c": 0.97, "d": 1.7, "e": 0.61}
-    found = judged_by(quality_findings, ratios=ratios, part="held-out")
-    assert [(finding.code, finding.doubt, finding.place.channels) for finding in found] == [
+    findings = judged_by(quality_findings, ratios=ratios, part="held-out")
+    assert [(finding.code, finding.doubt, finding.place.channels) for finding in findings] == [
         ("residual_above_signal", True, ("d",)),
         ("unexplained_channels", False, ("c",)),
         ("poor_prediction", False, ("b", "e")),
     ]
-    assert found[2].values == {"ratios": {"b": 0.6, "e": 0.61}, "part": "held-out"}
+    assert findings[2].values == {"ratios": {"b": 0.6, "e": 0.61}, "part": "held-out"}
 
 
 def postures(q):
@@ -105,6 +105,6 @@ def test_postures_beyond_a_joints_range_are_a_doubt_but_for_rare_and_small_ones(
     assert not postures(inside)
     assert not postures(np.where(np.arange(1000) < 500, sign * 1.08, inside))
     assert not postures(np.where(np.arange(1000) < 8, sign * 2, inside))
-    (found,) = postures(np.where(np.arange(1000) < 20, sign * 1.12, inside))
-    assert found.doubt and found.place.joints == (JOINTS[0],)
-    assert found.code == "beyond_joint_ranges" and found.values["shares"] == {JOINTS[0]: pytest.approx(0.02)}
+    (finding,) = postures(np.where(np.arange(1000) < 20, sign * 1.12, inside))
+    assert finding.doubt and finding.place.joints == (JOINTS[0],)
+    assert finding.code == "beyond_joint_ranges" and finding.values["shares"] == {JOINTS[0]: pytest.approx(0.02)}

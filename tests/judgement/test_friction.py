@@ -67,25 +67,25 @@ def estimate(share, ratio, drives=()):
 )
 def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, ratio, worth_it):
     """A residual of a hundredth of the signal may correlate with the velocity."""
-    (found,) = list(friction_findings(estimate(share, ratio))) or [None]
-    assert (found is not None) == worth_it
-    if found:
-        assert found.doubt and found.code == "friction_not_fitted" and found.place.channels == ("joint2",)
-        assert found.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
+    (finding,) = list(friction_findings(estimate(share, ratio))) or [None]
+    assert (finding is not None) == worth_it
+    if finding:
+        assert finding.doubt and finding.code == "friction_not_fitted" and finding.place.channels == ("joint2",)
+        assert finding.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
 
 
 @pytest.mark.parametrize(
     ("share", "ratio", "worth_it"), [(0.55, 0.025, True), (0.45, 0.025, False), (0.55, 0.015, False)]
 )
 def test_a_model_is_not_quite_right_where_the_motion_explains_most_of_something(share, ratio, worth_it):
-    found = list(model_error_findings(estimate(share, ratio)))
-    assert [(each.doubt, each.place.channels) for each in found] == [(True, ("joint2",))] * worth_it
+    findings = list(model_error_findings(estimate(share, ratio)))
+    assert [(each.doubt, each.place.channels) for each in findings] == [(True, ("joint2",))] * worth_it
 
 
 def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
     drives = tuple(f"{column}({joint})" for column in ("Fv", "Fc") for joint in ("joint1", "joint2"))
-    (found,) = friction_findings(estimate(0.3, 0.1, drives))
-    assert not found.doubt and found.values["drives"] == ("viscous", "coulomb", "stribeck")
+    (finding,) = friction_findings(estimate(0.3, 0.1, drives))
+    assert not finding.doubt and finding.values["drives"] == ("viscous", "coulomb", "stribeck")
     smeared = estimate(0.3, 0.1, drives)
     smeared.trajectory = None
     assert not list(friction_findings(smeared))
@@ -95,9 +95,9 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):
     """Findings on the second of two torques, whose joint has friction, with a noise of 0.5 N m."""
     monkeypatch.setattr(torque_findings, "rubbing", lambda measurement: {1: 1})
     result = estimate(0.0, 0.1)
-    found = SimpleNamespace(size=np.array([0, size]), velocity=np.array([1, 0.05]), slip=np.array([0, slip]))
+    jumps = SimpleNamespace(size=np.array([0, size]), velocity=np.array([1, 0.05]), slip=np.array([0, slip]))
     result.trajectory = SimpleNamespace(
-        reversals=found,
+        reversals=jumps,
         measurement=SimpleNamespace(tree=SimpleNamespace(freedoms=("joint1", "joint2"))),
         fit=SimpleNamespace(noise=SimpleNamespace(channels=np.array([0.5, 0.5]))),
     )
@@ -106,16 +106,16 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):
 
 
 def test_slack_at_rest_is_a_remark_where_it_is_more_than_noise(monkeypatch):
-    (found,) = reversals(monkeypatch)
-    assert not found.doubt and found.code == "breakaway_friction" and found.place.joints == ("joint2",)
-    assert found.values == {"velocities": {"joint2": 0.05}, "ratios": {"joint2": 0.4}}
+    (finding,) = reversals(monkeypatch)
+    assert not finding.doubt and finding.code == "breakaway_friction" and finding.place.joints == ("joint2",)
+    assert finding.values == {"velocities": {"joint2": 0.05}, "ratios": {"joint2": 0.4}}
     assert not reversals(monkeypatch, size=0.4)
-    (found,) = reversals(monkeypatch, moving=np.nan)
-    assert found.values["ratios"] == {}
+    (finding,) = reversals(monkeypatch, moving=np.nan)
+    assert finding.values["ratios"] == {}
 
 
 def test_friction_that_does_not_jump_is_a_remark(monkeypatch):
-    (found,) = reversals(monkeypatch, size=0.0, slip=0.05)
-    assert not found.doubt and found.place.joints == ("joint2",)
-    assert found.code == "smooth_coulomb_friction" and found.values == {"velocities": {"joint2": 0.05}}
+    (finding,) = reversals(monkeypatch, size=0.0, slip=0.05)
+    assert not finding.doubt and finding.place.joints == ("joint2",)
+    assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"joint2": 0.05}}
     assert not reversals(monkeypatch, size=0.0, slip=0.01)

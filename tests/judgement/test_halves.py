@@ -13,29 +13,29 @@ from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements
 from ident.setup import PRIORS
 
 
-def joint(told, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
-    """A trajectory estimate of one parameter, for which each piece's own estimate is `told` with a precision.
+def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
+    """A trajectory estimate of one parameter, from the estimate of each piece and its precision.
 
     Args:
-        told: Estimate of each piece (k,).
+        estimates: Estimate of each piece (k,).
         precision: Its precision (k,).
         known: Precision of the prior; `mean` is its mean.
         counts: Number of pieces of each recording; by default one recording.
         scatter: Variance of each piece's right side; by default its precision (k,).
     """
-    told, precision = np.array(told, float), np.array(precision, float)
+    estimates, precision = np.array(estimates, float), np.array(precision, float)
     scatter = precision if scatter is None else np.array(scatter, float)
-    counts = counts or (len(told),)
-    theta = (precision @ told + known * mean) / (precision.sum() + known)
+    counts = counts or (len(estimates),)
+    theta = (precision @ estimates + known * mean) / (precision.sum() + known)
     starts = np.cumsum([0, *counts])
     each = lambda x: np.array([[x]])  # noqa: E731
     fit = SimpleNamespace(
         theta=np.array([theta]),
-        gradient=np.array([precision @ (told - theta) + known * (mean - theta)]),
+        gradient=np.array([precision @ (estimates - theta) + known * (mean - theta)]),
         free=np.array([True]),
         counted=np.array([True]),
         bounded=None,
-        shares=[(each(P), np.array([P * (x - theta)])) for P, x in zip(precision, told, strict=True)],
+        shares=[(each(P), np.array([P * (x - theta)])) for P, x in zip(precision, estimates, strict=True)],
         scatter_shares=[each(K) for K in scatter],
         prior=SimpleNamespace(precision=each(known), mean=np.array([mean]), weight=1.0),
         precision=each(precision.sum() + known),
@@ -50,34 +50,34 @@ def joint(told, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
     )
 
 
-def mean_and_variance(told, precision, known, mean):
+def mean_and_variance(estimates, precision, known, mean):
     """Mean and variance of one half, with half of the prior."""
-    told, precision = np.array(told, float), np.array(precision, float)
+    estimates, precision = np.array(estimates, float), np.array(precision, float)
     whole = precision.sum() + known / 2
-    return (precision @ told + known * mean / 2) / whole, 1 / whole
+    return (precision @ estimates + known * mean / 2) / whole, 1 / whole
 
 
 @pytest.mark.parametrize("known", [0.0, 30.0])
 def test_halves_of_one_recording_are_compared_with_half_of_what_is_known_each(known):
-    told, precision = [1.0, 1.2, 0.4, 0.5], [10, 20, 5, 8]
-    z = disagreement(joint(told, precision, known=known, mean=0.3))
-    (a, va), (b, vb) = (mean_and_variance(told[k], precision[k], known, 0.3) for k in (slice(0, 2), slice(2, 4)))
+    estimates, precision = [1.0, 1.2, 0.4, 0.5], [10, 20, 5, 8]
+    z = disagreement(joint(estimates, precision, known=known, mean=0.3))
+    (a, va), (b, vb) = (mean_and_variance(estimates[k], precision[k], known, 0.3) for k in (slice(0, 2), slice(2, 4)))
     assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
 
 
 def test_halves_of_several_recordings_are_recordings():
     """One recording against two."""
-    told, precision = [1.0, 0.2, 0.4, 0.5], [10, 20, 5, 8]
-    z = disagreement(joint(told, precision, counts=(1, 2, 1)))
-    (a, va), (b, vb) = (mean_and_variance(told[k], precision[k], 0, 0) for k in (slice(0, 1), slice(1, 4)))
+    estimates, precision = [1.0, 0.2, 0.4, 0.5], [10, 20, 5, 8]
+    z = disagreement(joint(estimates, precision, counts=(1, 2, 1)))
+    (a, va), (b, vb) = (mean_and_variance(estimates[k], precision[k], 0, 0) for k in (slice(0, 1), slice(1, 4)))
     assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
 
 
 def test_noise_that_is_really_more_makes_halves_agree():
     """Variances are those of a sandwich: with four times the scatter, z is half as large."""
-    told, precision = [1.0, 0.2], np.array([10.0, 20])
-    assert disagreement(joint(told, precision, scatter=4 * precision)) == pytest.approx(
-        disagreement(joint(told, precision)) / 2
+    estimates, precision = [1.0, 0.2], np.array([10.0, 20])
+    assert disagreement(joint(estimates, precision, scatter=4 * precision)) == pytest.approx(
+        disagreement(joint(estimates, precision)) / 2
     )
 
 
@@ -88,22 +88,22 @@ def test_a_half_that_tells_nothing_disagrees_with_nobody():
 
 def test_each_recording_is_compared_with_the_others():
     """`θ_k - θ` has the variance 1 / (P - P_k) - 1 / P for the assumed noise; two recordings have one difference."""
-    told, precision = np.array([1.0, 1.1, 0.9, 3.0]), np.array([10.0, 20, 5, 8])
-    z = disagreements(joint(told, precision, counts=(1, 1, 1, 1)))
-    theta = precision @ told / precision.sum()
+    estimates, precision = np.array([1.0, 1.1, 0.9, 3.0]), np.array([10.0, 20, 5, 8])
+    z = disagreements(joint(estimates, precision, counts=(1, 1, 1, 1)))
+    theta = precision @ estimates / precision.sum()
     for k in range(4):
         rest = np.delete(precision, k)
-        other = rest @ np.delete(told, k) / rest.sum()
+        other = rest @ np.delete(estimates, k) / rest.sum()
         assert z[k] == pytest.approx(abs(other - theta) / np.sqrt(1 / rest.sum() - 1 / precision.sum()))
     assert np.argmax(z) == 3
-    assert disagreements(joint(told, precision, counts=(2, 2))) == ()
+    assert disagreements(joint(estimates, precision, counts=(2, 2))) == ()
 
 
 def test_what_adds_nothing_does_not_differ_by_rounding():
     """A recording counts as adding at least a hundredth of the variance."""
-    told, precision = [1.0, 1.1, 0.9], [10.0, 20, 1e-9]
-    whole = joint(told, precision, counts=(1, 1, 1))
-    other = np.average(told[:2], weights=precision[:2])
+    estimates, precision = [1.0, 1.1, 0.9], [10.0, 20, 1e-9]
+    whole = joint(estimates, precision, counts=(1, 1, 1))
+    other = np.average(estimates[:2], weights=precision[:2])
     moved = abs(other - whole.fit.theta[0])
     assert disagreements(whole)[2] == pytest.approx(moved / np.sqrt(LEAST_ADDED / np.sum(precision)))
     assert LEAST_ADDED < 0.02
@@ -112,14 +112,14 @@ def test_what_adds_nothing_does_not_differ_by_rounding():
 @pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])
 def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, doubts):
     result = SimpleNamespace(widening=1.0, disagreements=(0.5, z, 0.7))
-    found = list(halves_findings(result))
-    assert [finding.doubt for finding in found] == doubts
-    assert all(each.code == "logs_disagree" and each.values == {"logs": (2,), "rms_z": (z,)} for each in found)
+    findings = list(halves_findings(result))
+    assert [finding.doubt for finding in findings] == doubts
+    assert all(each.code == "logs_disagree" and each.values == {"logs": (2,), "rms_z": (z,)} for each in findings)
 
 
 def test_intervals_that_were_widened_are_a_remark():
-    (found,) = halves_findings(SimpleNamespace(widening=2.3, disagreement=2.3, disagreements=()))
-    assert not found.doubt and found.code == "halves_disagree" and found.values == {"rms_z": 2.3}
+    (finding,) = halves_findings(SimpleNamespace(widening=2.3, disagreement=2.3, disagreements=()))
+    assert not finding.doubt and finding.code == "halves_disagree" and finding.values == {"rms_z": 2.3}
 
 
 @pytest.mark.parametrize(("z", "widening"), [(None, 1), (1.9, 1), (2.1, 2.1)])

@@ -41,10 +41,12 @@ def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways(
 def test_least_squares_leave_it_out_as_well(estimator):
     options = {"leave_out": sagittal_walker.SIDEWAYS, "estimator": estimator}
     person = sagittal_walker.mechanism()
-    found = [ident.identify(person, sagittal_walker.recording(exact=True, sway=sway), **options) for sway in (0.0, 1.0)]
-    np.testing.assert_allclose(found[0].psi, found[1].psi, rtol=1e-9)
-    truth = found[0].base.regroup(person.known)
-    np.testing.assert_allclose(found[0].psi, truth, atol=2e-3 * np.abs(truth).max())
+    estimates = [
+        ident.identify(person, sagittal_walker.recording(exact=True, sway=sway), **options) for sway in (0.0, 1.0)
+    ]
+    np.testing.assert_allclose(estimates[0].psi, estimates[1].psi, rtol=1e-9)
+    truth = estimates[0].base.regroup(person.known)
+    np.testing.assert_allclose(estimates[0].psi, truth, atol=2e-3 * np.abs(truth).max())
 
 
 def test_signs_of_plates_are_still_held_against_the_model():
@@ -52,10 +54,10 @@ def test_signs_of_plates_are_still_held_against_the_model():
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(300)
     values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
     turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)
-    found = ident.identify(person, turned, leave_out=sagittal_walker.SIDEWAYS)
-    (finding,) = coded(found, "wrench_sign_or_axes")
+    estimate = ident.identify(person, turned, leave_out=sagittal_walker.SIDEWAYS)
+    (finding,) = coded(estimate, "wrench_sign_or_axes")
     assert finding.values["opposite"] and finding.values["frame"] == "as stated"
-    assert finding.place.wrenches == ("right",) and not found.verdict().usable
+    assert finding.place.wrenches == ("right",) and not estimate.verdict().usable
 
 
 def files(folder):
@@ -85,11 +87,11 @@ def test_the_option_of_the_command(tmp_path, capsys):
     message = refusal(identify.main, [*given, "--leave-out", "Fx", "Fy", "Fz", "Mx", "My", "Mz"], capsys)
     assert "log.csv has nothing to fit: all that it measures is left out, Fx, Fy, Fz, Mx, My, Mz." in message
     assert identify.main([*given, "--leave-out", *sagittal_walker.SIDEWAYS]) == 0
-    said = capsys.readouterr().out
-    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["outcome"] == "usable"
-    assert "Left out, as asked for: Fz, Mx, My." in said
-    assert "out_of_plane" not in {finding["code"] for finding in found["findings"]}
+    output = capsys.readouterr().out
+    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    assert list(estimate["held_out"]) == ["Fx", "Fy", "Mz"] and estimate["outcome"] == "usable"
+    assert "Left out, as asked for: Fz, Mx, My." in output
+    assert "out_of_plane" not in {finding["code"] for finding in estimate["findings"]}
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -98,5 +100,5 @@ def test_columns_prints_a_command_that_can_be_copied(tmp_path, capsys):
     *_, command = capsys.readouterr().out.splitlines()
     assert command.endswith(" --leave-out Fz Mx My")
     assert identify.main([*command.split()[3:], "--out", str(tmp_path), "--name", "out"]) == 0
-    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["outcome"] == "usable"
+    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    assert list(estimate["held_out"]) == ["Fx", "Fy", "Mz"] and estimate["outcome"] == "usable"

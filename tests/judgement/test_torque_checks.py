@@ -49,15 +49,15 @@ def checks(**faults):
 
 @pytest.mark.parametrize("faults", [{}, {"friction": 1.0}, {"off": 1.15}, {"off": 0.85, "friction": 1.0}])
 def test_nothing_is_found_where_nothing_is_wrong(faults):
-    found = checks(**faults)
-    assert not any(check.flipped or check.scaled for check in found.joints)
-    assert found.absent.body == "tool" and not found.absent.suspicious
+    result = checks(**faults)
+    assert not any(check.flipped or check.scaled for check in result.joints)
+    assert result.absent.body == "tool" and not result.absent.suspicious
 
 
 @pytest.mark.parametrize("friction", [0.0, 1.0])
 def test_a_hand_that_was_not_carried_is_named(friction):
-    found = checks(hand=False, friction=friction)
-    assert found.absent.suspicious and found.absent.explained > 0.9
+    absent = checks(hand=False, friction=friction).absent
+    assert absent.suspicious and absent.explained > 0.9
 
 
 def test_opposite_signs_and_missing_factors_are_named():

@@ -37,15 +37,15 @@ def weighed(*weight):
 @pytest.mark.parametrize(("off", "doubts"), [(0.04, []), (0.06, [False]), (0.28, [False]), (0.32, [True])])
 def test_a_mechanism_may_weigh_a_little_more_or_less_than_its_model(sign, off, doubts):
     """Above 5 % there is a remark, above 30 % it is another mechanism."""
-    found = weighed(50 * (1 + sign * off), 50, 0.0)
-    assert [(finding.code, finding.doubt) for finding in found] == [("weight_differs", doubt) for doubt in doubts]
+    findings = weighed(50 * (1 + sign * off), 50, 0.0)
+    assert [(finding.code, finding.doubt) for finding in findings] == [("weight_differs", doubt) for doubt in doubts]
 
 
 @pytest.mark.parametrize("drift", [0.015, 0.025, -0.015, -0.025])
 def test_the_weight_may_not_drift_either_way(drift):
-    found = weighed(50, 50, 50 * drift)
-    assert [finding.doubt for finding in found] == [True] * (abs(drift) > 0.02)
-    assert all(each.code == "weight_drifts" and each.values == {"drift": 50 * drift} for each in found)
+    findings = weighed(50, 50, 50 * drift)
+    assert [finding.doubt for finding in findings] == [True] * (abs(drift) > 0.02)
+    assert all(each.code == "weight_drifts" and each.values == {"drift": 50 * drift} for each in findings)
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.1, -0.1])

@@ -26,25 +26,25 @@ def person():
 
 def test_factors_are_recovered_and_angles_with_them(person):
     marked, groups, factors, other, _, qpos, x = person
-    found = scaling(marked, x, groups)
-    np.testing.assert_allclose(found.factors, factors, atol=1e-7)
-    postures = fit_trial(marked.with_lengths(found.model), x)
+    scaled = scaling(marked, x, groups)
+    np.testing.assert_allclose(scaled.factors, factors, atol=1e-7)
+    postures = fit_trial(marked.with_lengths(scaled.model), x)
     assert np.abs(errors(other, postures.qpos, qpos)).max() < 1e-5
 
 
 def test_with_noise_factors_are_within_their_deviations(person):
     marked, groups, factors, _, _, _, x = person
-    found = scaling(marked, x + 0.002 * np.random.default_rng(4).normal(size=x.shape), groups)
-    z = (found.factors - factors) / found.std
-    assert (z**2).sum() < 45 and found.std.max() < 0.03  # χ² with 18 degrees of freedom, 99.96 %.
+    scaled = scaling(marked, x + 0.002 * np.random.default_rng(4).normal(size=x.shape), groups)
+    z = (scaled.factors - factors) / scaled.std
+    assert (z**2).sum() < 45 and scaled.std.max() < 0.03  # χ² with 18 degrees of freedom, 99.96 %.
 
 
 def test_what_no_marker_tells_of_keeps_its_length(person):
     marked, groups, factors, *_, x = person
     y = x.copy()
     y[:, [k for k, label in enumerate(marked.labels) if "hand" in label or "head" in label]] = np.nan
-    found = scaling(marked, y, groups)
-    for group, factor, std, true in zip(groups, found.factors, found.std, factors, strict=True):
+    scaled = scaling(marked, y, groups)
+    for group, factor, std, true in zip(groups, scaled.factors, scaled.std, factors, strict=True):
         if group[0] in ("left_hand", "right_hand", "head"):
             assert (factor, std) == pytest.approx((1, SPREAD), rel=1e-3)
         else:

@@ -28,29 +28,29 @@ def test_frames_without_markers_and_joints_without_any(person):
     y[10:13] = np.nan
     y[:, [k for k, label in enumerate(marked.labels) if label.startswith(("left_hand", "left_toes"))]] = np.nan
     base = base_of(marked.model, None)
-    found = recording(fit_trial(marked, y), time, base)
-    assert base == "pelvis" and found.base.shape == (30, 4, 4)
-    assert "left_toes_position" not in found.measured and "left_wrist_flexion_position" not in found.measured
-    assert "The markers do not determine joint 'left_toes', which has no channel." in found.notes
-    assert "Joint 'left_knee' is interpolated in 3 frames that do not determine it." in found.notes
-    assert "The base is interpolated in 3 frames that do not determine it." in found.notes
+    angles = recording(fit_trial(marked, y), time, base)
+    assert base == "pelvis" and angles.base.shape == (30, 4, 4)
+    assert "left_toes_position" not in angles.measured and "left_wrist_flexion_position" not in angles.measured
+    assert "The markers do not determine joint 'left_toes', which has no channel." in angles.notes
+    assert "Joint 'left_knee' is interpolated in 3 frames that do not determine it." in angles.notes
+    assert "The base is interpolated in 3 frames that do not determine it." in angles.notes
     knee = qpos[:, marked.model.joint("left_knee").qposadr[0]]
     there = np.delete(np.arange(30), [10, 11, 12])
-    np.testing.assert_allclose(found["left_knee_position"][there], knee[there], atol=1e-9)
-    np.testing.assert_allclose(found["left_knee_position"][10:13], np.interp([1, 2, 3], [0, 4], knee[[9, 13]]))
-    np.testing.assert_allclose(found.base[there, :3, 3], qpos[there, :3], atol=1e-9)
-    assert np.isnan(found.as_measured("left_knee_position").values).sum() == 3
-    assert 0 <= found.noise["left_knee_position"] < 1e-8
+    np.testing.assert_allclose(angles["left_knee_position"][there], knee[there], atol=1e-9)
+    np.testing.assert_allclose(angles["left_knee_position"][10:13], np.interp([1, 2, 3], [0, 4], knee[[9, 13]]))
+    np.testing.assert_allclose(angles.base[there, :3, 3], qpos[there, :3], atol=1e-9)
+    assert np.isnan(angles.as_measured("left_knee_position").values).sum() == 3
+    assert 0 <= angles.noise["left_knee_position"] < 1e-8
 
 
 def test_an_estimate_takes_the_angles_of_a_person_with_balls(person, tmp_path):
     marked, time, qpos, x = person
     rng = np.random.default_rng(0)
     felt = Recording(time, {f"ground_{kind}": rng.normal(size=(30, 3)) for kind in ("force", "torque")})
-    found = recording(fit_trial(marked, x), time, "pelvis", felt=felt)
+    angles = recording(fit_trial(marked, x), time, "pelvis", felt=felt)
     mechanism = sim.mechanism(marked_person(), base="pelvis")
-    found.save(tmp_path / "angles.csv")
-    for log in (found, read_log(tmp_path / "angles.csv", mechanism)):
+    angles.save(tmp_path / "angles.csv")
+    for log in (angles, read_log(tmp_path / "angles.csv", mechanism)):
         q = prepared(mechanism, log, cutoff=20).samples.motion.q
         expected = np.hstack([qpos[:, _coordinates(marked.model, joint)] for joint in mechanism.tree.joints])
         np.testing.assert_allclose(log.of_joints(mechanism.tree.joints, "position"), expected, atol=1e-8)

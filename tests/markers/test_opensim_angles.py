@@ -48,12 +48,12 @@ def test_a_posture_is_found_from_any_side(folder):
 def test_angles_of_an_opensim_model_and_the_command_that_comes_next(folder, tmp_path, capsys):
     given = [str(folder / "leg.osim"), str(folder / "walk.trc"), "--out", str(tmp_path / "out")]
     assert main(given) == 0
-    found = Recording.load(tmp_path / "out" / "angles.npz")
+    recording = Recording.load(tmp_path / "out" / "angles.npz")
     for k, name in enumerate(PLANAR):
-        z = (found[f"{name}_position"] - motion()[1][:, k]) / found.noise[f"{name}_position"]
+        z = (recording[f"{name}_position"] - motion()[1][:, k]) / recording.noise[f"{name}_position"]
         assert np.sqrt(np.mean(z**2)) < 1.3
-    said = capsys.readouterr().out
-    assert f"python -m experiments.identify {folder / 'leg.osim'} {tmp_path / 'out' / 'angles.csv'}+PLATES" in said
-    assert "+PLATES.mot --leave-out Fz Mx My\n" in said
+    output = capsys.readouterr().out
+    assert f"python -m experiments.identify {folder / 'leg.osim'} {tmp_path / 'out' / 'angles.csv'}+PLATES" in output
+    assert "+PLATES.mot --leave-out Fz Mx My\n" in output
     message = refusal(main, [*given, "--scale"], capsys)
     assert "--scale needs an MJCF or URDF model; let OpenSim's Scale Tool" in message

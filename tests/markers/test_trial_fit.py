@@ -73,10 +73,10 @@ def test_missing_markers_widen_the_covariance_and_do_no_harm(person):
     rng, y = np.random.default_rng(3), noisy(x, 9)
     y[rng.uniform(size=y.shape[:2]) < 0.08] = np.nan
     postures = fit_trial(marked, y)
-    told = postures.determined.all(axis=1)
+    determined = postures.determined.all(axis=1)
     chi, _ = chi_squared(marked, postures, qpos)
-    assert told.sum() > FRAMES / 2
-    assert chi[told].mean() == pytest.approx(41, abs=5 * np.sqrt(82 / told.sum()))
+    assert determined.sum() > FRAMES / 2
+    assert chi[determined].mean() == pytest.approx(41, abs=5 * np.sqrt(82 / determined.sum()))
     complete = fit_trial(marked, noisy(x, 9))
     assert (postures.spread.diagonal(axis1=1, axis2=2) >= 0.99 * complete.spread.diagonal(axis1=1, axis2=2)).all()
 

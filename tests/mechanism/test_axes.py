@@ -70,8 +70,8 @@ def test_different_axes_stay_apart():
     recovered = recover_axes(DESIGN, noisy(pendulum_poses(*axes), np.random.default_rng(0)))
     assert recovered.groups == ((0,), (1,))
     assert recovered.p_values[1] < 1e-6
-    for found, axis in zip(recovered.axes, axes, strict=True):
-        assert np.arccos(found.vector @ axis) < 4.5 * found.std
+    for estimate, axis in zip(recovered.axes, axes, strict=True):
+        assert np.arccos(estimate.vector @ axis) < 4.5 * estimate.std
 
 
 def test_p_values_of_parallel_axes_are_uniform():
@@ -93,12 +93,12 @@ def test_p_values_are_uniform_for_opposite_axes_in_turned_frames():
         bodies.append(Body(f"b{i}", i, homes[i], np.concatenate([np.zeros(3), sign * R.T @ axis]), f"j{i}"))
     tree = Tree(tuple(bodies))
     exact = tree.poses(ANGLES[:80])
-    found = [recover_axes(tree, noisy(exact, rng), significance=0) for _ in range(300)]
-    p = np.sort([r.p_values[1] for r in found])
+    estimates = [recover_axes(tree, noisy(exact, rng), significance=0) for _ in range(300)]
+    p = np.sort([r.p_values[1] for r in estimates])
     assert abs(p - np.arange(0.5, 300) / 300).max() < 1.63 / np.sqrt(300)
-    errors = np.array([r.axes[0].vector - axis for r in found])
+    errors = np.array([r.axes[0].vector - axis for r in estimates])
     spread = np.sqrt(np.mean(np.sum(errors**2, axis=1)) / 2)
-    assert np.isclose(np.mean([r.axes[0].std for r in found]), spread, rtol=0.12)
+    assert np.isclose(np.mean([r.axes[0].std for r in estimates]), spread, rtol=0.12)
 
 
 def test_few_samples_do_not_make_false_alarms():
@@ -137,12 +137,12 @@ def test_axes_in_turned_frames_off_the_origin_and_on_branches():
     recovered = recover_axes(design, truth.poses(rng.normal(size=(50, 3))), significance=1e-4)
     assert recovered.groups == ((0,), (1,), (2,))
     assert np.isnan(recovered.p_values[[0, 2]]).all()
-    for found, body in zip(recovered.tree.bodies[1:], bodies[1:], strict=True):
-        np.testing.assert_allclose(found.twist[3:], body.twist[3:], atol=1e-12)
+    for estimate, body in zip(recovered.tree.bodies[1:], bodies[1:], strict=True):
+        np.testing.assert_allclose(estimate.twist[3:], body.twist[3:], atol=1e-12)
         # The direction turns; the point of the design's axis nearest to the origin stays on it.
         design_twist = next(b.twist for b in nominal if b.name == body.name)
         point = np.cross(design_twist[3:], design_twist[:3])
-        np.testing.assert_allclose(found.twist[:3], np.cross(point, found.twist[3:]), atol=1e-12)
+        np.testing.assert_allclose(estimate.twist[:3], np.cross(point, estimate.twist[3:]), atol=1e-12)
 
 
 def test_a_prismatic_joint_is_refused():

@@ -107,8 +107,8 @@ def test_a_leader_that_is_fixed_holds_its_followers():
 def test_joint_states_are_those_of_the_leaders():
     tree, _, _ = knee(0)
     states = np.random.default_rng(0).normal(size=(3, 2))
-    for found, stated in zip(joint_states(tree, states), states, strict=True):
-        np.testing.assert_array_equal(found, stated)
+    for computed, stated in zip(joint_states(tree, states), states, strict=True):
+        np.testing.assert_array_equal(computed, stated)
 
 
 def test_a_follower_needs_a_leader_and_one_axis():

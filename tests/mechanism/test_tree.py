@@ -126,8 +126,8 @@ def test_merged_welds_need_the_same_wrench_and_torques(seed):
     states, phi = random_states(rng, tree, 3), random_phi(rng, len(tree.inertial))
     for regressor in (base_wrench_regressor, joint_torque_regressor):
         expected = regressor(tree, *states, gravity=GRAVITY) @ phi
-        found = regressor(merged, *states, gravity=GRAVITY) @ (X @ phi)
-        np.testing.assert_allclose(found, expected, atol=1e-12 * max(1, abs(expected).max(initial=0)))
+        computed = regressor(merged, *states, gravity=GRAVITY) @ (X @ phi)
+        np.testing.assert_allclose(computed, expected, atol=1e-12 * max(1, abs(expected).max(initial=0)))
 
 
 @pytest.mark.parametrize(
@@ -181,8 +181,8 @@ def test_fixed_joints_stand_still():
         less = [np.hstack([x for x, k in zip(part, moves, strict=True) if k] or [np.empty((4, 0))]) for part in dealt]
         np.testing.assert_allclose(fixed.poses(less[0]), tree.poses(states[0]), atol=1e-12)
         expected = base_wrench_regressor(tree, *states, gravity=GRAVITY)
-        found = base_wrench_regressor(fixed, *less, gravity=GRAVITY)
-        np.testing.assert_allclose(found, expected, atol=1e-11 * abs(expected).max())
+        computed = base_wrench_regressor(fixed, *less, gravity=GRAVITY)
+        np.testing.assert_allclose(computed, expected, atol=1e-11 * abs(expected).max())
 
 
 def test_what_cannot_be_fixed_is_refused():

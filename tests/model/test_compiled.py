@@ -74,8 +74,8 @@ def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
     with compiled.switched(True):
         program.run(angles[None], out)
     exact = np.sin(angles.astype(np.longdouble)), np.cos(angles.astype(np.longdouble))
-    for found, right in zip(out, exact, strict=True):
-        assert (abs(found - right) <= 2.5 * np.spacing(abs(right.astype(float)))).all()
+    for computed, right in zip(out, exact, strict=True):
+        assert (abs(computed - right) <= 2.5 * np.spacing(abs(right.astype(float)))).all()
 
 
 def test_what_is_no_number_or_infinite_gives_none():

@@ -32,8 +32,8 @@ def inertial_poses(tree, q):
 
 def test_equation_7_is_the_exponential(rng):
     body = Body("a", BASE, random_pose(rng), random_twist(rng, "helical"))
-    found = dim.relative_pose(body, np.array([0.7]))
-    np.testing.assert_allclose(found, body.home @ expm(se3.hat(body.twist) * 0.7), atol=1e-13)
+    computed = dim.relative_pose(body, np.array([0.7]))
+    np.testing.assert_allclose(computed, body.home @ expm(se3.hat(body.twist) * 0.7), atol=1e-13)
 
 
 def test_equation_8_gives_one_motion_from_either_frame(rng):

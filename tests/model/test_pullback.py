@@ -23,7 +23,7 @@ def test_derivatives_by_a_motion_are_differences_of_the_regressor(seed, torques)
     states = random_states(rng, tree, SAMPLES)
     columns = rng.permutation(10 * len(tree.inertial))[: rng.integers(1, 20)].tolist()
     adjoints = rng.normal(size=of(tree, *states, gravity=gravity, columns=columns).shape)
-    found = pulled_back(Mechanism(tree, gravity), Motion(*states), columns, adjoints, torques=torques)
+    derivatives = pulled_back(Mechanism(tree, gravity), Motion(*states), columns, adjoints, torques=torques)
     # One direction for each sample; steps are small against quaternions too.
     direction = [rng.normal(size=x.shape) for x in states]
     up, down = (
@@ -31,7 +31,7 @@ def test_derivatives_by_a_motion_are_differences_of_the_regressor(seed, torques)
         for s in (1, -1)
     )
     expected = np.sum(adjoints * (up - down), axis=(1, 2)) / (2 * STEP)
-    along = sum(np.sum(own * d, axis=1) for own, d in zip(found, direction, strict=True))
+    along = sum(np.sum(own * d, axis=1) for own, d in zip(derivatives, direction, strict=True))
     np.testing.assert_allclose(along, expected, rtol=1e-6, atol=1e-6 * max(1, abs(expected).max()))
 
 

@@ -42,9 +42,9 @@ def test_joint_torques_are_those_of_the_recursion(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng)
     phi, states, gravity = random_phi(rng, len(tree.inertial)), random_states(rng, tree, 5), rng.normal(size=3)
-    found = regressor.joint_torque_regressor(tree, *states, gravity=gravity) @ phi
+    computed = regressor.joint_torque_regressor(tree, *states, gravity=gravity) @ phi
     each = [dim.inverse_dynamics(Mechanism(tree, gravity, phi), sample)[1] for sample in Motion(*states)]
-    np.testing.assert_allclose(found, each, rtol=0, atol=1e-12 * max(1, np.max(np.abs(each), initial=0)))
+    np.testing.assert_allclose(computed, each, rtol=0, atol=1e-12 * max(1, np.max(np.abs(each), initial=0)))
 
 
 def test_chunks_join_without_a_seam():
@@ -115,9 +115,9 @@ def test_memory_is_used_again(samples):
     states = random_states(rng, tree, samples)
     expected = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY)
     memory = regressor.base_wrench_regressor(other, *states, gravity=GRAVITY)
-    found = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=memory)
-    assert np.shares_memory(found, memory)
-    np.testing.assert_array_equal(found, expected)
+    computed = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=memory)
+    assert np.shares_memory(computed, memory)
+    np.testing.assert_array_equal(computed, expected)
 
 
 def test_memory_that_cannot_be_used_again_is_refused_with_what_differs():
@@ -155,8 +155,8 @@ def test_a_moving_base_is_a_free_joint_seen_from_the_body():
     q, dq, ddq = random_states(rng, whole, 5)
     base = BaseMotion.from_free_joint(q[:, :7], dq[:, :6], ddq[:, :6])
     expected = regressor.base_wrench_regressor(whole, q, dq, ddq, gravity=GRAVITY)
-    found = regressor.base_wrench_regressor(cut, q[:, 7:], dq[:, 6:], ddq[:, 6:], gravity=GRAVITY, base=base)
-    np.testing.assert_allclose(coAd(base.T) @ found, expected, atol=1e-12 * abs(expected).max())
+    computed = regressor.base_wrench_regressor(cut, q[:, 7:], dq[:, 6:], ddq[:, 6:], gravity=GRAVITY, base=base)
+    np.testing.assert_allclose(coAd(base.T) @ computed, expected, atol=1e-12 * abs(expected).max())
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -164,8 +164,8 @@ def test_dim_and_the_closed_form_agree_on_a_moving_base(seed):
     rng = np.random.default_rng(seed)
     tree, base_states = random_tree(rng), (rng.normal(size=(4, 7)), *rng.normal(size=(2, 4, 6)))
     base, states = BaseMotion.from_free_joint(*base_states), random_states(rng, tree, 4)
-    found = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, base=base)
-    for Y, sample in zip(found, Motion(*states, base), strict=True):
+    computed = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, base=base)
+    for Y, sample in zip(computed, Motion(*states, base), strict=True):
         expected = dim.base_wrench_regressor(Mechanism(tree, GRAVITY), sample)
         np.testing.assert_allclose(Y, expected, rtol=0, atol=1e-12 * abs(expected).max())
 

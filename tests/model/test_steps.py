@@ -35,13 +35,13 @@ def test_random_programs_give_what_numpy_gives(seed):
     rng = np.random.default_rng(seed)
     for length in range(1, 20):
         program, x = random_program(rng, length), rng.normal(size=(INPUTS, compiled.BLOCK))
-        found = []
+        computed = []
         for on in (False, True):
             out = np.zeros((RESULTS, compiled.BLOCK))
             with compiled.switched(on), np.errstate(over="ignore", invalid="ignore"):
                 program.run(x, out)
-            found.append(out)
-        np.testing.assert_allclose(*found, rtol=1e-9, atol=1e-9 * np.max(abs(found[0]), initial=1))
+            computed.append(out)
+        np.testing.assert_allclose(*computed, rtol=1e-9, atol=1e-9 * np.max(abs(computed[0]), initial=1))
 
 
 def of(expression, inputs=4):
@@ -53,15 +53,15 @@ def of(expression, inputs=4):
 
 
 def test_a_sum_takes_up_one_product():
-    found, result = of(lambda a, b, c, d: a * b + c * d)
-    assert len(found) == 2 and found[-1][4] == result
+    steps, result = of(lambda a, b, c, d: a * b + c * d)
+    assert len(steps) == 2 and steps[-1][4] == result
     assert of(lambda a, b, c, _: c - a * b) == ([[LINEAR, 0, 1, 2, 4, 1, 0]], 4)
     assert of(lambda a, b, c, _: a * b - c) == ([[LINEAR, 0, 1, 2, 4, 0, 1]], 4)
 
 
 def test_what_is_needed_twice_is_computed():
-    found, _ = of(lambda a, b, c, d: (a * b + c) * (a * b - d))
-    assert len(found) == 4
+    steps, _ = of(lambda a, b, c, d: (a * b + c) * (a * b - d))
+    assert len(steps) == 4
 
 
 def test_negatives_are_taken_up():

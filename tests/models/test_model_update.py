@@ -62,7 +62,7 @@ def compiled(path):
     return mujoco.MjModel.from_xml_path(str(path))
 
 
-def assert_others_untouched(found, expected, members):
+def assert_others_untouched(updated, expected, members):
     """Checks that only those fields of a compiled model differ that follow from the inertias of some bodies."""
     follow = r"body_(mass|subtreemass|invweight0|ipos|iquat|inertia|sameframe|simple)|(geom|site)_sameframe"
     follow += r"|dof_(invweight0|M0|length|simplenum)|(actuator_acc|tendon_invweight|light_poscom|cam_poscom)0|bvh_.*"
@@ -71,11 +71,11 @@ def assert_others_untouched(found, expected, members):
     kept = [f for f in fields if not re.fullmatch(follow, f)]
     assert len(kept) > 100
     for field in kept:
-        ours, theirs = getattr(found, field), getattr(expected, field)
+        ours, theirs = getattr(updated, field), getattr(expected, field)
         np.testing.assert_array_equal(ours, theirs, err_msg=field)
     others = [b for b in range(expected.nbody) if b not in members]
     for field in ("body_mass", "body_ipos", "body_inertia"):
-        np.testing.assert_allclose(getattr(found, field)[others], getattr(expected, field)[others], rtol=1e-12)
+        np.testing.assert_allclose(getattr(updated, field)[others], getattr(expected, field)[others], rtol=1e-12)
 
 
 @pytest.mark.parametrize("compiler", OVERRIDES)

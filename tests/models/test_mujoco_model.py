@@ -84,8 +84,8 @@ def test_welded_bodies_are_kept_or_merged():
     assert kept.bodies == ("base", "arm", "tool")
     assert merged.bodies == merged.tree.names == ("base", "arm")
     states = np.random.default_rng(0).normal(size=(3, 7, 1))
-    expected, found = (base_wrench_regressor(x.tree, *states, gravity=x.gravity) @ x.known for x in (kept, merged))
-    np.testing.assert_allclose(found, expected, atol=1e-12 * abs(expected).max())
+    expected, computed = (base_wrench_regressor(x.tree, *states, gravity=x.gravity) @ x.known for x in (kept, merged))
+    np.testing.assert_allclose(computed, expected, atol=1e-12 * abs(expected).max())
 
 
 def test_gravity_is_turned_with_a_base_at_rest():

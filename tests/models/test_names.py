@@ -46,8 +46,8 @@ def test_all_that_names_bodies_and_joints_gives_them_the_same_names(path, tmp_pa
     assert contact_wrenches(model, data, "body1_") == {}
     assert len(arm.known) == len(parameter_names(3))
     write_model(tmp_path / "new.xml", arm, 2 * arm.known)
-    found = mechanism(tmp_path / "new.xml", "body1_").known
-    np.testing.assert_allclose(found, 2 * arm.known, rtol=1e-9, atol=1e-12)
+    written = mechanism(tmp_path / "new.xml", "body1_").known
+    np.testing.assert_allclose(written, 2 * arm.known, rtol=1e-9, atol=1e-12)
 
 
 def test_joints_without_names_are_excited(path, tmp_path):

@@ -67,10 +67,10 @@ def test_opensim_computes_the_same(version):
         for follower in set(torques) - set(arm.tree.joints):
             rate = sample["states"][follower][1] / sample["states"]["bend"][1]
             torques["bend"] += rate * torques[follower]
-        found = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ arm.prior)[0]
+        computed = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ arm.prior)[0]
         expected = np.array([torques[joint] for joint in arm.tree.joints])
         # The second derivatives of a cubic spline and its polynomial differ most.
-        np.testing.assert_allclose(found, expected, atol=3e-4 * abs(expected).max())
+        np.testing.assert_allclose(computed, expected, atol=3e-4 * abs(expected).max())
 
 
 def test_both_versions_are_the_same_mechanism(tmp_path):
@@ -108,9 +108,9 @@ def test_an_mjcf_file_of_the_same_mechanism(tmp_path):
     other = sim.mechanism(spec)
     q, dq, ddq = states(arm, 5)
     for regressor in (base_wrench_regressor, joint_torque_regressor):
-        found, expected = (regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (arm, other))
+        computed, expected = (regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (arm, other))
         # MuJoCo 3.3 diagonalises inertias to 1e-7 only.
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(computed, expected, rtol=1e-6, atol=1e-6)
 
 
 def knee(tmp_path, functions, limits=(-2.0, 0.1), **options):
@@ -141,13 +141,13 @@ def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):
     angles = np.linspace(-2.1, 0.2, 6)
     shift = table(angles, [-0.0032, 0.0018, 0.0041, 0.0021, -0.0020, -0.0045])
     path = knee(tmp_path, (shift, table([-2.1, -1, 0.2], [0.1, 0, 0.3], "PiecewiseLinearFunction"), linear(1)))
-    with pytest.warns(ModelNote, match=r"polynomials here, off by at most [\d.]+ mm \(knee, translation2\)\.") as told:
+    with pytest.warns(ModelNote, match=r"polynomials here, off by at most [\d.]+ mm \(knee, translation2\)\.") as notes:
         arm = sim.mechanism(path)
     bend = np.linspace(-2, 0.1, 50)
     poses = arm.tree.poses(np.column_stack([0 * bend, bend]))[:, arm.tree.names.index("shin"), :3, 3]
     at_knots = np.interp(angles[1:-1], bend, poses[:, 0])
     np.testing.assert_allclose(at_knots, [0.0018, 0.0041, 0.0021, -0.0020], atol=2e-4)
-    distance = float(re.search(r"most ([\d.]+) mm", str(told[0].message))[1]) / 1e3
+    distance = float(re.search(r"most ([\d.]+) mm", str(notes[0].message))[1]) / 1e3
     assert abs(poses[:, 1] - np.interp(bend, [-2.1, -1, 0.2], [0.1, 0, 0.3])).max() <= 1.02 * distance
     assert arm.ranges["bend"] == (-2.0, 0.1)
 
@@ -167,16 +167,16 @@ def test_a_coordinate_that_moves_nothing_by_itself_leads_all_the_same(tmp_path):
     assert arm.tree.joints == ("hip", "bend")
     T = arm.tree.poses(np.array([0.0, 0.4]))[arm.tree.names.index("shin")]
     np.testing.assert_allclose([T[0, 3], np.arctan2(T[1, 0], T[0, 0])], [0.008, 0.9], atol=1e-12)
-    found = joint_torque_regressor(arm.tree, *states(arm, 3), gravity=arm.gravity) @ arm.prior
+    computed = joint_torque_regressor(arm.tree, *states(arm, 3), gravity=arm.gravity) @ arm.prior
     # Power by finite differences: work of gravity when the knee bends, at rest.
     q = np.array([[0.3, -0.5]])
-    found = (joint_torque_regressor(arm.tree, q, 0 * q, 0 * q, gravity=arm.gravity) @ arm.prior)[0, 1]
+    computed = (joint_torque_regressor(arm.tree, q, 0 * q, 0 * q, gravity=arm.gravity) @ arm.prior)[0, 1]
 
     def height(bend):
         poses = arm.tree.poses(np.array([0.3, bend]))[list(arm.tree.inertial)]
         return sum((T @ [*own[1:4], own[0]])[1] for T, own in zip(poses, arm.prior.reshape(-1, 10), strict=True))
 
-    np.testing.assert_allclose(found, 9.8 * (height(-0.5 + 1e-6) - height(-0.5 - 1e-6)) / 2e-6, rtol=1e-6)
+    np.testing.assert_allclose(computed, 9.8 * (height(-0.5 + 1e-6) - height(-0.5 - 1e-6)) / 2e-6, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("tag", "says"), [("isEnforced", "false"), ("isDisabled", "true")])
@@ -221,8 +221,8 @@ def test_merged_welds_keep_the_wrench(tmp_path):
     arm, merged = read(path), read(path, merge_welds=True)
     assert len(merged.bodies) == len(arm.bodies) - 2
     q, dq, ddq = states(arm, 4)
-    found, expected = (base_wrench_regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (merged, arm))
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    computed, expected = (base_wrench_regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (merged, arm))
+    np.testing.assert_allclose(computed, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -62,9 +62,9 @@ def test_a_site_is_where_mujoco_has_it(path):
     data.qpos[:] = [0.7, 0.5, 0.5, 0.5, 0.5, 0.1]
     mujoco.mj_kinematics(model, data)
     body, pose = arm.site("tip")
-    found = arm.tree.poses(data.qpos)[arm.tree.names.index(body)] @ pose
-    np.testing.assert_allclose(found[:3, 3], data.site("tip").xpos, atol=1e-12)
-    np.testing.assert_allclose(found[:3, :3].ravel(), data.site("tip").xmat, atol=1e-12)
+    computed = arm.tree.poses(data.qpos)[arm.tree.names.index(body)] @ pose
+    np.testing.assert_allclose(computed[:3, 3], data.site("tip").xpos, atol=1e-12)
+    np.testing.assert_allclose(computed[:3, :3].ravel(), data.site("tip").xmat, atol=1e-12)
     with pytest.raises(ValueError, match="no site named 'wall'; its sites are low, tip"):
         arm.site("wall")
 

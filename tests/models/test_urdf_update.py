@@ -56,8 +56,8 @@ def written(arm, **changed):
         phi[arm.tree.names.index(name)] = own
     path = arm.source.text.with_name("new.urdf")
     write_model(path, arm, phi.ravel())
-    found = parameters_from_model(mechanism(path, "root").source.model, "root")
-    np.testing.assert_allclose(found, phi.ravel(), rtol=1e-9, atol=1e-12)
+    read = parameters_from_model(mechanism(path, "root").source.model, "root")
+    np.testing.assert_allclose(read, phi.ravel(), rtol=1e-9, atol=1e-12)
     return path.read_bytes().decode()
 
 

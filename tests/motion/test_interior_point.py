@@ -30,7 +30,7 @@ def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
         visited.append(abs(np.einsum("nmw,nw->nm", limits, x)).max())
         return function(x)
 
-    found = minimum(watched, np.zeros((n, w)), limits, 400)
+    x = minimum(watched, np.zeros((n, w)), limits, 400)
     rows = np.zeros((n, m, n, w))
     rows[range(n), :, range(n)] = limits
     rows = rows.reshape(n * m, n * w)
@@ -45,15 +45,15 @@ def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
     )
     assert max(visited) < 1
     # The barrier's last weight bounds its cost, and this is its remainder.
-    assert -1e-9 < function(found)[0] - theirs.fun < 0.004
-    assert abs(limits @ found[:, :, None]).max() > 0.99
+    assert -1e-9 < function(x)[0] - theirs.fun < 0.004
+    assert abs(limits @ x[:, :, None]).max() > 0.99
 
 
 def test_a_minimum_that_no_limit_binds_is_found():
     target = np.array([[0.3, -0.2], [0.1, 0.0]])
     limits = np.tile(np.eye(2), (2, 1, 1))
-    found = minimum(lambda x: (float(np.sum((x - target) ** 2)), 2 * (x - target)), np.zeros((2, 2)), limits, 100)
-    np.testing.assert_allclose(found, target, atol=1e-2)
+    x = minimum(lambda x: (float(np.sum((x - target) ** 2)), 2 * (x - target)), np.zeros((2, 2)), limits, 100)
+    np.testing.assert_allclose(x, target, atol=1e-2)
     assert not minimum(lambda x: (0.0, np.zeros_like(x)), np.zeros((2, 2)), limits, 50).any()
 
 
@@ -63,5 +63,5 @@ def test_the_best_point_visited_is_kept_where_the_function_has_no_end():
     def function(x):
         return (float(-x.sum()), -np.ones_like(x)) if x.sum() < 0.5 else (np.nan, np.full_like(x, np.nan))
 
-    found = minimum(function, np.zeros((1, 2)), np.eye(2)[None], 50)
-    assert 0 < found.sum() < 0.5
+    x = minimum(function, np.zeros((1, 2)), np.eye(2)[None], 50)
+    assert 0 < x.sum() < 0.5

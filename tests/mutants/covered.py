@@ -78,9 +78,9 @@ class Covered:
         """
         tree = ast.parse((self.repository / path).read_text(encoding="utf-8"))
         body = _body(tree, line)
-        found = self._of_lines({path: body}) if body else self._of_names(path, _assigned(tree, line))
-        found = found or self._of_lines({path: self._lines.get(path, {})})
-        return sorted(found, key=lambda test: (test.startswith("tests/studies/"), self.seconds[test]))
+        covering = self._of_lines({path: body}) if body else self._of_names(path, _assigned(tree, line))
+        covering = covering or self._of_lines({path: self._lines.get(path, {})})
+        return sorted(covering, key=lambda test: (test.startswith("tests/studies/"), self.seconds[test]))
 
     def _of_lines(self, places: Mapping[str, Iterable[int]]) -> set[str]:
         every = (self._lines.get(path, {}).get(line, ()) for path, lines in places.items() for line in lines)

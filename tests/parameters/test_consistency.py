@@ -37,43 +37,43 @@ def assert_physical(phi):
 def test_base_parameters_of_physical_bodies_are_kept_and_so_is_the_wrench(count):
     rng, tree, base, truth, prior, covariance = mechanism(count, count)
     psi = base.regroup(truth)
-    found = consistent_parameters(psi, EXACT * covariance, base, prior)
-    assert found.attainable and not found.moved() and found.raised == ()
-    np.testing.assert_allclose(base.regroup(found.phi), psi, atol=1e-9 * abs(psi).max())
-    np.testing.assert_array_equal(found.psi, base.regroup(found.phi))
-    assert_physical(found.phi)
+    consistent = consistent_parameters(psi, EXACT * covariance, base, prior)
+    assert consistent.attainable and not consistent.moved() and consistent.raised == ()
+    np.testing.assert_allclose(base.regroup(consistent.phi), psi, atol=1e-9 * abs(psi).max())
+    np.testing.assert_array_equal(consistent.psi, base.regroup(consistent.phi))
+    assert_physical(consistent.phi)
     Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=GRAVITY)
-    np.testing.assert_allclose(Y @ found.phi, Y @ truth, atol=1e-9 * abs(Y @ truth).max())
+    np.testing.assert_allclose(Y @ consistent.phi, Y @ truth, atol=1e-9 * abs(Y @ truth).max())
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_other_physical_bodies_with_these_base_parameters_are_closer_to_the_prior(seed):
     """The gradient `P⁻¹ - J⁻¹` of the convex divergence is zero in all directions that keep ψ."""
     _, _, base, truth, prior, covariance = mechanism(seed)
-    found = consistent_parameters(base.regroup(truth), covariance, base, prior)
-    gradient = np.linalg.inv(bodies(prior)) - np.linalg.inv(bodies(found.phi))
+    consistent = consistent_parameters(base.regroup(truth), covariance, base, prior)
+    gradient = np.linalg.inv(bodies(prior)) - np.linalg.inv(bodies(consistent.phi))
     along = np.einsum("bij,kij->bk", gradient, pseudo_inertia(np.eye(10))).ravel()
     A = regrouping(base)
     np.testing.assert_allclose(A.T @ np.linalg.lstsq(A.T, along, rcond=None)[0], along, atol=1e-7 * abs(gradient).max())
-    ratio = np.linalg.solve(bodies(prior), bodies(found.phi))
+    ratio = np.linalg.solve(bodies(prior), bodies(consistent.phi))
     divergence = np.trace(ratio, axis1=1, axis2=2) - np.linalg.slogdet(ratio)[1] - 4
-    np.testing.assert_allclose(found.divergence, divergence, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(consistent.divergence, divergence, rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_prior_that_is_the_truth_is_given_back(seed):
     _, _, base, truth, _, covariance = mechanism(seed)
-    found = consistent_parameters(base.regroup(truth), covariance, base, truth)
-    np.testing.assert_allclose(found.phi, truth, atol=1e-9 * abs(truth).max())
-    np.testing.assert_allclose(found.divergence, 0, atol=1e-12)
+    consistent = consistent_parameters(base.regroup(truth), covariance, base, truth)
+    np.testing.assert_allclose(consistent.phi, truth, atol=1e-9 * abs(truth).max())
+    np.testing.assert_allclose(consistent.divergence, 0, atol=1e-12)
 
 
 def test_a_prior_with_the_very_base_parameters_is_attainable():
     base = find_base_parameters(random_tree(np.random.default_rng(0), 2, ("revolute",)))
     prior = np.tile([1.0, 0, 0, 0, 2, 2, 2, 0, 0, 0], 2)
     whole = replace(base, kept=tuple(range(20)), dependent=(), beta=np.zeros((20, 0)))
-    found = consistent_parameters(prior, np.eye(20), whole, prior)
-    assert found.attainable and found.distance < 1e-12
+    consistent = consistent_parameters(prior, np.eye(20), whole, prior)
+    assert consistent.attainable and consistent.distance < 1e-12
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -82,12 +82,12 @@ def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(
     rng, _, base, truth, prior, covariance = mechanism(seed, 3)
     psi = base.regroup(truth)
     psi = psi - abs(psi) * rng.uniform(2, 4, size=len(psi))
-    found = consistent_parameters(psi, covariance, base, prior)
-    assert not found.attainable
-    assert_physical(found.phi)
-    np.testing.assert_allclose(found.shift, (found.psi - psi) / np.sqrt(np.diag(covariance)))
-    moves = [abs(by) for _, by in found.moved()]
-    assert moves == sorted(moves, reverse=True) and moves[0] == abs(found.shift).max()
+    consistent = consistent_parameters(psi, covariance, base, prior)
+    assert not consistent.attainable
+    assert_physical(consistent.phi)
+    np.testing.assert_allclose(consistent.shift, (consistent.psi - psi) / np.sqrt(np.diag(covariance)))
+    moves = [abs(by) for _, by in consistent.moved()]
+    assert moves == sorted(moves, reverse=True) and moves[0] == abs(consistent.shift).max()
     root, P = np.linalg.cholesky(covariance), np.linalg.cholesky(bodies(prior))
 
     def square(L):
@@ -98,11 +98,11 @@ def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(
         slope = forms(regrouping(base).T @ np.linalg.solve(root.T, off))
         return off @ off, (4 * np.swapaxes(P, 1, 2) @ slope @ L).ravel()
 
-    start = np.linalg.cholesky(np.linalg.solve(P, np.swapaxes(np.linalg.solve(P, bodies(found.phi)), 1, 2)))
-    np.testing.assert_allclose(square(start.ravel())[0], found.distance**2, rtol=1e-9)
+    start = np.linalg.cholesky(np.linalg.solve(P, np.swapaxes(np.linalg.solve(P, bodies(consistent.phi)), 1, 2)))
+    np.testing.assert_allclose(square(start.ravel())[0], consistent.distance**2, rtol=1e-9)
     best = minimize(square, start.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 200})
     larger = np.sum(best.x**2) / (4 * len(P))
-    assert found.distance**2 <= (1 + 1e-3 * max(1, larger / 10)) * best.fun
+    assert consistent.distance**2 <= (1 + 1e-3 * max(1, larger / 10)) * best.fun
 
 
 @pytest.mark.parametrize(("uncertain", "attainable"), [(0.5, True), (0.1, False)])
@@ -113,14 +113,14 @@ def test_one_negative_inertia_is_reported(uncertain, attainable):
     psi, std = base.regroup(prior), np.full(base.rank, 0.02)
     std[base.names.index("Ixx3")] = uncertain
     model_has, psi[base.names.index("Ixx3")] = psi[base.names.index("Ixx3")], -0.3
-    found = consistent_parameters(psi, np.diag(std**2), base, prior)
-    assert found.attainable == attainable
-    assert_physical(found.phi)
-    name, by = found.moved()[0]
+    consistent = consistent_parameters(psi, np.diag(std**2), base, prior)
+    assert consistent.attainable == attainable
+    assert_physical(consistent.phi)
+    name, by = consistent.moved()[0]
     assert name == "Ixx3" and 0.3 / uncertain < by < 1.001 * (0.3 + model_has) / uncertain
     # Bodies at the boundary of the physical ones would be nearer, but unlike the model.
-    assert found.divergence.max() < 10
-    assert found.moved(1e9) == ()
+    assert consistent.divergence.max() < 10
+    assert consistent.moved(1e9) == ()
 
 
 @pytest.mark.parametrize(("seed", "attainable"), [*((k, True) for k in SEEDS), *((k, False) for k in SEEDS[::2])])
@@ -133,31 +133,31 @@ def test_units_do_not_matter(seed, attainable):
     scale = np.tile(mass * length ** np.array(power, float), len(prior) // 10)
     kept, dependent = scale[list(base.kept)], scale[list(base.dependent)]
     scaled = replace(base, beta=kept[:, None] * base.beta / dependent)
-    found = consistent_parameters(psi, covariance, base, prior)
+    consistent = consistent_parameters(psi, covariance, base, prior)
     again = consistent_parameters(kept * psi, np.outer(kept, kept) * covariance, scaled, scale * prior)
-    assert again.attainable == found.attainable == attainable
-    np.testing.assert_allclose(again.distance, found.distance, rtol=1e-2, atol=1e-6)
+    assert again.attainable == consistent.attainable == attainable
+    np.testing.assert_allclose(again.distance, consistent.distance, rtol=1e-2, atol=1e-6)
     if attainable:
-        np.testing.assert_allclose(again.phi / scale, found.phi, atol=1e-9 * abs(found.phi).max())
+        np.testing.assert_allclose(again.phi / scale, consistent.phi, atol=1e-9 * abs(consistent.phi).max())
 
 
 @pytest.mark.parametrize("factor", [1e-3, 1e-1, 1e2, 1e6])
 def test_the_prior_may_be_far_off(factor):
     _, _, base, truth, prior, covariance = mechanism(1)
     psi = base.regroup(truth)
-    found = consistent_parameters(psi, EXACT * covariance, base, factor * prior)
-    assert found.attainable
-    np.testing.assert_allclose(found.psi, psi, atol=1e-9 * abs(psi).max())
+    consistent = consistent_parameters(psi, EXACT * covariance, base, factor * prior)
+    assert consistent.attainable
+    np.testing.assert_allclose(consistent.psi, psi, atol=1e-9 * abs(psi).max())
 
 
 def test_the_size_of_a_covariance_matters_only_where_psi_is_uncertain():
     _, _, base, truth, prior, covariance = mechanism(2)
     wanted = consistent_parameters(base.regroup(truth), EXACT * covariance, base, prior).phi
-    found = consistent_parameters(base.regroup(truth), 1e-2 * EXACT * covariance, base, prior)
-    np.testing.assert_allclose(found.phi, wanted, atol=1e-9 * abs(wanted).max())
-    found = consistent_parameters(base.regroup(truth), 1e20 * covariance, base, prior)
-    np.testing.assert_allclose(found.phi, prior, rtol=1e-12)
-    assert not found.divergence.any()
+    consistent = consistent_parameters(base.regroup(truth), 1e-2 * EXACT * covariance, base, prior)
+    np.testing.assert_allclose(consistent.phi, wanted, atol=1e-9 * abs(wanted).max())
+    consistent = consistent_parameters(base.regroup(truth), 1e20 * covariance, base, prior)
+    np.testing.assert_allclose(consistent.phi, prior, rtol=1e-12)
+    assert not consistent.divergence.any()
 
 
 def test_a_prior_without_mass_or_extent_is_raised_to_a_minimum():
@@ -166,22 +166,22 @@ def test_a_prior_without_mass_or_extent_is_raised_to_a_minimum():
     prior[14:20] = 0
     prior[11:14] = 0
     prior[34] = -1
-    found = consistent_parameters(base.regroup(truth), covariance, base, prior)
-    assert found.raised == (0, 1, 3)
-    assert_physical(found.prior)
-    assert_physical(found.phi)
-    np.testing.assert_allclose(found.prior[20:30], prior[20:30], atol=1e-12)
-    np.testing.assert_allclose(found.prior[0], 1e-6 * prior[[0, 10, 20, 30]].sum())
+    consistent = consistent_parameters(base.regroup(truth), covariance, base, prior)
+    assert consistent.raised == (0, 1, 3)
+    assert_physical(consistent.prior)
+    assert_physical(consistent.phi)
+    np.testing.assert_allclose(consistent.prior[20:30], prior[20:30], atol=1e-12)
+    np.testing.assert_allclose(consistent.prior[0], 1e-6 * prior[[0, 10, 20, 30]].sum())
     larger, raised = physical_prior(prior, minimum=0.1)
     assert {0, 1, 3} <= set(raised)
-    assert larger[0] > found.prior[0]
+    assert larger[0] > consistent.prior[0]
 
 
 def test_base_parameters_of_massless_bodies_are_met_as_nearly_as_matters():
     _, _, base, truth, prior, covariance = mechanism(5, 5)
-    found = consistent_parameters(0 * base.regroup(truth), covariance, base, prior)
-    assert_physical(found.phi)
-    assert found.attainable and found.distance < np.sqrt(base.rank)
+    consistent = consistent_parameters(0 * base.regroup(truth), covariance, base, prior)
+    assert_physical(consistent.phi)
+    assert consistent.attainable and consistent.distance < np.sqrt(base.rank)
 
 
 def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
@@ -189,15 +189,15 @@ def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
     unattainable = 0
     for seed in range(20):
         base, prior, psi, covariance = unphysical(seed, 2 + seed % 5)
-        found = consistent_parameters(psi, covariance, base, prior)
-        unattainable += not found.attainable
+        consistent = consistent_parameters(psi, covariance, base, prior)
+        unattainable += not consistent.attainable
         A, inverse = forms(regrouping(base)), np.linalg.inv(bodies(prior))
-        gradient = inverse - np.linalg.inv(bodies(found.phi))
+        gradient = inverse - np.linalg.inv(bodies(consistent.phi))
         multiplier = np.linalg.lstsq(A.reshape(len(psi), -1).T, gradient.ravel(), rcond=None)[0]
-        room = found.distance * np.sqrt(multiplier @ covariance @ multiplier)
+        room = consistent.distance * np.sqrt(multiplier @ covariance @ multiplier)
         sign, volume = np.linalg.slogdet((inverse - np.tensordot(multiplier, A, 1)) @ bodies(prior))
         assert (sign > 0).all()
-        assert found.divergence.sum() <= 1.001 * (multiplier @ psi - room + volume.sum())
+        assert consistent.divergence.sum() <= 1.001 * (multiplier @ psi - room + volume.sum())
     assert unattainable >= 8
 
 
@@ -216,10 +216,10 @@ def test_noise_moves_no_mass_of_a_true_prior_by_more_than_its_own_uncertainty():
         kept = 0
         for _ in range(50):
             psi = measured(rng, base.regroup(prior), covariance)
-            found = consistent_parameters(psi, covariance, base, prior)
-            assert found.attainable == (found.distance**2 <= chi2.ppf(0.95, base.rank))
-            assert (abs(found.phi - prior)[::10] <= found.mass_std).all()
-            kept += not found.divergence.any()
+            consistent = consistent_parameters(psi, covariance, base, prior)
+            assert consistent.attainable == (consistent.distance**2 <= chi2.ppf(0.95, base.rank))
+            assert (abs(consistent.phi - prior)[::10] <= consistent.mass_std).all()
+            kept += not consistent.divergence.any()
         assert kept >= 45
 
 
@@ -232,20 +232,20 @@ def test_what_the_data_know_of_other_bodies_than_the_priors_is_kept():
             L = L @ (np.eye(4) + 10 ** rng.uniform(-3, -0.5) * change)
             truth = base.regroup(parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel())
             psi = measured(rng, truth, covariance)
-            found = consistent_parameters(psi, covariance, base, prior)
-            assert found.distance**2 < chi2.ppf(0.999, base.rank) and abs(found.shift).max() < 4
+            consistent = consistent_parameters(psi, covariance, base, prior)
+            assert consistent.distance**2 < chi2.ppf(0.999, base.rank) and abs(consistent.shift).max() < 4
             free += (psi - truth) @ np.linalg.solve(covariance, psi - truth)
-            closer += (found.psi - truth) @ np.linalg.solve(covariance, found.psi - truth)
+            closer += (consistent.psi - truth) @ np.linalg.solve(covariance, consistent.psi - truth)
         assert closer < free
 
 
 def test_the_standard_deviation_of_a_mass_is_the_masses_own_size_where_nothing_tells_it():
     _, _, base, _, prior, covariance = mechanism(3, 4)
-    found = consistent_parameters(base.regroup(prior), 1e12 * covariance, base, prior)
-    np.testing.assert_allclose(found.mass_std, prior[::10], rtol=1e-3)
+    consistent = consistent_parameters(base.regroup(prior), 1e12 * covariance, base, prior)
+    np.testing.assert_allclose(consistent.mass_std, prior[::10], rtol=1e-3)
     variances = (1e-3 * prior[0]) ** 2 * np.ones(40)
-    found = consistent_parameters(prior, np.diag(variances), everything(base), 2 * prior)
-    np.testing.assert_allclose(found.mass_std, 1e-3 * prior[0], rtol=1e-2)
+    consistent = consistent_parameters(prior, np.diag(variances), everything(base), 2 * prior)
+    np.testing.assert_allclose(consistent.mass_std, 1e-3 * prior[0], rtol=1e-2)
 
 
 def everything(base):
@@ -265,15 +265,15 @@ def test_the_prior_counts_as_the_likelihood_of_its_width_says(excess):
     metric = block_diag(*(m.T @ m for m in moves))
     z = rng.normal(size=r)
     z *= np.sqrt(excess * r) / np.linalg.norm(z)
-    found = consistent_parameters(
+    consistent = consistent_parameters(
         prior + 1e-6 * np.linalg.cholesky(metric) @ z, 1e-12 * metric, everything(base), prior
     )
     limit = r * np.log(excess) + r + 3.84
     if r * excess <= limit:
-        assert not found.divergence.any()
+        assert not consistent.divergence.any()
     else:
         u = brentq(lambda u: r * np.log(u) + r * excess / u - limit, excess, 100 * excess)
-        np.testing.assert_allclose(found.distance, np.sqrt(r * excess) / u, rtol=0.02)
+        np.testing.assert_allclose(consistent.distance, np.sqrt(r * excess) / u, rtol=0.02)
 
 
 def test_what_one_combination_alone_contradicts_is_not_overlooked():
@@ -284,9 +284,9 @@ def test_what_one_combination_alone_contradicts_is_not_overlooked():
     std = np.where(np.array(base.names) == "Ixx3", 1.0, 1e-3)
     for excess in (1, 7):
         psi = base.regroup(prior) + excess * np.where(std == 1, std, 0)
-        found = consistent_parameters(psi, np.diag(std**2), base, prior)
-        assert found.attainable and found.divergence.any() == (excess == 7)
-        assert found.distance <= np.sqrt(chi2.ppf(0.95, 13))
+        consistent = consistent_parameters(psi, np.diag(std**2), base, prior)
+        assert consistent.attainable and consistent.divergence.any() == (excess == 7)
+        assert consistent.distance <= np.sqrt(chi2.ppf(0.95, 13))
 
 
 def test_what_makes_no_sense_is_refused_in_a_sentence():

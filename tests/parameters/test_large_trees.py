@@ -13,8 +13,8 @@ from ident.parameters.base_parameters import find_base_parameters
 from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
-FOUND = find_spec("dm_control")
-pytestmark = pytest.mark.skipif(FOUND is None, reason="dm_control is not installed; make test-extras does")
+DM_CONTROL = find_spec("dm_control")
+pytestmark = pytest.mark.skipif(DM_CONTROL is None, reason="dm_control is not installed; make test-extras does")
 
 
 def test_kept_columns_span_the_regressor_of_40_random_trees():
@@ -23,7 +23,7 @@ def test_kept_columns_span_the_regressor_of_40_random_trees():
 
 @pytest.mark.parametrize("animal", ["dog_v2/dog.xml", "rodent.xml"])
 def test_kept_columns_span_the_regressor(animal):
-    model = compiled(Path(FOUND.submodule_search_locations[0], "locomotion/walkers/assets", animal))
+    model = compiled(Path(DM_CONTROL.submodule_search_locations[0], "locomotion/walkers/assets", animal))
     tree = tree_from_model(model, ignore=[coupling.name for coupling in couplings(model)])
     gravity = gravity_in_base(model)
     base = find_base_parameters(tree, gravity=gravity)

@@ -116,9 +116,9 @@ def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     np.testing.assert_allclose(B @ S @ B.T, before, atol=1e-6 * np.diag(before).max())
     # Observed base parameters, and the estimate with their prior.
     noise = np.diag(rng.uniform(0.1, 2, size=len(prior)) * np.diag(before))
-    seen = prior + rng.normal(size=len(prior)) * np.sqrt(np.diag(before + noise))
-    phi, std = conditioned(arm, base, *updated(arm, base, seen, noise))
+    measured = prior + rng.normal(size=len(prior)) * np.sqrt(np.diag(before + noise))
+    phi, std = conditioned(arm, base, *updated(arm, base, measured, noise))
     direct = S @ B.T @ np.linalg.inv(before + noise)
-    np.testing.assert_allclose(phi, arm.known + direct @ (seen - prior), rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(phi, arm.known + direct @ (measured - prior), rtol=1e-5, atol=1e-8)
     variance = np.diag(S - direct @ B @ S)
     np.testing.assert_allclose(std, np.sqrt(variance), rtol=1e-4, atol=1e-9)

@@ -24,11 +24,11 @@ def test_the_variances_that_bayes_rule_leaves(arm):
     information = B.T @ np.linalg.inv(covariance) @ B
     after = np.linalg.inv(np.linalg.inv(S) + information)
     expected = (1 - np.diag(np.linalg.solve(S, after))).reshape(-1, 10).sum(axis=1)
-    told = parameters_identified(arm, base, covariance)
-    np.testing.assert_allclose(told, expected, atol=1e-4)
+    identified = parameters_identified(arm, base, covariance)
+    np.testing.assert_allclose(identified, expected, atol=1e-4)
     # The same with the prior included in the estimate.
     both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(B @ S @ B.T))
-    np.testing.assert_allclose(parameters_identified(arm, base, both, included=True), told, atol=1e-4)
+    np.testing.assert_allclose(parameters_identified(arm, base, both, included=True), identified, atol=1e-4)
 
 
 def test_nothing_is_told_by_noise_and_no_more_than_the_rank_by_perfect_data(arm):

@@ -41,13 +41,13 @@ def cells(markdown):
 )
 def test_tables_are_not_stale(name, table, study):
     printed = cells(block("study.md", name))
-    found = table(study_of(study))
-    fresh = cells(found.markdown())
+    current = table(study_of(study))
+    fresh = cells(current.markdown())
     assert [row[0] for row in printed] == [row[0] for row in fresh]
     assert printed[0] == fresh[0]
     # Other platforms may differ in the last bits, and round a half the other way.
     shown = np.array([row[1:] for row in printed[2:15]], float)
-    exact = np.array([row[1:] for row in found.rows], float)
+    exact = np.array([row[1:] for row in current.rows], float)
     np.testing.assert_allclose(shown, exact, atol=0.0051)
 
 
@@ -64,11 +64,11 @@ def test_condition_numbers_are_not_stale():
 
 def test_errors_of_the_wrench_are_not_stale():
     study = study_of("misaligned")
-    found, fresh = cells(block("study.md", "wrench errors")), cells(blocks.table_wrench_errors(study).markdown())
-    assert [re.sub(r"[\d.]+", "#", cell) for row in found for cell in row] == [
+    printed, fresh = cells(block("study.md", "wrench errors")), cells(blocks.table_wrench_errors(study).markdown())
+    assert [re.sub(r"[\d.]+", "#", cell) for row in printed for cell in row] == [
         re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
     ]
-    for row, expected in zip(found[2:], study_tables.table(study, "table_wrench_errors").rows, strict=True):
+    for row, expected in zip(printed[2:], study_tables.table(study, "table_wrench_errors").rows, strict=True):
         std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
         np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
         np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
@@ -117,18 +117,18 @@ def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_o
     int(mujoco.__version__.split(".")[0]) < 4, reason="the hand's weld twists otherwise before MuJoCo 4"
 )
 def test_numbers_of_two_contacts_are_not_stale():
-    found = summary(study_of("multicontact", contact="pad handle"))
-    condition, error = f"{found['condition_number']:.1f}", f"{found['largest_error']:.2f}"
-    pad, hand, both = (f"{found[f'largest_error_ignoring{x}']:.1f}" for x in ("_pad", "_handle", ""))
-    share = f"touches the pad in {100 * found['fraction_all_touch']:.0f} % of the samples"
+    numbers = summary(study_of("multicontact", contact="pad handle"))
+    condition, error = f"{numbers['condition_number']:.1f}", f"{numbers['largest_error']:.2f}"
+    pad, hand, both = (f"{numbers[f'largest_error_ignoring{x}']:.1f}" for x in ("_pad", "_handle", ""))
+    share = f"touches the pad in {100 * numbers['fraction_all_touch']:.0f} % of the samples"
     sentences = {
         "study.md": [
             f"{share}. The condition number is {condition}. The largest error is {error} ",
             f" {pad} without the pad's, {hand} without the hand's and {both} with the ground's alone",
         ],
         "reproduction.md": [
-            f"up to {found['contact_handle_peak_force_N']:.0f} N, and link 2 {share}",
-            f"up to {found['contact_pad_peak_force_N']:.0f} N; so both touch",
+            f"up to {numbers['contact_handle_peak_force_N']:.0f} N, and link 2 {share}",
+            f"up to {numbers['contact_pad_peak_force_N']:.0f} N; so both touch",
             f"| condition number | {condition} |",
             f"both measured | {error} |",
             f"are ignored | {pad}, {hand}, {both} |",

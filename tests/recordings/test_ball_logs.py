@@ -37,8 +37,8 @@ def read(tmp_path, cells, mapping=None, **options):
 
 
 def check(log):
-    found = Rotation.from_quat(log["neck_position"], scalar_first=True)
-    np.testing.assert_allclose((found.inv() * TURNS).magnitude(), 0, atol=1e-7)
+    orientation = Rotation.from_quat(log["neck_position"], scalar_first=True)
+    np.testing.assert_allclose((orientation.inv() * TURNS).magnitude(), 0, atol=1e-7)
     assert ((log["neck_position"][1:] * log["neck_position"][:-1]).sum(axis=1) > 0).all()
     np.testing.assert_allclose(log["neck_velocity"], RATES)
     np.testing.assert_allclose(log.torques(MECHANISM.tree.joints), np.column_stack([TORQUES, np.full(N, np.nan)]))

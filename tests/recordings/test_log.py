@@ -203,8 +203,8 @@ def test_a_log_that_was_saved_is_read_as_the_same_recording(tmp_path, suffix):
     for again in (Recording.load(tmp_path / f"saved.{suffix}"), read_log(tmp_path / f"saved.{suffix}", MECHANISM)):
         assert again.measured.keys() == log.measured.keys() and again.sensors.keys() == log.sensors.keys()
         for name, x in {"base": log.base, "time": log.time, **log.measured}.items():
-            found = getattr(again, name) if name in ("base", "time") else again[name]
-            np.testing.assert_allclose(found, x, rtol=0, atol=1e-12 * (name == "time"))
+            values = getattr(again, name) if name in ("base", "time") else again[name]
+            np.testing.assert_allclose(values, x, rtol=0, atol=1e-12 * (name == "time"))
         for name in log.sensors:
             np.testing.assert_array_equal(again.wrench(name).pose, log.wrench(name).pose)
             assert again.wrench(name).applied_to_link == log.wrench(name).applied_to_link
@@ -530,9 +530,9 @@ def test_pieces_whose_times_jitter_are_resampled_by_themselves(tmp_path):
     pieces = list(read_log_pieces(tmp_path / "log.csv", MECHANISM, samples=10))
     assert [len(piece.time) for piece in pieces] == [10] * 4
     assert all("jitter" in note for piece in pieces for note in piece.notes)
-    found = joined(pieces)
-    np.testing.assert_allclose(found["ankle_position"], 3 * found["time"], atol=1e-12)
-    np.testing.assert_allclose(np.diff(found["time"]), 0.01, atol=2e-4)
+    whole = joined(pieces)
+    np.testing.assert_allclose(whole["ankle_position"], 3 * whole["time"], atol=1e-12)
+    np.testing.assert_allclose(np.diff(whole["time"]), 0.01, atol=2e-4)
 
 
 def test_positions_in_degrees_with_rates_in_radians_are_refused(tmp_path):

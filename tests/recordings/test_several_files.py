@@ -56,10 +56,10 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
     write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in angles().items()})
     expected = read_log(f"{tmp_path}/joints.csv+{tmp_path}/wrench.csv", arm())
     for name in ("wrench.csv+joints.csv", "ik.mot+wrench.csv", "wrench.csv+ik.mot"):
-        found = read_log("+".join(str(tmp_path / file) for file in name.split("+")), arm())
-        assert found.streams.keys() == expected.streams.keys()
+        recording = read_log("+".join(str(tmp_path / file) for file in name.split("+")), arm())
+        assert recording.streams.keys() == expected.streams.keys()
         for channel, x in expected.measured.items():
-            np.testing.assert_allclose(found[channel], x, atol=1e-12)
+            np.testing.assert_allclose(recording[channel], x, atol=1e-12)
 
 
 def test_times_are_counted_from_the_first_of_both(tmp_path):
@@ -80,9 +80,12 @@ def test_files_without_header_and_columns_of_both_go_by_number(tmp_path):
         '[joints]\njoint1.position = "1:2"\njoint2.position = "1:3"\n'
         '[wrenches.ground]\nforce = ["2:2", "2:3", "4"]\ntorque = ["5", "6", "7"]\n',
     )
-    found, expected = read_log(f"{tmp_path}/a.csv+{tmp_path}/b.csv", arm(), mapping), read_log(pair(tmp_path), arm())
+    recording, expected = (
+        read_log(f"{tmp_path}/a.csv+{tmp_path}/b.csv", arm(), mapping),
+        read_log(pair(tmp_path), arm()),
+    )
     for channel, x in expected.measured.items():
-        np.testing.assert_allclose(found[channel], x, atol=1e-9)
+        np.testing.assert_allclose(recording[channel], x, atol=1e-9)
 
 
 def test_names_with_a_plus_are_one_file_or_several(tmp_path):
@@ -168,9 +171,9 @@ def test_holes_need_gaps_and_faults_name_the_file(tmp_path):
         LogError, match=r"wrench\.csv row 10\d, column 'time' has a gap of 0\.244 s, from 0\.396 s to .*--gaps"
     ):
         read_log(log, arm())
-    found = read_log(log, arm(), gaps=True)
-    assert len(found.streams["ground_force"].time) == len(forces()["time"]) - 60
-    assert any("have gaps: 1" in note for note in found.notes)
+    recording = read_log(log, arm(), gaps=True)
+    assert len(recording.streams["ground_force"].time) == len(forces()["time"]) - 60
+    assert any("have gaps: 1" in note for note in recording.notes)
     broken = {**forces(), "ground_fx": np.full(len(forces()["time"]), 1e300)}
     with pytest.raises(LogError, match=r"wrench\.csv row 2, column 'ground_fx' needs numbers below"):
         read_log(pair(tmp_path, second=broken), arm())

@@ -62,9 +62,9 @@ def test_differences_are_exact_for_quartics():
 
 def test_velocities_and_accelerations_of_tones():
     expected = tones(T)
-    found = smoothed(expected[0], RATE, 30.0)
+    computed = smoothed(expected[0], RATE, 30.0)
     inner = slice(settling(RATE, 10.0), -settling(RATE, 10.0))
-    for x, y in zip(found, expected, strict=True):
+    for x, y in zip(computed, expected, strict=True):
         assert np.abs(x - y)[inner].max() < 2e-4 * np.abs(y).max()
 
 

@@ -30,8 +30,8 @@ def test_covariance_is_that_of_moved_samples(rng):
     T, root = random_pose(rng), rng.normal(size=(6, 6))
     samples = rng.normal(size=(20000, 6)) @ root.T
     expected = np.cov(transform_wrench(T, samples).T)
-    found = transform_covariance(T, root @ root.T)
-    np.testing.assert_allclose(found, expected, atol=0.06 * abs(expected).max())
+    computed = transform_covariance(T, root @ root.T)
+    np.testing.assert_allclose(computed, expected, atol=0.06 * abs(expected).max())
 
 
 def by_link(body, wrench, pose, covariance=None):
@@ -101,11 +101,11 @@ def test_covariances_of_all_sensors_add_up(rng):
     roots = rng.normal(size=(len(bodies) + 1, 6, 6))
     covariances = roots @ roots.transpose(0, 2, 1)
     contacts = list(map(by_link, bodies, np.zeros((len(bodies), 2, 6)), poses, covariances[1:]))
-    found = total_wrench(tree, q, Wrench(np.zeros((2, 6)), covariance=covariances[0]), contacts).covariance
+    computed = total_wrench(tree, q, Wrench(np.zeros((2, 6)), covariance=covariances[0]), contacts).covariance
     for k in range(2):
         A = [se3.coAd(tree.poses(q[k])[tree.names.index(b)] @ p) for b, p in zip(bodies, poses, strict=True)]
         expected = covariances[0] + sum(a @ c @ a.T for a, c in zip(A, covariances[1:], strict=True))
-        np.testing.assert_allclose(found[k], expected, atol=1e-12 * abs(expected).max())
+        np.testing.assert_allclose(computed[k], expected, atol=1e-12 * abs(expected).max())
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -116,13 +116,13 @@ def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
     contacts = [
         by_link(*contact, np.eye(6) if known else None) for contact in zip(bodies, wrenches, poses, strict=True)
     ]
-    found = total_wrench(tree, q, None, contacts)
+    total = total_wrench(tree, q, None, contacts)
     exact_zero = total_wrench(tree, q, Wrench(np.zeros((3, 6)), covariance=np.zeros((6, 6))), contacts)
-    np.testing.assert_array_equal(found.values, exact_zero.values)
+    np.testing.assert_array_equal(total.values, exact_zero.values)
     if known:
-        np.testing.assert_array_equal(found.covariance, exact_zero.covariance)
+        np.testing.assert_array_equal(total.covariance, exact_zero.covariance)
     else:
-        assert found.covariance is None
+        assert total.covariance is None
 
 
 def test_what_rests_in_the_world_reaches_the_base_without_any_posture(rng):
@@ -149,9 +149,9 @@ def test_what_rests_in_the_world_reaches_the_base_without_any_posture(rng):
 
 
 def test_in_free_flight_the_total_wrench_is_known_to_be_zero():
-    found = total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [])
-    np.testing.assert_array_equal(found.values, np.zeros((4, 6)))
-    np.testing.assert_array_equal(found.covariance, np.zeros((4, 6, 6)))
+    total = total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [])
+    np.testing.assert_array_equal(total.values, np.zeros((4, 6)))
+    np.testing.assert_array_equal(total.covariance, np.zeros((4, 6, 6)))
 
 
 TREE = random_tree(np.random.default_rng(0), 3)

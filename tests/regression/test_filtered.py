@@ -26,10 +26,10 @@ def ready(seed=0, noise=1.0):
     return prepared(PENDULUM, angles_and_wrench(recording.time, q, wrench_of(recording)))
 
 
-def left(log, part, found):
+def left(log, part, fit):
     """Residual over signal of all channels except Fx, which is constant."""
     measured = log.recording.total_wrench(PENDULUM.tree).values[log.taken(part)]
-    return (np.sqrt(((measured - found.predicted[0]) ** 2).mean(axis=0)) / measured.std(axis=0))[1:]
+    return (np.sqrt(((measured - fit.predicted[0]) ** 2).mean(axis=0)) / measured.std(axis=0))[1:]
 
 
 @pytest.mark.parametrize("noise", [1.0, 4.0])
@@ -95,8 +95,8 @@ def test_samples_near_reversals_are_left_alone(monkeypatch):
     errors = []
     for slow in (0.1, 0.0):
         monkeypatch.setattr("ident.regression.filtered.SLOW", slow)
-        found = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, known)
-        error = log.recording.torques(arm().tree.joints)[judged] - found.predicted[0]
+        fit = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, known)
+        error = log.recording.torques(arm().tree.joints)[judged] - fit.predicted[0]
         errors.append(np.sqrt((error[moving] ** 2).mean()))
     assert errors[0] < 0.8 * errors[1]
 

@@ -124,19 +124,19 @@ def test_any_split_gives_the_same_answer(seed):
     first = fitted(tree, whole, gravity=GRAVITY)
     with ThreadPoolExecutor(2) as pool:
         for source, executor in ((parts, None), (iter(parts), pool)):
-            found = fitted(tree, source, gravity=GRAVITY, executor=executor)
-            np.testing.assert_allclose(found.psi, first.psi, rtol=1e-9, atol=1e-11)
-            np.testing.assert_allclose(found.covariance, first.covariance, rtol=1e-8, atol=1e-12)
-            np.testing.assert_allclose(found.residual_norms, first.residual_norms, rtol=1e-9)
-            np.testing.assert_allclose(found.singular_values, first.singular_values, rtol=1e-9)
+            fit = fitted(tree, source, gravity=GRAVITY, executor=executor)
+            np.testing.assert_allclose(fit.psi, first.psi, rtol=1e-9, atol=1e-11)
+            np.testing.assert_allclose(fit.covariance, first.covariance, rtol=1e-8, atol=1e-12)
+            np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
+            np.testing.assert_allclose(fit.singular_values, first.singular_values, rtol=1e-9)
 
 
 def test_processes_share_the_work(monkeypatch):
     monkeypatch.setattr(module, "PIECE", 64)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        found = identified(noisy(), executor=pool)
-    np.testing.assert_allclose(found.psi, identified(noisy()).psi, rtol=1e-12)
-    assert "of 4 chunks" in found.method
+        fit = identified(noisy(), executor=pool)
+    np.testing.assert_allclose(fit.psi, identified(noisy()).psi, rtol=1e-12)
+    assert "of 4 chunks" in fit.method
 
 
 def test_a_joint_at_rest_is_named():
@@ -235,8 +235,8 @@ def test_few_samples_and_no_residual_have_standard_deviations():
     few = sampled(*(x[:13] for x in STATES), (Y @ PHI)[:13])
     for wrench in (few.measured, 0 * few.measured):
         samples = sampled(*few.motion.states, wrench)
-        found = huber_white(fitted(TREE, samples, gravity=GRAVITY), samples)
-        assert np.isfinite(found.std).all() and found.std.max() < 1e-9
+        fit = huber_white(fitted(TREE, samples, gravity=GRAVITY), samples)
+        assert np.isfinite(fit.std).all() and fit.std.max() < 1e-9
     weighted = identified(Y @ PHI, covariance=np.eye(6))
     with pytest.raises(ValueError, match="noise of a weighted fit is taken as known"):
         huber_white(weighted, sampled(*STATES, Y @ PHI))
@@ -262,8 +262,8 @@ SWING = base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY) @ PHI
 
 
 def both_passes(samples, parameters=BASE):
-    found = fitted(TREE, samples, gravity=GRAVITY, parameters=parameters)
-    return found, huber_white(found, samples)
+    fit = fitted(TREE, samples, gravity=GRAVITY, parameters=parameters)
+    return fit, huber_white(fit, samples)
 
 
 @pytest.mark.parametrize(
@@ -292,15 +292,15 @@ def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weig
 def test_white_noise_leaves_huber_and_whites_formula(monkeypatch):
     """To the last digit if no correlation is significant, also in parts; five of six components have rows."""
     wrench = SWING + autoregressive(np.random.default_rng(1), 0)
-    first, found = both_passes(sampled(*SMOOTH, wrench))
+    first, fit = both_passes(sampled(*SMOOTH, wrench))
     columns = BASE.reduce(base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY))
-    rows, residual = columns.reshape(-1, 13), wrench - columns @ found.psi
+    rows, residual = columns.reshape(-1, 13), wrench - columns @ fit.psi
     pulls, bread = np.einsum("ncr,nc->nr", columns, residual), np.linalg.inv(rows.T @ rows)
     usual = bread @ pulls.T @ pulls @ bread * 3000 / (3000 - 13)
     with monkeypatch.context() as patched:
         patched.setattr(module, "PIECE", 300)
         in_parts = huber_white(first, sampled(*SMOOTH, wrench))
-    for covariance in (found.covariance, in_parts.covariance):
+    for covariance in (fit.covariance, in_parts.covariance):
         np.testing.assert_allclose(covariance, usual, rtol=1e-8, atol=1e-16)
     # Only the proportions of a covariance matter.
     one, nine = (both_passes(sampled(*SMOOTH, wrench, covariance=scale * CONSTANT))[1] for scale in (1, 9))
@@ -321,8 +321,8 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted)
         with monkeypatch.context() as patched:
             patched.setattr("ident.estimation.equations.chunk", lambda program, size=chunk: size)
             ways.append(huber_white(first, iter(parts)))
-    for found in ways:
-        np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
+    for fit in ways:
+        np.testing.assert_allclose(fit.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
     monkeypatch.setattr(module, "PIECE", 250)
     for source in (samples, parts):
         halves = huber_white(first, source)
@@ -333,12 +333,12 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted)
 
 def test_a_second_pass_takes_the_samples_of_the_first():
     samples = sampled(*SMOOTH, SWING)
-    found = fitted(TREE, samples, gravity=GRAVITY)
+    fit = fitted(TREE, samples, gravity=GRAVITY)
     for other in (samples[:599], [samples, samples[:1]]):
         with pytest.raises(ValueError, match=r"made of 600 samples, these are (599|601)"):
-            huber_white(found, other)
+            huber_white(fit, other)
     with pytest.raises(ValueError, match="covariance; those of an ordinary one have none"):
-        huber_white(found, sampled(*SMOOTH, SWING, covariance=CONSTANT))
+        huber_white(fit, sampled(*SMOOTH, SWING, covariance=CONSTANT))
 
 
 def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():

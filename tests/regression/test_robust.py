@@ -107,8 +107,8 @@ def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
         fit = fit_of(columns, (columns @ TRUE) + noise[:, None])
         errors.append(fit.values - TRUE)
         predicted.append(fit.std)
-    found = np.std(errors, axis=0) / np.sqrt(np.mean(np.square(predicted), axis=0))
-    assert (found > 0.75).all() and (found < 1.15).all()
+    ratios = np.std(errors, axis=0) / np.sqrt(np.mean(np.square(predicted), axis=0))
+    assert (ratios > 0.75).all() and (ratios < 1.15).all()
 
 
 def autoregressive(rng, correlation, shape):
@@ -164,8 +164,8 @@ def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
     )
     for chunks in ([rows], [rows[..., :30], rows[..., 30:]]):
         for kind, expected in ((True, steady), (False, pulls @ pulls.T)):
-            found = Sandwich(4, 3, steady=kind).add(chunks, pull, 4 / 3).middle
-            np.testing.assert_allclose(found, expected, rtol=1e-9)
+            middle = Sandwich(4, 3, steady=kind).add(chunks, pull, 4 / 3).middle
+            np.testing.assert_allclose(middle, expected, rtol=1e-9)
     # The same in two parts.
     z = remembered(columns[:, 0].T, 0.8, np.zeros(4))
     after = remembered(columns[30:, 0].T, 0.8, z[:, 29])

@@ -52,8 +52,8 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
 
 
 def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
-    said = f"a knot every {1e3 * estimate.trajectory.step:.3g} ms"
-    assert said in held_out_caption(estimate)
+    sentence = f"a knot every {1e3 * estimate.trajectory.step:.3g} ms"
+    assert sentence in held_out_caption(estimate)
     assert "knot" not in held_out_caption(replace(estimate, trajectory=None))
 
 

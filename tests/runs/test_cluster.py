@@ -35,7 +35,7 @@ ONE = {"OPENBLAS_NUM_THREADS": "1"}
 
 
 @contextmanager
-def started(said, *command, **environment):
+def started(pattern, *command, **environment):
     """Starts a part of a cluster as users do, and returns its first matching output."""
     command = [sys.executable, "-m", "dask", *command, "--no-dashboard"]
     with (
@@ -43,7 +43,7 @@ def started(said, *command, **environment):
         subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | environment) as process,
     ):
         try:
-            while not (match := re.search(said, os.pread(log.fileno(), 100_000, 0))):
+            while not (match := re.search(pattern, os.pread(log.fileno(), 100_000, 0))):
                 assert process.poll() is None
                 time.sleep(0.05)
             yield process, match[1].decode()
@@ -78,8 +78,8 @@ def negative(k):
 def test_workers_have_one_thread_for_linear_algebra(address):
     with worker_pool(1, address) as pool:
         assert (pool.ahead, pool.threads) == (4, 1)
-        found = in_order(pool.executor, os.getenv, ["OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"])
-        assert list(found) == ["1", "1"]
+        values = in_order(pool.executor, os.getenv, ["OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"])
+        assert list(values) == ["1", "1"]
         assert list(in_order(pool.executor, negative, range(100), ahead=7)) == [-k for k in range(100)]
 
 
@@ -88,9 +88,9 @@ def test_a_worker_killed_in_the_middle_changes_no_number(address, tmp_path):
     whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
     mortal = Mortal.at(25, source, tmp_path)
     with worker_pool(1, address) as pool:
-        found = run(source, 40, tmp_path, executor=pool.executor, analyse=mortal)
+        outcomes = run(source, 40, tmp_path, executor=pool.executor, analyse=mortal)
     assert mortal.died.exists()
-    np.testing.assert_array_equal(found, whole)
+    np.testing.assert_array_equal(outcomes, whole)
     np.testing.assert_array_equal(kept(tmp_path), whole)
 
 
@@ -142,10 +142,10 @@ def test_pieces_are_identified_while_a_worker_dies(cluster, address):
 
     alone = fitted(TREE, whole, gravity=GRAVITY)
     with worker_pool(1, address) as pool:
-        found = fitted(TREE, read(), gravity=GRAVITY, executor=pool.executor, ahead=pool.ahead)
-    assert found.samples == 1200 and "of 40 chunks" in found.method
-    np.testing.assert_allclose(found.psi, alone.psi, rtol=1e-9, atol=1e-11)
-    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-8, atol=1e-12)
+        fit = fitted(TREE, read(), gravity=GRAVITY, executor=pool.executor, ahead=pool.ahead)
+    assert fit.samples == 1200 and "of 40 chunks" in fit.method
+    np.testing.assert_allclose(fit.psi, alone.psi, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(fit.covariance, alone.covariance, rtol=1e-8, atol=1e-12)
 
 
 def test_a_long_recording_is_read_for_a_cluster(address, tmp_path):
@@ -169,11 +169,11 @@ def test_a_sweep_takes_a_cluster(address, tmp_path):
 
 def test_ctrl_c_ends_the_command_and_leaves_the_cluster(address, tmp_path):
     command = ["--trials", "100000", "--redraw", "sensors", "--scheduler", address, "--out", str(tmp_path)]
-    code, said = interrupted([*command, "--formats", "png"], rb" [1-9]\d*/100000")
+    code, output = interrupted([*command, "--formats", "png"], rb" [1-9]\d*/100000")
     assert code == 130
-    assert b"Traceback" not in said
-    assert b"run again with --resume" in said
-    assert b"every file is whole" in said
+    assert b"Traceback" not in output
+    assert b"run again with --resume" in output
+    assert b"every file is whole" in output
     with worker_pool(1, address) as pool:
         assert pool.executor.submit(negative, 2).result() == -2
 
@@ -184,9 +184,9 @@ def test_a_scheduler_that_cannot_be_reached_is_one_sentence(tmp_path, capsys, mo
         silent.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         command = ["--trials", "2", "--scheduler", address, "--formats", "png", "--out", str(tmp_path)]
-        said = refusal(multicontact.main, command, capsys)
-    assert f"error: There is no Dask scheduler with workers at {address} (" in said
-    assert said.count("\n") == 1
+        message = refusal(multicontact.main, command, capsys)
+    assert f"error: There is no Dask scheduler with workers at {address} (" in message
+    assert message.count("\n") == 1
 
 
 def test_a_scheduler_without_workers_is_one_sentence(monkeypatch):
@@ -218,8 +218,8 @@ def test_a_scheduler_that_dies_is_one_sentence(ahead):
         worker_pool(1, at) as pool,
     ):
         # Tasks that were waiting when the connection ended, and later ones.
-        for found in in_order(pool.executor, abs, count(), ahead=ahead):
-            if found == 10:
+        for result in in_order(pool.executor, abs, count(), ahead=ahead):
+            if result == 10:
                 scheduler.kill()
 
 

@@ -10,10 +10,10 @@ NAMES = (*THREADS, "MUJOCO_GL")
 
 
 @pytest.fixture
-def told(monkeypatch):
+def variables_of(monkeypatch):
     """Variables of a command's libraries, with a user's variables and options."""
 
-    def seen(arguments=(), **own):
+    def variables(arguments=(), **own):
         for name in NAMES:
             monkeypatch.delenv(name, raising=False)
         for name, value in own.items():
@@ -25,17 +25,17 @@ def told(monkeypatch):
         assert {name: os.environ[name] for name in NAMES if name in os.environ} == own
         return {name: during[name] for name in NAMES if name in during}
 
-    return seen
+    return variables
 
 
-def test_commands_take_one_thread_and_look_for_no_screen_without_a_film(told):
-    assert told() == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "disable"}
-    assert told(["--film"]) == dict.fromkeys(THREADS, "1")
+def test_commands_take_one_thread_and_look_for_no_screen_without_a_film(variables_of):
+    assert variables_of() == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "disable"}
+    assert variables_of(["--film"]) == dict.fromkeys(THREADS, "1")
 
 
-def test_what_the_user_says_goes_before(told):
-    assert told(OMP_NUM_THREADS="8") == {"OMP_NUM_THREADS": "8", "MUJOCO_GL": "disable"}
-    assert told(["--film"], MUJOCO_GL="egl") == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "egl"}
+def test_what_the_user_says_goes_before(variables_of):
+    assert variables_of(OMP_NUM_THREADS="8") == {"OMP_NUM_THREADS": "8", "MUJOCO_GL": "disable"}
+    assert variables_of(["--film"], MUJOCO_GL="egl") == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "egl"}
 
 
 def test_variables_are_as_before_whatever_happens(monkeypatch):

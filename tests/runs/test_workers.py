@@ -85,8 +85,8 @@ def test_work_that_never_ends_is_left_at_once():
     "address", ["localhost:8786", "tcp://localhost", "tcp://:8786", "http://a:1", "tcp://a:x", "tcp://a:99999", ""]
 )
 def test_a_malformed_address_is_one_sentence(address, tmp_path, capsys):
-    said = refusal(multicontact.main, ["--scheduler", address, "--out", str(tmp_path)], capsys)
-    assert f"--scheduler: needs an address as tcp://host:port, got '{address}'" in said
+    message = refusal(multicontact.main, ["--scheduler", address, "--out", str(tmp_path)], capsys)
+    assert f"--scheduler: needs an address as tcp://host:port, got '{address}'" in message
 
 
 def test_a_scheduler_needs_the_extra(monkeypatch):

@@ -56,8 +56,8 @@ def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(cont
         data.qpos, data.qvel, data.qacc = q, dq, ddq
         mujoco.mj_inverse(FREE, data)
         expected[k] = data.sensordata[:6]
-    found = problem.total(recording).values
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    total = problem.total(recording).values
+    np.testing.assert_allclose(total, expected, rtol=0, atol=1e-13 * abs(expected).max())
     assert abs(recording.wrench("ground").values - expected).max() > 30
 
 
@@ -169,8 +169,8 @@ def test_load_cells_agree_with_mujocos_constraint_forces(contact):
             centre = se3.pose(np.eye(3), data.subtree_com[model.body("base").id] - model.body("base").pos)
             on_cell = transform_wrench(centre, np.roll(external, 3))
             measured = np.concatenate([data.sensor(f"{site}_{kind}").data for kind in ("force", "torque")])
-            found = transform_wrench(tree.poses(q)[0, cell], measured)
-            np.testing.assert_allclose(found, inertial - on_cell, rtol=0, atol=1e-10 * abs(found).max())
+            computed = transform_wrench(tree.poses(q)[0, cell], measured)
+            np.testing.assert_allclose(computed, inertial - on_cell, rtol=0, atol=1e-10 * abs(computed).max())
             assert abs(on_cell[:3]).max() > 5
 
 

@@ -94,24 +94,24 @@ def test_many_bodies_touch_the_floor_and_others_from_sample_to_sample(motion, to
 
 
 def test_contact_wrenches_sum_up_to_the_base_wrench(motion, contacts, Y):
-    found = total_wrench(TREE, joint_states(motion)[0], None, contacts).values
-    np.testing.assert_allclose(found, Y @ PHI, rtol=0, atol=1e-8)
-    assert abs(found[:, :3]).max() > 1000 and abs(found[:, 3:]).max() > 100
+    total = total_wrench(TREE, joint_states(motion)[0], None, contacts).values
+    np.testing.assert_allclose(total, Y @ PHI, rtol=0, atol=1e-8)
+    assert abs(total[:, :3]).max() > 1000 and abs(total[:, 3:]).max() > 100
 
 
 def test_with_the_world_as_base_the_free_joint_is_one_of_the_joints(motion, contacts):
     tree, phi = tree_from_model(MODEL), parameters_from_model(MODEL)
     Y = base_wrench_regressor(tree, motion.qpos, motion.qvel, motion.qacc, gravity=gravity_in_base(MODEL))
-    found = total_wrench(tree, motion.qpos, None, contacts).values
-    np.testing.assert_allclose(found, Y @ phi, rtol=0, atol=1e-8)
+    total = total_wrench(tree, motion.qpos, None, contacts).values
+    np.testing.assert_allclose(total, Y @ phi, rtol=0, atol=1e-8)
 
 
 def test_no_contact_may_be_left_out(motion, contacts, Y):
     for left_out in contacts:
         others = [contact for contact in contacts if contact is not left_out]
-        found = total_wrench(TREE, joint_states(motion)[0], None, others).values
+        total = total_wrench(TREE, joint_states(motion)[0], None, others).values
         force = np.linalg.norm(left_out.values[:, :3], axis=1)
-        np.testing.assert_allclose(np.linalg.norm((found - Y @ PHI)[:, :3], axis=1), force, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(np.linalg.norm((total - Y @ PHI)[:, :3], axis=1), force, rtol=0, atol=1e-8)
         assert force.max() > 1
 
 

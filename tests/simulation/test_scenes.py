@@ -15,9 +15,9 @@ MODEL = scenes.load("double_pendulum").compile()
 def test_double_pendulum_is_table_2():
     tree, expected = tree_from_model(MODEL, "base"), double_pendulum()
     assert tree.names == ("base", "link1", "link2")
-    for found, body in zip(tree.bodies, expected.bodies, strict=True):
-        np.testing.assert_allclose(found.home, body.home, atol=1e-15)
-        np.testing.assert_allclose(found.twist, body.twist, atol=1e-15)
+    for ours, body in zip(tree.bodies, expected.bodies, strict=True):
+        np.testing.assert_allclose(ours.home, body.home, atol=1e-15)
+        np.testing.assert_allclose(ours.twist, body.twist, atol=1e-15)
 
 
 def test_bodies_are_physical_and_geoms_weigh_nothing():
@@ -47,8 +47,8 @@ def test_every_sensor_declares_its_noise():
         **{f"joint{k}_{kind}": x for k in (1, 2) for kind, x in JOINT_NOISE.items()},
         **{f"link{k}_{kind}": x for k in (1, 2) for kind, x in POSE_NOISE.items()},
     }
-    found = {MODEL.sensor(i).name: float(MODEL.sensor_noise[i]) for i in range(MODEL.nsensor)}
-    assert found == pytest.approx(levels, rel=1e-5)
+    declared = {MODEL.sensor(i).name: float(MODEL.sensor_noise[i]) for i in range(MODEL.nsensor)}
+    assert declared == pytest.approx(levels, rel=1e-5)
 
 
 JOINT_NOISE = {"position": 0.001, "velocity": 0.01, "acceleration": 0.05}

@@ -44,25 +44,25 @@ def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
     own = ["--page-columns", "1", "--caption", "figure_residuals", "Ours."]
     assert main([*arguments, "--out", str(tmp_path / "out"), "--formats", "pdf", *own]) == 0
     assert r"\caption{Ours.}" in (tmp_path / "out" / "figure_residuals.tex").read_text(encoding="utf-8")
-    said = capsys.readouterr().out
-    assert "54 markers in 40 frames; {0} is the frame of 'pelvis'." in said
+    output = capsys.readouterr().out
+    assert "54 markers in 40 frames; {0} is the frame of 'pelvis'." in output
     out = tmp_path / "out"
     with np.load(folder / "truth.npz") as archive:
         truth = dict(archive)
     person = sim.mechanism(out / "model_scaled.xml", base="pelvis")
     assert person.known.reshape(-1, 10)[:, 0].sum() == pytest.approx(70)
-    found = Recording.load(out / "angles.npz")
+    recording = Recording.load(out / "angles.npz")
     knee = person.source.model.joint("left_knee").qposadr[0]
-    z = (found["left_knee_position"] - truth["qpos"][:, knee]) / found.noise["left_knee_position"]
+    z = (recording["left_knee_position"] - truth["qpos"][:, knee]) / recording.noise["left_knee_position"]
     assert np.sqrt((z**2).mean()) < 2
     first = int(person.source.model.joint("neck").qposadr[0])
     neck, true = (
         Rotation.from_quat(x, scalar_first=True)
         for x in (read_log(out / "angles.csv", person)["neck_position"], truth["qpos"][:, first : first + 4])
     )
-    assert np.sqrt(((neck.inv() * true).as_rotvec() ** 2).mean()) < 2 * found.noise["neck_position"]
-    assert found.base.shape == (40, 4, 4)
-    np.testing.assert_allclose(found.base[:, :3, 3], truth["qpos"][:, :3], atol=0.006)
+    assert np.sqrt(((neck.inv() * true).as_rotvec() ** 2).mean()) < 2 * recording.noise["neck_position"]
+    assert recording.base.shape == (40, 4, 4)
+    np.testing.assert_allclose(recording.base[:, :3, 3], truth["qpos"][:, :3], atol=0.006)
     with np.load(out / "covariance.npz") as covariance:
         assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
     assert json.loads((out / "provenance.json").read_text())["options"]["mass"] == 70
@@ -101,10 +101,10 @@ def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path):
     assert main([*arguments, "--base", "base", "--out", str(tmp_path / "angles"), "--formats", "png"]) == 0
     arm = sim.mechanism(folder / "arm.xml", base="base")
     log = read_log(tmp_path / "angles" / "angles.csv", arm)
-    found = Recording.load(tmp_path / "angles" / "angles.csv")
+    recording = Recording.load(tmp_path / "angles" / "angles.csv")
     for joint in joints:
         error = log[f"{joint}_position"] - recorded.true[f"{joint}_position"]
-        assert np.sqrt((error**2).mean()) == pytest.approx(found.noise[f"{joint}_position"], rel=0.15)
+        assert np.sqrt((error**2).mean()) == pytest.approx(recording.noise[f"{joint}_position"], rel=0.15)
     log_file = str(tmp_path / "angles" / "angles.npz")
     assert identify([str(folder / "arm.xml"), log_file, "--base", "base", "--out", str(tmp_path), "--name", "e"]) == 0
     estimate = json.loads((tmp_path / "e" / "estimate.json").read_text())
@@ -137,9 +137,9 @@ def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_pat
     (tmp_path / "bare.xml").write_text(bare.to_xml())
     arguments = [str(tmp_path / "bare.xml"), str(tmp_path / "up.trc"), "--places", str(tmp_path / "places.toml")]
     assert main([*arguments, "--base", "base", "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
-    found = Recording.load(tmp_path / "out" / "angles.csv")
+    recording = Recording.load(tmp_path / "out" / "angles.csv")
     for joint in joints:
-        np.testing.assert_allclose(found[f"{joint}_position"], recorded.true[f"{joint}_position"], atol=0.05)
+        np.testing.assert_allclose(recording[f"{joint}_position"], recorded.true[f"{joint}_position"], atol=0.05)
 
 
 REFUSED = {
@@ -175,5 +175,5 @@ def test_what_does_not_fit_is_refused_in_a_sentence(folder, tmp_path, capsys, mo
     lines[2] = lines[2].replace("\t40\t", "\t3\t")
     (tmp_path / "short.trc").write_text("\n".join(lines[:9]) + "\n")
     model = others.get("model", str(folder / "person.xml"))
-    said = refusal(main, [model, "short.trc", "--places", "places.toml", *others.get("more", [])], capsys)
-    assert expected in said and said.count("\n") == 1
+    message = refusal(main, [model, "short.trc", "--places", "places.toml", *others.get("more", [])], capsys)
+    assert expected in message and message.count("\n") == 1

@@ -98,19 +98,19 @@ def test_householder_solves_exactly_solvable_least_squares():
     A, b = np.array([[1, 2], [3, 4], [5, 7], [1, 0]]), np.array([1, -2, 3, 5])
     (p, q, r), (u, v) = (A[:, 0] @ A[:, 0], A[:, 0] @ A[:, 1], A[:, 1] @ A[:, 1]), A.T @ b
     exact = [Fraction(int(r * u - q * v), int(p * r - q * q)), Fraction(int(p * v - q * u), int(p * r - q * q))]
-    found = bounds._householder(A.astype(np.longdouble), b.astype(np.longdouble))
-    np.testing.assert_allclose(found.astype(float), [float(x) for x in exact], rtol=1e-15)
+    solution = bounds._householder(A.astype(np.longdouble), b.astype(np.longdouble))
+    np.testing.assert_allclose(solution.astype(float), [float(x) for x in exact], rtol=1e-15)
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).eps >= np.finfo(float).eps, reason="no extended precision here")
 def test_estimates_are_as_accurate_as_those_of_householders_qr():
-    found = bounds.accuracies()
-    assert found[0].condition_number < 40
-    assert found[-1].condition_number > 1e7
-    for accuracy in found:
+    accuracies = bounds.accuracies()
+    assert accuracies[0].condition_number < 40
+    assert accuracies[-1].condition_number > 1e7
+    for accuracy in accuracies:
         assert accuracy.ours <= targets.ERROR * accuracy.qr
     # The problems are hard enough to distinguish the methods.
-    assert found[-1].normal > 1e4 * found[-1].qr
+    assert accuracies[-1].normal > 1e4 * accuracies[-1].qr
 
 
 def test_peak_memory_does_not_grow_with_the_samples():

@@ -14,12 +14,12 @@ from experiments.benchmark.mechanisms import mechanisms
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("benchmark")
     assert main(["--quick", "--formats", "png", "--out", str(out)]) == 0
-    found = json.loads((out / sections.FILE).read_text(encoding="utf-8"))
-    for name in [name for name, table in tables.tables(found).items() if table.rows]:
+    written = json.loads((out / sections.FILE).read_text(encoding="utf-8"))
+    for name in [name for name, table in tables.tables(written).items() if table.rows]:
         for suffix in ("csv", "md", "tex"):
             assert (out / f"{name}.{suffix}").stat().st_size
-    assert (out / "figure_benchmark.png").exists() == bool(found["comparisons"])
-    return found
+    assert (out / "figure_benchmark.png").exists() == bool(written["comparisons"])
+    return written
 
 
 def numbers(node):
@@ -46,9 +46,9 @@ def test_a_quick_run_measures_everything(results):
 
 def test_a_quick_run_compares_every_task_on_every_mechanism(results):
     pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
-    found = {(row["task"], row["mechanism"]) for row in results["comparisons"]}
-    assert found >= {(task, m.name) for task in identification.TASKS for m in mechanisms()}
-    assert found >= {(task, "double pendulum") for task in monte_carlo.TASKS}
+    compared = {(row["task"], row["mechanism"]) for row in results["comparisons"]}
+    assert compared >= {(task, m.name) for task in identification.TASKS for m in mechanisms()}
+    assert compared >= {(task, "double pendulum") for task in monte_carlo.TASKS}
     for row in results["comparisons"]:
         assert row["ratio"] == pytest.approx(row["theirs"] / row["ours"])
         assert 0 < row["lowest"] <= row["highest"]
@@ -67,12 +67,12 @@ def test_results_are_shown_without_anything_to_compare_with(results):
 def test_targets_stand_beside_what_was_measured(results):
     row = {"task": "regressor", "mechanism": "double pendulum", "samples": 100_000}
     row |= {"ratio": 14.5, "theirs": 14.5, "ours": 1.0, "numpy": 2.0}
-    found = results | {"comparisons": [row]}
-    measured = {row[0]: row[-1] for row in targets.table_targets(found).rows}
+    changed = results | {"comparisons": [row]}
+    measured = {row[0]: row[-1] for row in targets.table_targets(changed).rows}
     assert measured["ratio, regressor, double pendulum, N = 100000, compiled"] == 14.5
     assert measured["ratio, regressor, double pendulum, N = 100000, numpy"] == 7.25
     assert measured["ratio, regressor, 7-link arm, N = 100000, numpy"] is None
-    assert [line for line in targets.missed(found) if "double pendulum" in line] == [
+    assert [line for line in targets.missed(changed) if "double pendulum" in line] == [
         "Missed: ratio, regressor, double pendulum, N = 100000, numpy: 7.25 where at least 10 is wanted"
     ]
     without = results | {"comparisons": [row | {"numpy": None}]}

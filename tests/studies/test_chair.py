@@ -56,7 +56,7 @@ def supported(who, activity, seed, carries=nothing, body="pelvis", point=(0, 0, 
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def supported_person(tmp_path_factory):
     """The command's result for one who sits down, leans, and swings the arms; the truth; and the shares (N,)."""
     folder, spec = tmp_path_factory.mktemp("supported"), scenes.load("humanoid")
     for joint in [joint for joint in spec.joints if any(word in joint.name for word in STIFF)]:
@@ -76,24 +76,24 @@ def told(tmp_path_factory):
     return json.loads((folder / "out" / "estimate.json").read_text(encoding="utf-8")), true, (seated, leant)
 
 
-def test_who_rests_on_what_and_how_much_it_takes_is_said(told):
-    contacts = [each["values"] for each in told[0]["findings"] if each["code"] == "unmeasured_contact"]
+def test_who_rests_on_what_and_how_much_it_takes_is_said(supported_person):
+    contacts = [each["values"] for each in supported_person[0]["findings"] if each["code"] == "unmeasured_contact"]
     spans = [(each["start"], each["end"], each["carries"], each["body"]) for each in contacts]
-    seated, leant = told[2]
+    seated, leant = supported_person[2]
     on_chair = [span for span in spans if span[3] in ("pelvis", "left_thigh", "right_thigh")]
     on_table = [span for span in spans if span[3] in ("left_hand", "left_forearm")]
     assert len(on_chair) + len(on_table) == len(spans) and len(on_table) == 1
-    for found, share, few in ((on_chair, seated, 0.5), (on_table, leant, 1.0)):
-        outside = np.all([(a > TIME) | (b < TIME) for a, b, *_ in found], axis=0)
+    for there, share, few in ((on_chair, seated, 0.5), (on_table, leant, 1.0)):
+        outside = np.all([(a > TIME) | (b < TIME) for a, b, *_ in there], axis=0)
         assert not (outside & (share > 0.03)).any()
         assert outside.mean() > 0.3 * few
-        np.testing.assert_allclose(max(c for _, _, c, _ in found), share.max(), atol=0.08)
+        np.testing.assert_allclose(max(c for _, _, c, _ in there), share.max(), atol=0.08)
 
 
-def test_the_samples_without_them_tell_who_it_is(told):
+def test_the_samples_without_them_tell_who_it_is(supported_person):
     """A fifth of the weight on a table would make her lighter, and a chair by more."""
-    mass = sum(body["m"] for body in told[0]["bodies"].values())
-    assert mass == pytest.approx(told[1].mass, rel=0.01)
-    assert told[0]["outcome"] == "usable"
-    (late,) = told[0]["setup"]
+    mass = sum(body["m"] for body in supported_person[0]["bodies"].values())
+    assert mass == pytest.approx(supported_person[1].mass, rel=0.01)
+    assert supported_person[0]["outcome"] == "usable"
+    (late,) = supported_person[0]["setup"]
     assert late["name"].startswith("delay") and abs(late["value"] - LABORATORY.late) < 3 * late["std"]

@@ -20,17 +20,17 @@ MODEL = next(iter(scenes.__path__)) + "/double_pendulum.xml"
 def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
     path, _ = write(tmp_path, log)
     assert columns.main([MODEL, str(path), "--base", "base"]) == 0
-    said = capsys.readouterr().out
-    *_, command = said.strip().splitlines()
+    output = capsys.readouterr().out
+    *_, command = output.strip().splitlines()
     assert command == (
         f"python -m experiments.identify {MODEL} {path} --columns {path.with_suffix('.toml')} --base base"
     )
     assert identify.main([*command.split()[3:], "--out", str(tmp_path), "--name", "out"]) == 0
-    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     sensors = ident.Sensors(False, True) if log is motors else None
     parameters = ident.find_base_parameters(arm(), **({"sensors": sensors} if sensors else {}))
     truth = parameters.regroup(arm().known)
-    values, std = (np.array(found[key])[: len(truth)] for key in ("values", "std_setup"))
+    values, std = (np.array(estimate[key])[: len(truth)] for key in ("values", "std_setup"))
     # Gains of motors agree with the model within a few per cent.
     assert np.abs((values - truth) / np.hypot(std, 0.03 * np.abs(truth) * (log is motors))).max() < 4
 
@@ -46,10 +46,12 @@ def test_missing_samples_ask_for_gaps(tmp_path, capsys, lost):
     path.write_text("\n".join([head, *rows]), encoding="utf-8")
     assert columns.main([MODEL, str(path), "--base", "base"]) == 0
     assert capsys.readouterr().out.endswith(" --gaps\n")
-    found, expected = (ident.read_log(path, arm(), mapping, gaps=True) for mapping in (path.with_suffix(".toml"), true))
-    assert found.measured.keys() == expected.measured.keys()
+    recording, expected = (
+        ident.read_log(path, arm(), mapping, gaps=True) for mapping in (path.with_suffix(".toml"), true)
+    )
+    assert recording.measured.keys() == expected.measured.keys()
     for name, x in expected.measured.items():
-        np.testing.assert_allclose(found[name], x, rtol=1e-9)
+        np.testing.assert_allclose(recording[name], x, rtol=1e-9)
 
 
 def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
@@ -58,8 +60,8 @@ def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
     assert columns.main(arguments) == 0
     first = path.with_suffix(".toml").read_bytes()
     path.with_suffix(".toml").write_text("# mine")
-    said = refusal(columns.main, arguments, capsys)
-    assert re.fullmatch(r"python -m experiments\.columns: error: '.*' is there already; --force .*\n", said)
+    message = refusal(columns.main, arguments, capsys)
+    assert re.fullmatch(r"python -m experiments\.columns: error: '.*' is there already; --force .*\n", message)
     assert path.with_suffix(".toml").read_text() == "# mine"
     assert columns.main([*arguments, "--force"]) == 0 and path.with_suffix(".toml").read_bytes() == first
 
@@ -81,8 +83,12 @@ def test_bad_logs_end_with_a_sentence(tmp_path, capsys, content, sentence):
     path = tmp_path / "log.csv"
     if content is not None:
         path.write_text(content)
-    said = refusal(columns.main, [MODEL, str(path), "--base", "base"], capsys)
-    assert sentence in said and said.count("\n") == 1 and said.startswith("python -m experiments.columns: error: ")
+    message = refusal(columns.main, [MODEL, str(path), "--base", "base"], capsys)
+    assert (
+        sentence in message
+        and message.count("\n") == 1
+        and message.startswith("python -m experiments.columns: error: ")
+    )
     assert not path.with_suffix(".toml").exists()
 
 
@@ -90,20 +96,20 @@ def test_other_logs_need_the_same_columns(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
     another = tmp_path / "another.csv"
     another.write_text(path.read_text().replace("Joint 2 angle", "Joint 2 winkel"))
-    said = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
-    assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in said
+    message = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
+    assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in message
 
 
 def test_the_mapping_never_takes_the_place_of_what_is_read(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
-    said = refusal(columns.main, [MODEL, str(path), "--base", "base", "--out", str(path), "--force"], capsys)
-    assert "is read; choose another by --out" in said and path.stat().st_size > 1000
+    message = refusal(columns.main, [MODEL, str(path), "--base", "base", "--out", str(path), "--force"], capsys)
+    assert "is read; choose another by --out" in message and path.stat().st_size > 1000
 
 
 def test_identify_names_the_way_to_a_mapping_unless_there_is_one(tmp_path, capsys):
     path, true = write(tmp_path, laboratory)
     arguments = [MODEL, str(path), "--base", "base", "--out", str(tmp_path / "out")]
-    said = refusal(identify.main, arguments, capsys)
-    assert said.endswith("python -m experiments.columns MODEL LOG writes a mapping to correct.\n")
+    message = refusal(identify.main, arguments, capsys)
+    assert message.endswith("python -m experiments.columns MODEL LOG writes a mapping to correct.\n")
     true.write_text("[joints.joint1]\nposition = 'Joint 1 angle'\n")
     assert "experiments.columns" not in refusal(identify.main, [*arguments, "--columns", str(true)], capsys)

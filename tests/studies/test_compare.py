@@ -55,19 +55,19 @@ def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, m
     monkeypatch.setattr(writer, "write_page", lambda *_: None)
     a, b = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.5, 3.0])
     first, second = result(tmp_path / "first", a), result(tmp_path / "second", b, log="b", estimator="weighted")
-    (found,) = run(tmp_path, first, second)
-    np.testing.assert_allclose(found["difference"], a - b)
-    np.testing.assert_allclose(found["std"], np.sqrt(2 * np.diag(COVARIANCE)))
-    np.testing.assert_allclose(found["std_setup"], 2 * np.sqrt(2 * np.diag(COVARIANCE)))
+    (compared,) = run(tmp_path, first, second)
+    np.testing.assert_allclose(compared["difference"], a - b)
+    np.testing.assert_allclose(compared["std"], np.sqrt(2 * np.diag(COVARIANCE)))
+    np.testing.assert_allclose(compared["std_setup"], 2 * np.sqrt(2 * np.diag(COVARIANCE)))
     chi2 = (a - b) @ np.linalg.inv(2 * COVARIANCE) @ (a - b)
-    assert found["chi2"] == pytest.approx(chi2) and found["p_value"] == pytest.approx(stats.chi2.sf(chi2, 3))
-    assert found["settings"] == {"estimator": ["trajectory", "weighted"], "logs": ["a.csv", "b.csv"]}
+    assert compared["chi2"] == pytest.approx(chi2) and compared["p_value"] == pytest.approx(stats.chi2.sf(chi2, 3))
+    assert compared["settings"] == {"estimator": ["trajectory", "weighted"], "logs": ["a.csv", "b.csv"]}
     with (tmp_path / "out" / "table_differences.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row["body"] for row in rows] == ["base", "shank", "shank"]
-    assert float(rows[1]["interval_95"]) == pytest.approx(1.959964 * found["std"][1])
-    said = capsys.readouterr().out
-    assert "agree within noise, if their logs are independent" in said and "late" in said and "as stated" in said
+    assert float(rows[1]["interval_95"]) == pytest.approx(1.959964 * compared["std"][1])
+    output = capsys.readouterr().out
+    assert "agree within noise, if their logs are independent" in output and "late" in output and "as stated" in output
 
 
 def test_the_chance_of_disagreement_is_right(tmp_path):
@@ -90,8 +90,8 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     shared, far = run(tmp_path, *folders)
     assert shared["shared_logs"] == ["a.csv"] and shared["chi2"] is None and shared["difference"] == [0, 0, -1]
     assert far["p_value"] < 1e-9
-    said = capsys.readouterr().out
-    assert "were both fitted to a.csv" in said and "'a' and 'c' differ by more than noise" in said
+    output = capsys.readouterr().out
+    assert "were both fitted to a.csv" in output and "'a' and 'c' differ by more than noise" in output
     assert not (tmp_path / "out" / "figure_differences_2.png").exists()
     assert (tmp_path / "out" / "figure_differences_3.png").exists()
 
@@ -99,9 +99,9 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
 def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
     first = result(tmp_path / "a", [1.0, 2.0, 3.0])
     second = result(tmp_path / "b", [1.0, 2.0, 3.0], log="b", regrouping=("m1 + m2", "m2rz2", "Ixx2"))
-    found = Difference(*read_results([first, second]))
-    assert found.names == ("m2rz2", "Ixx2") and found.comparison.covariance.shape == (2, 2)
-    assert "Not compared, as only one has them so regrouped: m1." in compare_report.agreement(found)
+    difference = Difference(*read_results([first, second]))
+    assert difference.names == ("m2rz2", "Ixx2") and difference.comparison.covariance.shape == (2, 2)
+    assert "Not compared, as only one has them so regrouped: m1." in compare_report.agreement(difference)
 
 
 def test_a_page_and_figures_are_written(tmp_path):
@@ -202,12 +202,12 @@ def test_a_wrong_entry_is_named(tmp_path, capsys, entry, value, message):
     folders = [result(tmp_path / each, [1.0, 2.0, 3.0], log=each) for each in "ab"]
     content = json.loads((folders[1] / "estimate.json").read_text())
     (folders[1] / "estimate.json").write_text(json.dumps(content | {entry: value}))
-    said = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
-    assert f"estimate.json' needs to be of identify, but {message}" in said
+    refused = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
+    assert f"estimate.json' needs to be of identify, but {message}" in refused
 
 
 def test_covariances_that_are_singular_together_are_refused(tmp_path, capsys):
     one = np.ones((3, 3))
     folders = [result(tmp_path / each, [1.0, 2.0, 3.0], log=each, covariance=one) for each in "ab"]
-    said = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
-    assert "Differences of 'a' and 'b' need a covariance, but the sum of theirs is singular" in said
+    message = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
+    assert "Differences of 'a' and 'b' need a covariance, but the sum of theirs is singular" in message

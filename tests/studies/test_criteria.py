@@ -41,14 +41,14 @@ def test_estimates_scatter_by_the_predicted_deviations(weighted):
     truth = recording.noise_free
     motion = Motion(*truth.joint_states(arm.tree.joints))
     levels = dict(zip(("ground_force", "ground_torque"), noise, strict=True))
-    equations, rng, found = Equations.of_wrench(arm), np.random.default_rng(0), []
+    equations, rng, estimates = Equations.of_wrench(arm), np.random.default_rng(0), []
     covariance = np.diag(np.repeat(np.square(noise), 3)) if weighted else None
     noisy = type(truth)(truth.time, truth.measured, true=truth.measured, units=truth.units, noise=levels)
     for _ in range(400):
         wrench = with_noise(noisy, rng).wrench("ground").values
-        found.append(least_squares(equations, Samples(motion, wrench, covariance)).psi)
+        estimates.append(least_squares(equations, Samples(motion, wrench, covariance)).psi)
     problem = excitation.problem(arm, None, sensors="wrench", noise=noise)
-    ratio = np.std(found, axis=0, ddof=1) / criteria.predicted_deviations(problem, motion)
+    ratio = np.std(estimates, axis=0, ddof=1) / criteria.predicted_deviations(problem, motion)
     # The spread of 400 estimates has a relative error of 1/√800.
     np.testing.assert_allclose(ratio, 1, atol=4 / np.sqrt(800))
     assert np.mean(ratio**2) == pytest.approx(1, abs=0.05)
@@ -73,10 +73,10 @@ def test_what_is_known_counts_as_one_more_measurement(pendulum):
     rows = pendulum.regressor(*PAPERS.states) / np.repeat([0.5, 0.05], 3)[:, None]
     M = np.einsum("nci,ncj->ij", rows, rows)
     left = np.sqrt(np.diag(np.linalg.inv(M + np.linalg.inv(L.T @ L))))
-    found = criteria.quality(pendulum, PAPERS)["geometric_mean_of_relative_deviations"]
-    assert found == pytest.approx(geometric_mean(left / known), rel=1e-6)
+    quality = criteria.quality(pendulum, PAPERS)["geometric_mean_of_relative_deviations"]
+    assert quality == pytest.approx(geometric_mean(left / known), rel=1e-6)
     value, _ = criteria.cost(pendulum, "deviations", len(TIME))(*PAPERS.states)
-    assert np.exp(value) == pytest.approx(found, rel=1e-9)
+    assert np.exp(value) == pytest.approx(quality, rel=1e-9)
     # If some samples are left out, the remaining ones represent all.
     half, _ = criteria.cost(pendulum, "deviations", len(TIME))(*(x[::2] for x in PAPERS.states))
     assert half == pytest.approx(value, abs=0.01)
@@ -98,8 +98,8 @@ def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
     deviations = {}
     for criterion in ("deviations", "condition"):
         value = criteria.cost(pendulum, criterion, len(TIME))
-        found = excitation.best(value, limits, starts, None, 50, seed=1)
-        motion = Motion(*found.states(TIME))
+        designed = excitation.best(value, limits, starts, None, 50, seed=1)
+        motion = Motion(*designed.states(TIME))
         deviations[criterion] = geometric_mean(criteria.predicted_deviations(pendulum, motion))
     assert deviations["deviations"] < 0.85 * deviations["condition"]
 

@@ -114,10 +114,10 @@ def assert_is_the_regressor(tree, function):
 def test_base_parameters_of_the_double_pendulum(table):
     _, model = case(table)
     assert model.exact
-    found = model.base_expressions()
-    assert list(found) == list(TABLE_PSI)
+    expressions = model.base_expressions()
+    assert list(expressions) == list(TABLE_PSI)
     for name, expression in TABLE_PSI.items():
-        assert sympy.expand(found[name] - sympy.sympify(expression, {"l_1": symbolic.Symbol("l_1")})) == 0
+        assert sympy.expand(expressions[name] - sympy.sympify(expression, {"l_1": symbolic.Symbol("l_1")})) == 0
 
 
 def test_both_tables_give_one_model():

@@ -52,19 +52,19 @@ def test_the_file_has_the_documented_entries(written, command):
 
 @pytest.mark.parametrize("command", ["identify", "stream"])
 def test_what_both_commands_write_has_one_form(written, command):
-    found = written[command]
-    assert found["version"] == VERSION and f"`version`, now {VERSION}," in PAGE.read_text(encoding="utf-8")
-    assert found["outcome"] in {outcome.value for outcome in Outcome} and isinstance(found["verdict"], str)
+    estimate = written[command]
+    assert estimate["version"] == VERSION and f"`version`, now {VERSION}," in PAGE.read_text(encoding="utf-8")
+    assert estimate["outcome"] in {outcome.value for outcome in Outcome} and isinstance(estimate["verdict"], str)
     assert all(f"`{outcome.value}`" in documented(command)["outcome"] for outcome in Outcome)
-    n = len(found["columns"])
-    assert len(found["values"]) == len(found["std"]) == len(found["covariance"]) == n
-    assert all(len(row) == n for row in found["covariance"])
-    assert list(found["regrouping"]) == found["columns"][: len(found["regrouping"])]
-    assert found["part"] in ("held-out", "fitted") and found["condition_number"] > 1
-    assert all(each["ratio"] > 0 for each in found["held_out"].values())
-    assert all(each.keys() == {"value", "std"} for each in found["offsets"].values())
-    assert found["findings"]
-    for each in found["findings"]:
+    n = len(estimate["columns"])
+    assert len(estimate["values"]) == len(estimate["std"]) == len(estimate["covariance"]) == n
+    assert all(len(row) == n for row in estimate["covariance"])
+    assert list(estimate["regrouping"]) == estimate["columns"][: len(estimate["regrouping"])]
+    assert estimate["part"] in ("held-out", "fitted") and estimate["condition_number"] > 1
+    assert all(each["ratio"] > 0 for each in estimate["held_out"].values())
+    assert all(each.keys() == {"value", "std"} for each in estimate["offsets"].values())
+    assert estimate["findings"]
+    for each in estimate["findings"]:
         assert each.keys() == {"code", "values", "doubt", "place", "text"}
         assert FINDINGS[each["code"]].rendered(each["values"]) == each["text"]
 

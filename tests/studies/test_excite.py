@@ -80,9 +80,9 @@ def test_the_papers_excitation_is_improved_within_its_limits(tmp_path, capsys):
     states = recording.joint_states(["joint1", "joint2"])
     allowed = DOUBLE_PENDULUM.trajectory(TIME)
     assert (states[0] > allowed[0].min(axis=0)).all() and (states[0] < allowed[0].max(axis=0)).all()
-    for found, limit in zip(states[1:], allowed[1:], strict=True):
-        assert (abs(found).max(axis=0) < abs(limit).max(axis=0)).all()
-        np.testing.assert_allclose(found[[0, -1]], 0, atol=1e-12)
+    for state, limit in zip(states[1:], allowed[1:], strict=True):
+        assert (abs(state).max(axis=0) < abs(limit).max(axis=0)).all()
+        np.testing.assert_allclose(state[[0, -1]], 0, atol=1e-12)
     binary = Recording.load(tmp_path / "trajectory.npz")
     np.testing.assert_array_equal(binary.joint_states(["joint1", "joint2"]), states)
 
@@ -106,9 +106,9 @@ def test_each_criterion_improves(arm, criterion, sensors):
     problem = excitation.problem(mechanism(model, "column"), None, sensors=sensors, noise=(0.5, 0.05))
     start = random_start(LIMITS, 5.0, 4, np.random.default_rng(0))
     cost = criteria.cost(problem, criterion, 501)
-    found = design(cost, LIMITS, start, iterations=15)
+    designed = design(cost, LIMITS, start, iterations=15)
     time = np.arange(501) / 100
-    before, after = (criteria.quality(problem, Motion(*trajectory.states(time))) for trajectory in (start, found))
+    before, after = (criteria.quality(problem, Motion(*trajectory.states(time))) for trajectory in (start, designed))
     if criterion == "determinant":
         assert after["log_det_information"] > before["log_det_information"] + 1
     else:

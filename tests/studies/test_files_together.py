@@ -39,10 +39,10 @@ def test_two_commands_lead_from_two_files_to_parameters(tmp_path, capsys):
     assert 'time = [{ column = "time", unit = "s" }, { column = "clock_ms", unit = "ms" }]' in written
     arguments = [*command.split()[3:], "--out", str(tmp_path), "--name", "out"]
     assert identify.main(arguments) == 0
-    told = json.loads((tmp_path / "out" / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
-    assert [each["file"] for each in told[0]["files"]] == ["trial1_ik.mot", "trial1_grf.csv"]
-    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    assert found["held_out"]["Mx"]["ratio"] < 0.2 and found["held_out"]["Fz"]["ratio"] < 0.5
+    logs = json.loads((tmp_path / "out" / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
+    assert [each["file"] for each in logs[0]["files"]] == ["trial1_ik.mot", "trial1_grf.csv"]
+    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    assert estimate["held_out"]["Mx"]["ratio"] < 0.2 and estimate["held_out"]["Fz"]["ratio"] < 0.5
 
 
 def test_files_that_are_given_twice_or_would_be_replaced(tmp_path, capsys):

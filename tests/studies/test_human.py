@@ -38,18 +38,18 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     assert "trajectory estimate" in capsys.readouterr().out
     assert replayed(out / "report.html")["estimated"]
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    found = summary["plates_and_rail"]
-    assert found["coverage_of_determined"] > 0.85 and found["rms_z"] < 1.4 and found["determined"] >= 10
-    (late,) = (each for each in found["set_up"] if each["name"].startswith("delay"))
+    numbers = summary["plates_and_rail"]
+    assert numbers["coverage_of_determined"] > 0.85 and numbers["rms_z"] < 1.4 and numbers["determined"] >= 10
+    (late,) = (each for each in numbers["set_up"] if each["name"].startswith("delay"))
     assert abs(late["value"] - 0.02) < 3 * late["std"]
-    prior, joint = (found["errors"][name] for name in ("prior", "trajectory estimate"))
+    prior, joint = (numbers["errors"][name] for name in ("prior", "trajectory estimate"))
     assert sum(joint.values()) < 0.6 * sum(prior.values())
-    growth = found["growth"]
+    growth = numbers["growth"]
     assert growth[0] == [1, 1, 1]
     assert all((np.diff(growth, axis=0) <= 0).ravel())
-    for curve in found["foretold"].values():
+    for curve in numbers["foretold"].values():
         assert all(np.diff(curve["deviation"]) < 0) and curve["deviation"][0] < 1
-    every, squats = (found["foretold"][name]["deviation"] for name in ("all", "squats"))
+    every, squats = (numbers["foretold"][name]["deviation"] for name in ("all", "squats"))
     for length, alone in zip(every, squats, strict=True):
         assert length < alone
     with (out / "table_segments.csv").open(newline="", encoding="utf-8") as file:
@@ -64,37 +64,37 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     with (out / "table_coverage.csv").open(newline="", encoding="utf-8") as file:
         first, second, both = csv.DictReader(file)
     assert [row["person"] for row in (first, second, both)] == ["1", "2", "all"]
-    assert int(both["determined"]) == int(first["determined"]) + int(second["determined"]) == 2 * found["determined"]
-    assert float(both["hold"]) == pytest.approx(found["coverage_of_determined"])
-    assert float(first["times_better"]) == pytest.approx(min(found["times_better"]))
+    assert int(both["determined"]) == int(first["determined"]) + int(second["determined"]) == 2 * numbers["determined"]
+    assert float(both["hold"]) == pytest.approx(numbers["coverage_of_determined"])
+    assert float(first["times_better"]) == pytest.approx(min(numbers["times_better"]))
     assert 0.15 < float(first["noise_of_angles"]) < 0.22 and not both["noise_of_angles"]
 
 
 def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
     for option, value in (("--noise", "40"), ("--from", "films"), ("--seconds", "1"), ("--activities", "sleeping")):
-        said = refusal(main, [option, value, "--out", str(tmp_path / "out")], capsys)
-        assert value in said
+        message = refusal(main, [option, value, "--out", str(tmp_path / "out")], capsys)
+        assert value in message
 
 
 def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured():
-    found = persons.at_a_rail()
-    joint, fit = found.estimate.trajectory, found.estimate.trajectory.fit
-    told = np.diag(found._covariance([1.2, 1.2]))
+    study = persons.at_a_rail()
+    joint, fit = study.estimate.trajectory, study.estimate.trajectory.fit
+    variances = np.diag(study._covariance([1.2, 1.2]))
     for k, piece in enumerate(fit.pieces):
         there, felt = (x < piece.origin + 1.2 for x in (piece.time, piece.when))
         states = np.where(there[:, None], piece.states[0], np.nan), None, None
         unmeasured = replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
         whole = linearised(joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
-        found._begun[k, 1.2] = whole.schur
+        study._begun[k, 1.2] = whole.schur
         assert beginning(piece, 1.2).spline.intervals < piece.spline.intervals
-    np.testing.assert_allclose(told, np.diag(found._covariance([1.2, 1.2])), rtol=1e-3)
+    np.testing.assert_allclose(variances, np.diag(study._covariance([1.2, 1.2])), rtol=1e-3)
 
 
 @pytest.mark.parametrize("seconds", [1e-6, 0.02, 0.05])
 def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
-    found = persons.at_a_rail()
-    known, told = (np.diag(found._covariance([each] * 2)) for each in (0.0, seconds))
-    assert (told <= known * (1 + 1e-6)).all()
+    study = persons.at_a_rail()
+    known, variances = (np.diag(study._covariance([each] * 2)) for each in (0.0, seconds))
+    assert (variances <= known * (1 + 1e-6)).all()
 
 
 def test_a_piece_that_begins_later_tells_nothing():

@@ -82,7 +82,7 @@ def ground_frame(R):
     return f"[wrenches.ground]\nquaternion = {quaternion}\nforce = {columns[0]}\ntorque = {columns[1]}\n"
 
 
-def found(tmp_path, log, mapping=None, **options):
+def doubts_and_result(tmp_path, log, mapping=None, **options):
     """Doubts on the aligned pendulum's model, values by code, and the result."""
     path, columns = tmp_path / "log.csv", None
     log.save(path)
@@ -96,7 +96,7 @@ def found(tmp_path, log, mapping=None, **options):
 @pytest.fixture(scope="module")
 def aligned(tmp_path_factory):
     """Findings and result for the aligned scene."""
-    return found(tmp_path_factory.mktemp("aligned"), recording())
+    return doubts_and_result(tmp_path_factory.mktemp("aligned"), recording())
 
 
 @pytest.fixture
@@ -225,7 +225,7 @@ def test_the_aligned_scene_is_usable(aligned):
 
 
 def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
-    doubts, result = found(tmp_path, recording(tilt_deg=5.0))
+    doubts, result = doubts_and_result(tmp_path, recording(tilt_deg=5.0))
     assert not doubts
     tilts = {each.name: np.degrees(each.value) for each in result.setup}
     # About z either the plate or both axes are turned; about y the axes are.
@@ -239,7 +239,7 @@ def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
 def test_a_flipped_wrench_is_named(tmp_path):
     log = recording()
     flipped = {name: -log.measured[name] for name in ("ground_force", "ground_torque")}
-    doubts, _ = found(tmp_path, with_channels(log, **flipped))
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **flipped))
     wrench = doubts["wrench_sign_or_axes"]
     assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", True, "as stated")
 
@@ -247,9 +247,9 @@ def test_a_flipped_wrench_is_named(tmp_path):
 def test_a_transposed_frame_is_named(tmp_path):
     log, R = recording(), Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
     in_sensor = {name: log.measured[name] @ R for name in ("ground_force", "ground_torque")}
-    doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R))
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_sensor), ground_frame(R))
     assert not doubts
-    doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T))
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T))
     wrench = doubts["wrench_sign_or_axes"]
     assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", False, "transposed")
 
@@ -257,16 +257,16 @@ def test_a_transposed_frame_is_named(tmp_path):
 @pytest.mark.parametrize("contact", ["pad", "handle"])
 def test_a_contact_is_used_and_missed_when_left_out(tmp_path, contact):
     log = recording(contact=contact)
-    doubts, _ = found(tmp_path, log, cell_mapping(contact))
+    doubts, _ = doubts_and_result(tmp_path, log, cell_mapping(contact))
     assert not doubts
-    doubts, result = found(tmp_path, log)
+    doubts, result = doubts_and_result(tmp_path, log)
     assert "contact_left_out" in doubts
     if contact == "pad":
         assert result.checks.contact.body in ("link1", "link2")
 
 
 def test_a_contact_is_recognised_when_flipped(tmp_path):
-    doubts, _ = found(tmp_path, recording(contact="pad"), cell_mapping(applied="true"))
+    doubts, _ = doubts_and_result(tmp_path, recording(contact="pad"), cell_mapping(applied="true"))
     assert doubts["wrench_sign_or_axes"]["wrench"] == "tip" and doubts["wrench_sign_or_axes"]["opposite"]
 
 
@@ -278,7 +278,7 @@ def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned)
         bad = rng.choice(len(values), len(values) // 100, replace=False)
         size = 3.0 if "position" in name else 50 * values.std()
         values[bad] += size * rng.choice([-1.0, 1.0], size=(len(bad), *values.shape[1:]))
-    _, result = found(tmp_path, with_channels(log, **spoilt))
+    _, result = doubts_and_result(tmp_path, with_channels(log, **spoilt))
     rank = clean.prepared.equations.parameters.rank
     assert (abs(result.psi - clean.psi) < 1.96 * clean.fit.std[:rank]).all()
     assert any("outliers" in note for note in result.prepared.notes)
@@ -289,7 +289,7 @@ def test_a_balance_board_of_three_channels(tmp_path):
     mapping = (
         '[wrenches.ground]\nforce = ["", "", "ground_force.z"]\ntorque = ["ground_torque.x", "ground_torque.y", ""]\n'
     )
-    doubts, result = found(tmp_path, log, mapping)
+    doubts, result = doubts_and_result(tmp_path, log, mapping)
     assert result.prepared.equations.channels == ("Fz", "Mx", "My")
     assert not doubts
 
@@ -305,7 +305,7 @@ def test_another_log_judges(tmp_path):
 
 
 def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
-    _, result = found(tmp_path, recording(), offsets=False, estimator="ordinary", holdout=0.05)
+    _, result = doubts_and_result(tmp_path, recording(), offsets=False, estimator="ordinary", holdout=0.05)
     samples, mechanism = result.prepared.samples[result.part], result.prepared.mechanism
     Y = base_wrench_regressor(mechanism.tree, *samples.motion.states, gravity=mechanism.gravity)
     rows = result.base.reduce(Y).reshape(-1, result.base.rank)
@@ -446,7 +446,7 @@ def test_a_log_of_joint_torques_alone(tmp_path, capsys):
 def test_a_wrong_unit_is_a_doubt(tmp_path):
     log = recording()
     in_kilo = {name: log[name] / 1000 for name in ("ground_force", "ground_torque")}
-    doubts, _ = found(tmp_path, with_channels(log, **in_kilo))
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_kilo))
     values = {"measured": pytest.approx(0.02, abs=0.005), "model": pytest.approx(20.99, abs=0.005)}
     assert doubts["weight_differs"] == values
 
@@ -487,12 +487,12 @@ def unchecked(result):
 
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
     log = recording()
-    _, result = found(tmp_path, log, board(Fx="", Fy=""))
+    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy=""))
     assert abs(result.checks.weight.measured - 20.99) < 0.1 and abs(result.checks.weight.drift) < 0.1
-    _, result = found(tmp_path, log, board(Fz=""))
+    _, result = doubts_and_result(tmp_path, log, board(Fz=""))
     assert result.checks.weight is None
     assert unchecked(result) == [("not measured", "Fz")]
-    _, result = found(tmp_path, log, board(Fx="", Fy="", Fz=""))
+    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy="", Fz=""))
     assert unchecked(result) == [("no force",)]
 
 
@@ -501,9 +501,9 @@ def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
     log = recording()
     turned = with_channels(log, **{name: log.measured[name] @ R for name in ("ground_force", "ground_torque")})
     quaternion = f"quaternion = {Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()}\n"
-    _, result = found(tmp_path, turned, board(Fy="") + quaternion)
+    _, result = doubts_and_result(tmp_path, turned, board(Fy="") + quaternion)
     assert abs(result.checks.weight.measured - 20.99) < 0.1
-    _, result = found(tmp_path, turned, board(Fx="") + quaternion)
+    _, result = doubts_and_result(tmp_path, turned, board(Fx="") + quaternion)
     assert unchecked(result) == [("not measured", "Fx")]
 
 
@@ -525,7 +525,7 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
 def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     log = recording()
     shifted = with_channels(log, ground_force=log.measured["ground_force"] + [0, size, 0])
-    doubts, result = found(tmp_path, shifted)
+    doubts, result = doubts_and_result(tmp_path, shifted)
     assert ("large_offsets" in doubts) == doubted
     (offsets,) = coded(result, "offsets_taken_out")
     assert next(iter(offsets.values["offsets"])) == "Fy"
@@ -535,7 +535,7 @@ def test_a_sensor_that_dies_is_a_doubt(tmp_path):
     log = recording()
     force = log.measured["ground_force"].copy()
     force[500:, 2] = 200
-    doubts, _ = found(tmp_path, with_channels(log, ground_force=force))
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, ground_force=force))
     assert "Fz" in doubts["residual_above_signal"]["ratios"] and len(doubts) < 5
 
 
@@ -592,6 +592,6 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
 def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
     log = recording()
     scaled = {name: share * log[name] for name in ("ground_force", "ground_torque")}
-    _, result = found(tmp_path, with_channels(log, **scaled))
+    _, result = doubts_and_result(tmp_path, with_channels(log, **scaled))
     (weight,) = coded(result, "weight_differs")
     assert weight.doubt == doubt

@@ -93,10 +93,10 @@ def from_csv(recording, tmp_path_factory):
 @pytest.mark.parametrize("kind", ["mot", "mat", "c3d", "bag"])
 def test_every_format_gives_the_same_estimate(tmp_path, recording, from_csv, kind):
     write(tmp_path / f"log.{kind}", recording)
-    found = estimate(tmp_path, tmp_path / f"log.{kind}")
-    assert found["columns"] == from_csv["columns"]
+    result = estimate(tmp_path, tmp_path / f"log.{kind}")
+    assert result["columns"] == from_csv["columns"]
     # C3D files have numbers of single precision; streams are held out at their own times.
-    difference = (np.array(found["values"]) - from_csv["values"]) / from_csv["std"]
+    difference = (np.array(result["values"]) - from_csv["values"]) / from_csv["std"]
     assert np.abs(difference).max() < (0.2 if kind in ("c3d", "bag", "mcap") else 0.02)
 
 
@@ -106,10 +106,10 @@ def test_columns_of_every_format_are_guessed(tmp_path, recording, kind):
     write(path, recording)
     assert columns_command.main([str(MODEL), str(path), "--base", "base", "--out", str(tmp_path / "guessed.toml")]) == 0
     arm = sim.mechanism(MODEL, base="base")
-    found = ident.read_log(path, arm, tmp_path / "guessed.toml", gaps=True)
+    log = ident.read_log(path, arm, tmp_path / "guessed.toml", gaps=True)
     close = {"rtol": 1e-5, "atol": 1e-4} if kind == "c3d" else {"rtol": 1e-9, "atol": 1e-9}
     for name in (*(f"{joint}_position" for joint in JOINTS), "ground_force", "ground_torque"):
-        np.testing.assert_allclose(found[name], recording[name][: len(found.time)], **close)
+        np.testing.assert_allclose(log[name], recording[name][: len(log.time)], **close)
 
 
 @pytest.mark.parametrize("kind", ["csv.gz", "mot", "mat", "parquet", "c3d", "bag", "mcap"])
@@ -131,8 +131,8 @@ def test_samples_may_be_missing_where_that_is_said(tmp_path, capsys, recording, 
     write_csv(tmp_path / "log.csv", there)
     sentence = refusal(identify.main, [*arguments(tmp_path / "log.csv"), "--out", str(tmp_path)], capsys)
     assert "column 'joint2_position' is empty or NaN" in sentence
-    found = estimate(tmp_path, tmp_path / "log.csv", "--gaps")
-    assert np.abs((np.array(found["values"]) - from_csv["values"]) / from_csv["std"]).max() < 1
+    result = estimate(tmp_path, tmp_path / "log.csv", "--gaps")
+    assert np.abs((np.array(result["values"]) - from_csv["values"]) / from_csv["std"]).max() < 1
     options = ["--gaps", "--estimator", "ordinary", "--out", str(tmp_path)]
     assert "for the trajectory estimate only" in refusal(
         identify.main, [*arguments(tmp_path / "log.csv"), *options], capsys

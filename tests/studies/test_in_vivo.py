@@ -15,8 +15,10 @@ needs_data = pytest.mark.skipif(not (DATA / "bowing.csv").is_file(), reason="MUL
 
 
 def test_what_is_missing_is_named(tmp_path, capsys):
-    said = refusal(in_vivo.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
-    assert "three_link_human.xml and bowing.csv" in said and "has no three_link_human.xml and no bowing.csv" in said
+    message = refusal(in_vivo.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
+    assert (
+        "three_link_human.xml and bowing.csv" in message and "has no three_link_human.xml and no bowing.csv" in message
+    )
     assert not (tmp_path / "out").exists()
 
 

@@ -29,13 +29,13 @@ def identified(folder, *options, logs=("run.csv",)):
     return json.loads((folder / "out" / "estimate.json").read_text(encoding="utf-8"))
 
 
-def relative_rms(found):
-    return np.array([each["relative_rms"] for each in found["held_out"].values()])
+def relative_rms(estimate):
+    return np.array([each["relative_rms"] for each in estimate["held_out"].values()])
 
 
-def doubts(found):
+def doubts(estimate):
     """Values of the doubts by their codes."""
-    return {each["code"]: each["values"] for each in found["findings"] if each["doubt"]}
+    return {each["code"]: each["values"] for each in estimate["findings"] if each["doubt"]}
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -53,11 +53,11 @@ def test_link_torques_with_late_samples_and_a_hand_that_was_not_there(tmp_path):
         mapping.append(f'[joints.{joint}]\nposition = {{ column = "enc{k}", unit = "deg" }}\ntorque = "link{k}"')
     (tmp_path / "columns.toml").write_text("\n".join(mapping), encoding="utf-8")
 
-    found = identified(tmp_path, "--gaps", *FRICTION)
-    assert doubts(found)["body_not_carried"]["body"] == "tool" and "friction_not_fitted" not in doubts(found)
+    estimate = identified(tmp_path, "--gaps", *FRICTION)
+    assert doubts(estimate)["body_not_carried"]["body"] == "tool" and "friction_not_fitted" not in doubts(estimate)
     arm = sim.mechanism(str(tmp_path / "arm.xml"))
-    assert (relative_rms(found) <= 1.1 * rigs.by_hand(arm, [(stamps[there], q, torque)])).all()
-    assert found["halves"]["rms_z"] <= 1.3
+    assert (relative_rms(estimate) <= 1.1 * rigs.by_hand(arm, [(stamps[there], q, torque)])).all()
+    assert estimate["halves"]["rms_z"] <= 1.3
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -75,10 +75,10 @@ def test_motor_currents_with_gains_in_several_files(tmp_path):
         mapping.append(f'[joints.{joint}]\ntorque = {{ column = "i{k}", gain = {gain}, unit = "A" }}')
     (tmp_path / "columns.toml").write_text("\n".join(mapping), encoding="utf-8")
 
-    found = identified(tmp_path, *FRICTION, logs=("run1.csv", "run2.csv"))
-    assert doubts(found)["body_not_carried"]["body"] == "tool"
-    assert (relative_rms(found) <= 1.1 * rigs.by_hand(sim.mechanism(str(tmp_path / "arm.xml")), logs)).all()
-    assert found["halves"]["rms_z"] <= 1.3
+    estimate = identified(tmp_path, *FRICTION, logs=("run1.csv", "run2.csv"))
+    assert doubts(estimate)["body_not_carried"]["body"] == "tool"
+    assert (relative_rms(estimate) <= 1.1 * rigs.by_hand(sim.mechanism(str(tmp_path / "arm.xml")), logs)).all()
+    assert estimate["halves"]["rms_z"] <= 1.3
     assert (tmp_path / "out" / "model.xml").is_file()
 
 
@@ -99,9 +99,9 @@ def test_a_coupled_wrist_that_stands_at_last(tmp_path):
     }
     mapping = "[motors.arm]\n" + "\n".join(f"{key} = {value}" for key, value in motors.items())
     (tmp_path / "columns.toml").write_text(mapping, encoding="utf-8")
-    found = identified(tmp_path, "--fix", "joint7", "0", *FRICTION)
-    assert list(found["held_out"]) == list(six)
-    assert (relative_rms(found)[4:] <= 0.25).all()
+    estimate = identified(tmp_path, "--fix", "joint7", "0", *FRICTION)
+    assert list(estimate["held_out"]) == list(six)
+    assert (relative_rms(estimate)[4:] <= 0.25).all()
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -116,9 +116,9 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     (tmp_path / "exact.toml").write_text("[setup]\n" + "".join(f"{key} = 0\n" for key in keys), encoding="utf-8")
     options = ["--columns", str(tmp_path / "exact.toml"), "--base", "base", "--out", str(tmp_path), "--name", "out"]
     assert identify.main([PENDULUM, *map(str, trials), *options]) == 0
-    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    apart = np.array(found["logs"]["rms_z"])
+    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    apart = np.array(estimate["logs"]["rms_z"])
     assert len(apart) == 6 and apart.argmax() == 3 and apart[3] > FAR_APART
     # The wrong log is found by comparison with the others.
     assert np.delete(apart, 3).max() < 0.5 * apart[3]
-    assert 4 in doubts(found)["logs_disagree"]["logs"]
+    assert 4 in doubts(estimate)["logs_disagree"]["logs"]

@@ -42,9 +42,9 @@ def test_markers_become_angles_beside_plates(folder):
     ready = prepare(folder / "leg.osim", log_of(folder), columns=folder / "plate.toml")
     for k, name in enumerate(PLANAR):
         assert np.sqrt(np.mean((ready.recording.as_measured(f"{name}_position").values - q[:, k]) ** 2)) < 0.02
-    said = " ".join(ready.recording.notes)
-    assert "Angles are fitted to 12 markers of walk.trc, with noise of 1 mm in each coordinate" in said
-    assert "noise of 1 mm" in said and "python -m experiments.angles" in said
+    notes = " ".join(ready.recording.notes)
+    assert "Angles are fitted to 12 markers of walk.trc, with noise of 1 mm in each coordinate" in notes
+    assert "noise of 1 mm" in notes and "python -m experiments.angles" in notes
 
 
 def test_what_is_wrong_is_said_of_the_files_that_were_given(folder, tmp_path, capsys):

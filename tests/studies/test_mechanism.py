@@ -10,7 +10,7 @@ from fuzz.here import Here
 from fuzz.undrawn import leave_undrawn
 from mechanisms import double_pendulum
 from persons import at_a_rail
-from truth import told
+from truth import use_truth
 
 from experiments.__main__ import main as everything
 from experiments.data import paper
@@ -50,11 +50,11 @@ def test_table_2_is_that_of_the_paper():
 
 def test_table_1_as_printed_is_the_double_pendulum():
     drawing = mechanism.drawing()
-    found = mechanism.tree_of_table_1(drawing.base, 0.425)
+    tree = mechanism.tree_of_table_1(drawing.base, 0.425)
     expected = double_pendulum(base=drawing.base)
-    assert found.names == ("2", "6", "10")
-    assert found.joints == ("4", "8")
-    assert mechanism.difference(found, expected) < 1e-14
+    assert tree.names == ("2", "6", "10")
+    assert tree.joints == ("4", "8")
+    assert mechanism.difference(tree, expected) < 1e-14
     assert mechanism.difference(mechanism.tree_of_table_1(np.zeros(3), 0.4), drawing.tree) > 0.01
 
 
@@ -77,7 +77,7 @@ def out(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patched:
         leave_undrawn(patched)
         patched.setattr(workers, "Processes", Here)
-        told(patched)
+        use_truth(patched)
         person = at_a_rail()
         patched.setattr(human, "study", lambda *args, **kwargs: person)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0

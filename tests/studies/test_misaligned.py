@@ -119,9 +119,9 @@ def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
     angles = {name: study.recording[name] for name in ("joint1_position", "joint2_position")}
     recording = replace(study.recording, measured=kept | angles, true={})
     known = study.mechanism("full_on_table")
-    found = trajectory_fit(known, recording, study.fit("full_on_table").base)
-    np.testing.assert_array_equal(found.psi, study.trajectory("full_on_table").psi)
-    np.testing.assert_array_equal(found.std, study.trajectory("full_on_table").std)
+    trial = trajectory_fit(known, recording, study.fit("full_on_table").base)
+    np.testing.assert_array_equal(trial.psi, study.trajectory("full_on_table").psi)
+    np.testing.assert_array_equal(trial.std, study.trajectory("full_on_table").std)
 
 
 def test_the_full_models_own_table(results, study):

@@ -60,13 +60,13 @@ def check_request_to_end(folder, number, moment):
     command = ["--samples", "100", "--trials", "100000", "--redraw", "sensors", "--workers", "2"]
     # The bar shows zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
-    code, said = interrupted([*command, "--formats", "png", "--out", str(folder)], pattern, number)
+    code, output = interrupted([*command, "--formats", "png", "--out", str(folder)], pattern, number)
     # The second request ends the process at once if the first has been obeyed before it comes.
-    assert code in (130, -number), said.decode()
-    assert b"Traceback" not in said, said.decode()
-    assert b"resource_tracker" not in said
-    assert b"every file is whole" in said
-    assert (b"run again with --resume" in said) == (folder / trials.FILE).exists()
+    assert code in (130, -number), output.decode()
+    assert b"Traceback" not in output, output.decode()
+    assert b"resource_tracker" not in output
+    assert b"every file is whole" in output
+    assert (b"run again with --resume" in output) == (folder / trials.FILE).exists()
     assert (folder / trials.FILE).exists() or moment == "starting"
 
 
@@ -148,36 +148,36 @@ def problem_names():
 
 def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
     # 500 trials determine a standard deviation to 3.2 % and a coverage to 1 %, of any length.
-    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="100"), 500, tmp_path))
-    np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.10)
-    assert ((found.coverage >= 0.93) & (found.coverage <= 0.97)).all()
-    assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(500)).all()
+    errors_of = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="100"), 500, tmp_path))
+    np.testing.assert_allclose(errors_of.std / errors_of.predicted_std, 1, atol=0.10)
+    assert ((errors_of.coverage >= 0.93) & (errors_of.coverage <= 0.97)).all()
+    assert (np.abs(errors_of.mean) < 4.5 * errors_of.std / np.sqrt(500)).all()
 
 
 def test_standard_deviations_are_right_with_two_contacts(tmp_path):
     # 250 trials determine a standard deviation to 4.5 %, and the coverage of all 13 parameters to about half a percent.
     source = draw(tmp_path, "--redraw", "wrench", samples="300", contact="pad handle")
     analyse = partial(trial, Problem.of(packaged("multicontact", contact="pad handle")), ("contact",))
-    found = distribution(run(source, 250, tmp_path, analyse=analyse))
-    np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.14)
-    assert 0.93 <= found.coverage.mean() <= 0.97
-    assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(250)).all()
+    errors_of = distribution(run(source, 250, tmp_path, analyse=analyse))
+    np.testing.assert_allclose(errors_of.std / errors_of.predicted_std, 1, atol=0.14)
+    assert 0.93 <= errors_of.coverage.mean() <= 0.97
+    assert (np.abs(errors_of.mean) < 4.5 * errors_of.std / np.sqrt(250)).all()
 
 
 def test_noise_on_the_joint_states_biases(tmp_path):
-    found = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 60, tmp_path))
-    assert np.abs(found.mean / found.std).max() * np.sqrt(60) > 6
+    errors_of = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 60, tmp_path))
+    assert np.abs(errors_of.mean / errors_of.std).max() * np.sqrt(60) > 6
 
 
 def test_statistics():
     errors = np.array([[-1.0, 0.0], [0.0, 1.0], [1.0, 2.0], [2.0, 3.0]])
-    found = Distribution(("a", "b"), errors, np.full((4, 2), 1.0), np.array([0.5, 9.0]))
-    np.testing.assert_array_equal(found.mean, [0.5, 1.5])
-    np.testing.assert_allclose(found.std, np.std(errors, axis=0, ddof=1))
-    np.testing.assert_array_equal(found.coverage, [0.75, 0.5])
-    np.testing.assert_array_equal(found.percentile, [[50, 100], [50, 100]])
-    np.testing.assert_array_equal(found.predicted_std, [1, 1])
-    rows = list(csv.DictReader(monte_carlo_report.table("m", found).csv().splitlines()))
+    errors_of = Distribution(("a", "b"), errors, np.full((4, 2), 1.0), np.array([0.5, 9.0]))
+    np.testing.assert_array_equal(errors_of.mean, [0.5, 1.5])
+    np.testing.assert_allclose(errors_of.std, np.std(errors, axis=0, ddof=1))
+    np.testing.assert_array_equal(errors_of.coverage, [0.75, 0.5])
+    np.testing.assert_array_equal(errors_of.percentile, [[50, 100], [50, 100]])
+    np.testing.assert_array_equal(errors_of.predicted_std, [1, 1])
+    rows = list(csv.DictReader(monte_carlo_report.table("m", errors_of).csv().splitlines()))
     assert rows[1] == {
         "parameter": "b",
         "mean_error": "1.5",
@@ -262,13 +262,13 @@ def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsy
 def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
     rng = np.random.default_rng(0)
     names = ("m1", "m1rx1", "Ixx2")
-    found = {
+    distributions = {
         name: Distribution(names, rng.normal(size=(50, 3)), np.ones((50, 3)), np.zeros(3))
         for name in ("simplified", "full", "full_trajectory")
     }
-    figure = monte_carlo_report.chart(found)
+    figure = monte_carlo_report.chart(distributions)
     assert [ax.get_title() for ax in figure.axes] == ["simplified", "full", "full trajectory"]
-    for ax, d in zip(figure.axes, found.values(), strict=True):
+    for ax, d in zip(figure.axes, distributions.values(), strict=True):
         low, high = ax.get_xlim()
         assert low < d.interval.min() and d.interval.max() < high
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["$m_{1}$", "$m_{1}r_{x,1}$", "$I_{xx,2}$"]

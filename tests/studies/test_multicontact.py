@@ -9,7 +9,7 @@ import pytest
 from commands import refusal
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
-from truth import told
+from truth import use_truth
 
 import scenes
 from experiments import multicontact
@@ -40,7 +40,7 @@ def result(contact):
 def results(contact, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patched:
-        told(patched)
+        use_truth(patched)
         # In any order: the scene determines the recording.
         command = ["--out", str(folder), "--contact", *reversed(contact.split()), "--formats", "png"]
         assert multicontact.main(command) == 0
@@ -103,9 +103,9 @@ def test_weights_help_where_only_the_wrenches_are_noisy(contact):
         wrench = problem.total(noisy)
         options = {"wrench": wrench.values, "kept": None}
         ordinary.append(fit(known, noisy, **options).estimate.std)
-        found = fit(known, noisy, covariance=wrench.covariance, **options)
-        weighted.append(found.estimate.std)
-        errors.append(found.error)
+        result = fit(known, noisy, covariance=wrench.covariance, **options)
+        weighted.append(result.estimate.std)
+        errors.append(result.error)
     # 60 trials of 13 parameters determine the ratio to 3 %.
     assert np.isclose(np.sqrt(np.mean((np.array(errors) / weighted) ** 2)), 1, atol=0.12)
     assert (np.mean(weighted, axis=0) < np.mean(ordinary, axis=0)).all()

@@ -37,7 +37,7 @@ def states(who, recording):
     return Motion(*recording.joint_states(who.mechanism.tree.joints))
 
 
-def found(condition, estimator, recordings):
+def scaled_errors(condition, estimator, recordings):
     """Errors of Ixx2 in the estimator's own standard deviations (recordings,)."""
     estimate, out = noise.ESTIMATORS[condition.subject][estimator], []
     for number in range(recordings):
@@ -48,14 +48,14 @@ def found(condition, estimator, recordings):
 
 def test_the_trajectory_estimate_is_right_where_least_squares_is_off_by_several_of_its_own():
     condition = CONDITIONS["pendulum_x3"]
-    assert found(condition, "ordinary", 4).mean() < -5
-    assert abs(found(condition, "trajectory", 4).mean()) < 0.5
+    assert scaled_errors(condition, "ordinary", 4).mean() < -5
+    assert abs(scaled_errors(condition, "trajectory", 4).mean()) < 0.5
 
 
 def test_a_person_as_well():
     condition = CONDITIONS["person_half_degree"]
-    assert found(condition, "usual_filter", 1)[0] < -20
-    assert abs(found(condition, "trajectory", 1)[0]) < 3
+    assert scaled_errors(condition, "usual_filter", 1)[0] < -20
+    assert abs(scaled_errors(condition, "trajectory", 1)[0]) < 3
 
 
 def test_exact_states_give_the_truth_whatever_the_instruments():
@@ -79,7 +79,7 @@ def test_with_its_own_instruments_it_is_weighted_least_squares():
 
 def test_instruments_take_away_the_bias_and_say_how_well():
     condition = CONDITIONS["pendulum_x3"]
-    ratio = found(condition, "instruments", 25)
+    ratio = scaled_errors(condition, "instruments", 25)
     assert abs(ratio.mean()) < 0.5
     assert 0.7 < ratio.std() < 1.4
 

@@ -43,26 +43,26 @@ def arguments(tmp_path, *more, units=None, **channels):
 
 def judged(tmp_path, *more, **channels):
     assert stream.main(arguments(tmp_path, *more, **channels)) == 0
-    found = json.loads((tmp_path / "out" / "estimate.json").read_text())
-    return found, {finding["code"]: finding["values"] for finding in found["findings"] if finding["doubt"]}
+    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    return estimate, {finding["code"]: finding["values"] for finding in estimate["findings"] if finding["doubt"]}
 
 
 def test_a_sound_recording_is_usable(tmp_path, capsys):
-    found, doubts = judged(tmp_path)
-    assert doubts == {} and found["outcome"] == "usable"
-    assert found["verdict"] == "Usable: fitted residuals are at most 0.09 of the signal in Fy, Fz, Mx, My, Mz."
+    estimate, doubts = judged(tmp_path)
+    assert doubts == {} and estimate["outcome"] == "usable"
+    assert estimate["verdict"] == "Usable: fitted residuals are at most 0.09 of the signal in Fy, Fz, Mx, My, Mz."
     wrench = recording().wrench("ground").values
-    rms = np.array(found["residual_norms"]) / np.sqrt(943)
+    rms = np.array(estimate["residual_norms"]) / np.sqrt(943)
     np.testing.assert_allclose(
-        [each["ratio"] for each in found["held_out"].values()], rms / wrench.std(axis=0), rtol=1e-9
+        [each["ratio"] for each in estimate["held_out"].values()], rms / wrench.std(axis=0), rtol=1e-9
     )
-    assert f"Verdict: {found['verdict']}" in capsys.readouterr().out
+    assert f"Verdict: {estimate['verdict']}" in capsys.readouterr().out
 
 
 def test_an_empty_force_a_wrong_sign_and_kilonewtons_are_doubts(tmp_path):
     force, torque = recording()["ground_force"], recording()["ground_torque"]
-    found, doubts = judged(tmp_path, ground_force=0 * force)
-    assert found["verdict"] == "Do not use it as it is: 2 findings below speak against it."
+    estimate, doubts = judged(tmp_path, ground_force=0 * force)
+    assert estimate["verdict"] == "Do not use it as it is: 2 findings below speak against it."
     assert doubts["weight_differs"] == {"measured": 0, "model": pytest.approx(20.99, abs=0.005)}
     assert doubts["constant_channels"] == {"channels": ["Fy", "Fz"]}
     _, doubts = judged(tmp_path, ground_force=-force, ground_torque=-torque)
@@ -77,10 +77,10 @@ def test_an_offset_is_a_doubt(tmp_path):
     shifted = recording()["ground_force"] + [25, 0, 0]
     _, doubts = judged(tmp_path, "--no-offsets", ground_force=shifted)
     assert 40 < doubts["residual_above_signal"]["ratios"]["Fx"] < 60
-    found, doubts = judged(tmp_path, ground_force=shifted)
+    estimate, doubts = judged(tmp_path, ground_force=shifted)
     assert doubts["large_offsets"]["shares"] == {"Fx": pytest.approx(0.12, abs=0.005)}
-    assert found["offsets"]["Fx"]["value"] == pytest.approx(25, abs=0.1)
-    remarks = {finding["code"]: finding["values"] for finding in found["findings"] if not finding["doubt"]}
+    assert estimate["offsets"]["Fx"]["value"] == pytest.approx(25, abs=0.1)
+    remarks = {finding["code"]: finding["values"] for finding in estimate["findings"] if not finding["doubt"]}
     assert remarks["offsets_taken_out"]["offsets"] == {"Fx": doubts["large_offsets"]["offsets"]["Fx"]}
     assert remarks["inseparable_offsets"] == {"channels": ["Fz", "Mx", "My"]}
 
@@ -112,8 +112,8 @@ def test_stuck_channels_are_named(tmp_path):
     assert doubts["constant_channels"] == {"channels": ["Fy"]}
     _, doubts = judged(tmp_path, joint1_velocity=0 * recording()["joint1_velocity"])
     assert doubts["constant_channels"] == {"channels": ["joint1_velocity"]}
-    found, doubts = judged(tmp_path, ground_force=np.random.default_rng(0).normal(force, 6 * np.ones(3)))
-    (poor,) = (finding["values"] for finding in found["findings"] if finding["code"] == "poor_prediction")
+    estimate, doubts = judged(tmp_path, ground_force=np.random.default_rng(0).normal(force, 6 * np.ones(3)))
+    (poor,) = (finding["values"] for finding in estimate["findings"] if finding["code"] == "poor_prediction")
     assert "Fy" in poor["ratios"] and poor["part"] == "fitted" and not doubts
 
 
@@ -124,17 +124,17 @@ def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):
         stream.main, arguments(tmp_path, **nothing), capsys
     )
     turned = {name: 3 * np.rad2deg(original[name]) for name in ("joint1_position", "joint2_position")}
-    said = refusal(stream.main, arguments(tmp_path, units={}, **turned), capsys)
-    assert "channel 'joint1_position' ranges over" in said and "looks like degrees" in said
+    message = refusal(stream.main, arguments(tmp_path, units={}, **turned), capsys)
+    assert "channel 'joint1_position' ranges over" in message and "looks like degrees" in message
     for name, what in (("joint1_velocity", "channel 'joint1_velocity'"), ("ground_force", "the total wrench")):
-        said = refusal(stream.main, arguments(tmp_path, **{name: 1e300 * original[name]}), capsys)
-        assert f"{what} needs numbers below 1e+08, got " in said
-    said = refusal(stream.main, arguments(tmp_path, units={"ground_force": "kN"}), capsys)
-    assert "channel 'ground_force' is in kN, but a recording needs N." in said
-    said = refusal(stream.main, arguments(tmp_path, units={"joint1_position": "furlong"}), capsys)
-    assert "channel 'joint1_position' is in furlong, but a recording needs rad." in said
-    said = refusal(stream.main, arguments(tmp_path, joint1_velocity=np.ones((943, 3))), capsys)
-    assert "channel 'joint1_velocity' needs one number a sample, got shape (300, 3)." in said
+        message = refusal(stream.main, arguments(tmp_path, **{name: 1e300 * original[name]}), capsys)
+        assert f"{what} needs numbers below 1e+08, got " in message
+    message = refusal(stream.main, arguments(tmp_path, units={"ground_force": "kN"}), capsys)
+    assert "channel 'ground_force' is in kN, but a recording needs N." in message
+    message = refusal(stream.main, arguments(tmp_path, units={"joint1_position": "furlong"}), capsys)
+    assert "channel 'joint1_position' is in furlong, but a recording needs rad." in message
+    message = refusal(stream.main, arguments(tmp_path, joint1_velocity=np.ones((943, 3))), capsys)
+    assert "channel 'joint1_velocity' needs one number a sample, got shape (300, 3)." in message
 
 
 def test_a_base_on_which_nothing_moves_is_named(tmp_path, capsys):
@@ -160,8 +160,8 @@ def test_a_recording_is_never_written_over(tmp_path, capsys, name):
     links[0].symlink_to(result)
     links[1].hardlink_to(result)
     for path in (result, *links):
-        said = refusal(stream.main, [model, str(path), *given], capsys)
-        assert f"The results would replace '{result}', which is the input '{path}'; choose another --out." in said
+        message = refusal(stream.main, [model, str(path), *given], capsys)
+        assert f"The results would replace '{result}', which is the input '{path}'; choose another --out." in message
     assert result.read_bytes() == (tmp_path / "log.npz").read_bytes()
     assert stream.main([model, log, *given]) == 0
 

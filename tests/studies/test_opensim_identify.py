@@ -90,9 +90,9 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     person = ["--prior", "deleva", "--mass", "70", "--height", "1.7", "--sex", "male"]
     given = [str(path), str(log), "--columns", str(columns), "--out", str(tmp_path), "--name", "leg"]
     assert identify.main([*given, *person]) == 0
-    said = capsys.readouterr().out
-    assert "Usable" in said
-    assert "The model's femur, tibia are taken from the table 'deleva', of a male person of 70 kg and 1.7 m." in said
+    output = capsys.readouterr().out
+    assert "Usable" in output
+    assert "The model's femur, tibia are taken from the table 'deleva', of a male person of 70 kg and 1.7 m." in output
     arm, updated = read(path), read(tmp_path / "leg" / "model.osim")
     assert updated.tree == arm.tree
     # The motion does not separate a mass of the shin from a first moment of the thigh, but determines every wrench.

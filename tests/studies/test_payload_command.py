@@ -46,9 +46,9 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     assert payload.main([*files, "--flange", "link7", "--name", "out", "--out", str(tmp_path), *PRINT]) == 0
     printed, out = capsys.readouterr().out, tmp_path / "out"
     assert r"\caption{Ours.}" in (out / "table_payload.tex").read_text(encoding="utf-8")
-    told = json.loads((out / "payload.json").read_text(encoding="utf-8"))
-    values = told["frames"]["tool"]["values"]
-    assert told["verdict"].startswith("Usable") and abs(values[0] - 0.1) < 0.002
+    written = json.loads((out / "payload.json").read_text(encoding="utf-8"))
+    values = written["frames"]["tool"]["values"]
+    assert written["verdict"].startswith("Usable") and abs(values[0] - 0.1) < 0.002
     text = (out / "payload.txt").read_text(encoding="utf-8")
     assert text in printed and "Verdict: Usable" in printed
 
@@ -65,7 +65,7 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     for key in ("mass", "ipos", "inertia"):
         np.testing.assert_allclose(*(np.sort(getattr(each, key)) for each in (compiled, updated)), rtol=1e-4, atol=1e-9)
 
-    at_flange = told["frames"]["link7"]["values"]
+    at_flange = written["frames"]["link7"]["values"]
     numbers = [float(x) for x in re.findall(r"[-\d.e]+", re.search(r"set_target_payload\((.*)\)", text)[1])]
     np.testing.assert_allclose(numbers, at_flange, rtol=1e-5)
     assert at_flange[3] - values[3] == pytest.approx(0.107)

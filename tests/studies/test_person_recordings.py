@@ -22,15 +22,15 @@ EXACT = Laboratory(angle_deg=0, position=0, force=0, late=0, rate=50)
 @pytest.mark.parametrize("rail", [True, False])
 def test_contacts_together_give_what_the_motion_needs(rail):
     laboratory = Laboratory(**{**EXACT.__dict__, "rail": rail})
-    found = recorded("squats", 1.0, 3, laboratory)
-    assert set(found.sensors) == ({"left", "right", "rail"} if rail else {"left", "right"})
-    total = sum(transform_wrench(SENSORS[name].pose, found.wrench(name).values) for name in found.sensors)
+    recording = recorded("squats", 1.0, 3, laboratory)
+    assert set(recording.sensors) == ({"left", "right", "rail"} if rail else {"left", "right"})
+    total = sum(transform_wrench(SENSORS[name].pose, recording.wrench(name).values) for name in recording.sensors)
     model = scenes.load("humanoid").compile()
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.jnt_stiffness[:], model.dof_damping[:] = 0, 0
     data, h = mujoco.MjData(model), 1e-4
     for i in (5, 30):
-        times = found.time[i] + h * np.arange(-1, 2)
+        times = recording.time[i] + h * np.arange(-1, 2)
         motion = moved("squats", times, 3, rail=rail)
         q = np.hstack([motion.base.T[:, :3, 3], _quaternions(motion.base.T), motion.q])
         rates = np.zeros((2, model.nv))

@@ -89,13 +89,13 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
         "elbow",
     )
     result = identified(prepared)
-    found = dict(zip(result.names, result.fit.values, strict=True))
+    values = dict(zip(result.names, result.fit.values, strict=True))
     if not wrench:
         assert "Ia(shoulder)" not in result.names
         assert any("Ia(shoulder)" in note and "cannot be told" in note for note in prepared.notes)
     else:
-        np.testing.assert_allclose([found["Ia(shoulder)"], found["Ia(elbow)"]], [0.05, 0.02], atol=1e-6)
-    np.testing.assert_allclose([found["Fv(shoulder)"], found["Fv(elbow)"]], [0.4, 0.2], atol=1e-6)
+        np.testing.assert_allclose([values["Ia(shoulder)"], values["Ia(elbow)"]], [0.05, 0.02], atol=1e-6)
+    np.testing.assert_allclose([values["Fv(shoulder)"], values["Fv(elbow)"]], [0.4, 0.2], atol=1e-6)
     if wrench:
         truth = prepared.equations.parameters.regroup(parameters_from_model(model, "base"))
         np.testing.assert_allclose(result.psi, truth, atol=1e-6)
@@ -116,13 +116,13 @@ def flight(rng):
 def test_the_base_moves_as_its_poses_say():
     q, velocity, acceleration, spin = flight(np.random.default_rng(0))
     T = BaseMotion.from_free_joint(q, np.zeros((len(q), 6)), np.zeros((len(q), 6))).T
-    found = base_motion_from_poses(T, RATE, 20.0)
+    motion = base_motion_from_poses(T, RATE, 20.0)
     inner = slice(100, -100)
     alpha = np.gradient(spin, 1 / RATE, axis=0, edge_order=2)
     expected = BaseMotion.from_free_joint(q, np.hstack([velocity, spin]), np.hstack([acceleration, alpha]))
-    np.testing.assert_allclose(found.T[inner], expected.T[inner], atol=1e-4)
-    np.testing.assert_allclose(found.V[inner], expected.V[inner], atol=2e-3)
-    np.testing.assert_allclose(found.dV[inner], expected.dV[inner], atol=0.05)
+    np.testing.assert_allclose(motion.T[inner], expected.T[inner], atol=1e-4)
+    np.testing.assert_allclose(motion.V[inner], expected.V[inner], atol=2e-3)
+    np.testing.assert_allclose(motion.dV[inner], expected.dV[inner], atol=0.05)
 
 
 def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
@@ -196,6 +196,6 @@ def test_a_base_that_turns_round_and_round_turns_steadily():
     angle = 1.3 * TIME
     T = np.tile(np.eye(4), (len(TIME), 1, 1))
     T[:, :3, :3] = Rotation.from_rotvec(np.outer(angle, [0.6, 0, 0.8])).as_matrix()
-    found = base_motion_from_poses(T, RATE, 20.0)
+    motion = base_motion_from_poses(T, RATE, 20.0)
     inner = slice(100, -100)
-    np.testing.assert_allclose(found.V[inner], np.tile([0, 0, 0, 0.78, 0, 1.04], (len(TIME) - 200, 1)), atol=2e-3)
+    np.testing.assert_allclose(motion.V[inner], np.tile([0, 0, 0, 0.78, 0, 1.04], (len(TIME) - 200, 1)), atol=2e-3)

@@ -52,20 +52,20 @@ def estimate(out):
 
 def psi(out):
     """Base parameters, the first of the coefficients."""
-    found = estimate(out)
-    return np.array(found["values"])[: len(found["regrouping"])]
+    written = estimate(out)
+    return np.array(written["values"])[: len(written["regrouping"])]
 
 
 def test_files_are_identified_in_pieces(folder, results):
     whole = fitted(TREE, [Recording.load(folder / name) for name in ("a.csv", "b.npz")], gravity=GRAVITY)
-    found = estimate(results)
-    assert (found["samples"], tuple(found["columns"])) == (800, whole.names)
+    written = estimate(results)
+    assert (written["samples"], tuple(written["columns"])) == (800, whole.names)
     for key in ("values", "residual_norms", "singular_values"):
-        np.testing.assert_allclose(found[key], getattr(whole, key), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(written[key], getattr(whole, key), rtol=1e-9, atol=1e-12)
     pieces = [Recording.load(folder / name) for name in ("a.csv", "b.npz")]
-    np.testing.assert_allclose(found["std"], huber_white(whole, pieces, steady=True).std, rtol=1e-9)
+    np.testing.assert_allclose(written["std"], huber_white(whole, pieces, steady=True).std, rtol=1e-9)
     truth = find_base_parameters(TREE, gravity=GRAVITY).regroup(parameters_from_model(MODEL, "base"))
-    assert (abs(np.array(found["values"]) - truth) < 0.3).all()
+    assert (abs(np.array(written["values"]) - truth) < 0.3).all()
     tex = (results / "base_parameters.tex").read_text(encoding="utf-8")
     assert r"\emph{link2}" in tex and r"\emph{link1}" not in tex
     assert "m2rz2 + 0.425 m3" in (results / "base_parameters.csv").read_text()

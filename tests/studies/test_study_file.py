@@ -109,14 +109,12 @@ def test_a_file_of_ones_own_says_everything(tmp_path, capsys):
     command = [str(path), "--out", str(tmp_path / "out"), "--formats", "pdf", "--parameters", "link2"]
     assert study.main([*command, "--caption", "table_mine", "Ours."]) == 0
     out, file = tmp_path / "out", study_entries.read(path)
-    found = simulated(file)
-    assert np.std(found.recording["ground_force"] - found.recording.true["ground_force"]) == pytest.approx(
-        0.01, rel=0.1
-    )
+    own = simulated(file)
+    assert np.std(own.recording["ground_force"] - own.recording.true["ground_force"]) == pytest.approx(0.01, rel=0.1)
     with (out / "table_mine.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    np.testing.assert_array_equal([float(row["error"]) for row in rows], found.fit("drawn").error)
-    np.testing.assert_array_equal([float(row["error_weighted"]) for row in rows], found.fit("drawn", "weighted").error)
+    np.testing.assert_array_equal([float(row["error"]) for row in rows], own.fit("drawn").error)
+    np.testing.assert_array_equal([float(row["error_weighted"]) for row in rows], own.fit("drawn", "weighted").error)
     assert [row["paper_error"] for row in rows] == ["0.5", *[""] * 12] and rows[4]["body"] == "link1"
     tex = (out / "table_mine.tex").read_text()
     assert "{Ours.}" in tex and "link2" in tex and "link1" not in tex
@@ -124,8 +122,8 @@ def test_a_file_of_ones_own_says_everything(tmp_path, capsys):
     assert origin["study"]["file"] == "mine.toml" and origin["options"]["tilt_deg"] == 3
     assert origin["options"]["parameters"] == ["link2"]
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["largest_error_known"] == abs(found.fit("known").error).max()
-    assert summary["contact_fraction"] == found.touching["pad"].mean()
+    assert summary["largest_error_known"] == abs(own.fit("known").error).max()
+    assert summary["contact_fraction"] == own.touching["pad"].mean()
     assert "drawn model" in capsys.readouterr().out
 
 
@@ -211,7 +209,7 @@ def test_whatever_stands_in_a_file_is_understood_or_refused(text, tmp_path):
     for path in places(whole):
         for wrong in (-1, 2.5, float("nan"), "x", True, [], ["x"], [[1]], {}, {"x": 1}, None):
             entries = copy.deepcopy(whole)
-            place = functools.reduce(lambda found, key: found[key], path[:-1], entries)
+            place = functools.reduce(lambda entry, key: entry[key], path[:-1], entries)
             if wrong is None:
                 del place[path[-1]]
             else:
@@ -224,8 +222,8 @@ def test_whatever_stands_in_a_file_is_understood_or_refused(text, tmp_path):
 
 
 def test_a_study_that_is_not_there_is_named(capsys, tmp_path):
-    said = refusal(study.main, [str(tmp_path / "absent.toml")], capsys)
-    assert "misaligned, multicontact, several_contacts come with this package" in said
+    message = refusal(study.main, [str(tmp_path / "absent.toml")], capsys)
+    assert "misaligned, multicontact, several_contacts come with this package" in message
     path = str(written(tmp_path, OWN))
     assert "--trials needs [trials]" in refusal(study.main, [path, "--trials", "2", "--out", str(tmp_path)], capsys)
     assert "--parameters needs" in refusal(study.main, [path, "--parameters", "x", "--out", str(tmp_path)], capsys)

@@ -28,7 +28,7 @@ def rows(out, number):
 def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     out = run(tmp_path, "--workers", "2", "--caption", "table_sweep", "Ours.")
     assert r"\caption{Ours.}" in (out / "table_sweep.tex").read_text(encoding="utf-8")
-    found = json.loads((out / "sweep.json").read_text())["runs"]
+    results = json.loads((out / "sweep.json").read_text())["runs"]
     expected = [
         {
             "noise_scale": scale,
@@ -38,12 +38,12 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
         for seed in (0, 1)
         for scale in (0.0, 1.0)
     ]
-    for one, other in zip(found, expected, strict=True):
+    for one, other in zip(results, expected, strict=True):
         assert one.keys() == other.keys()
         for key in one:
             assert one[key] == pytest.approx(other[key], rel=1e-9, abs=1e-9), key
     exact, noisy = rows(out, "largest_error")
-    errors = [run["largest_error"] for run in found if run["noise_scale"] == 1]
+    errors = [run["largest_error"] for run in results if run["noise_scale"] == 1]
     assert (noisy["noise_scale"], noisy["runs"]) == ("1.0", "2")
     assert float(noisy["mean"]) == np.mean(errors)
     assert float(noisy["std"]) == pytest.approx(np.std(errors, ddof=1))
@@ -129,9 +129,9 @@ def test_runs_of_another_sweep_are_not_resumed(tmp_path, capsys):
 def test_the_chart_shows_every_seed_and_the_mean():
     runs = [{"tilt_deg": v, "seed": s, "error_N": v + s} for s in range(3) for v in (10.0, 5.0)]
     runs[0] = {"tilt_deg": 10.0, "seed": 0, "refused": "no"}
-    found = Sweep("tilt_deg", [10.0, 5.0], runs)
-    assert found.names == ["error_N"]
-    (panel,) = sweep_report.chart(found, {"error_N": "Error (N)"}).axes
+    sweep = Sweep("tilt_deg", [10.0, 5.0], runs)
+    assert sweep.names == ["error_N"]
+    (panel,) = sweep_report.chart(sweep, {"error_N": "Error (N)"}).axes
     mean, *seeds = panel.get_lines()
     np.testing.assert_array_equal(mean.get_xydata(), [[5, 6], [10, 11.5]])
     np.testing.assert_array_equal([line.get_ydata() for line in seeds], [[np.nan, 5], [11, 6], [12, 7]])
@@ -139,8 +139,8 @@ def test_the_chart_shows_every_seed_and_the_mean():
 
 
 def test_the_chart_names_values_that_are_not_numbers():
-    found = Sweep("contact", ["pad", "handle"], [{"contact": c, "seed": 0, "rank": 13} for c in ("pad", "handle")])
-    (panel,) = sweep_report.chart(found, {"rank": "Rank"}).axes
+    sweep = Sweep("contact", ["pad", "handle"], [{"contact": c, "seed": 0, "rank": 13} for c in ("pad", "handle")])
+    (panel,) = sweep_report.chart(sweep, {"rank": "Rank"}).axes
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["pad", "handle"]
 
 

@@ -71,9 +71,9 @@ def test_clean_recordings_are_usable_and_nothing_is_found(tmp_path):
 )
 def test_a_fault_of_the_set_up_is_found_and_taken_out(tmp_path, fault, name, value, words):
     estimate = by_command(tmp_path, [faulty(3, **fault)], "--base", "base")
-    (found,) = estimate["setup"]
-    assert found["name"] == name and words in found["text"]
-    assert abs(found["value"] - value) < 3 * found["std"]
+    (error,) = estimate["setup"]
+    assert error["name"] == name and words in error["text"]
+    assert abs(error["value"] - value) < 3 * error["std"]
     assert (distances(estimate, "std") < 4).all() and (distances(estimate, "std_setup") < 2).all()
     assert estimate["outcome"] == "usable"
 
@@ -115,10 +115,10 @@ def test_several_logs_share_parameters_and_have_delays_of_their_own(tmp_path, ca
     delays = (0.0, 0.02, 0.05)
     logs = [shortened(faulty(seed, delay=delay), 400) for seed, delay in enumerate(delays)]
     estimate = by_command(tmp_path, logs, "--base", "base", "--own", "delay", "offset")
-    found = {each["name"]: each for each in estimate["setup"]}
-    assert set(found) == {"delay(ground) of log 2", "delay(ground) of log 3"}
+    estimated = {each["name"]: each for each in estimate["setup"]}
+    assert set(estimated) == {"delay(ground) of log 2", "delay(ground) of log 3"}
     for number, delay in enumerate(delays[1:], start=2):
-        each = found[f"delay(ground) of log {number}"]
+        each = estimated[f"delay(ground) of log {number}"]
         assert abs(each["value"] - delay) < 3 * each["std"] and f"in log {number}" in each["text"]
         assert each["place"] == {"wrenches": ["ground"], "log": number - 1}
     assert (distances(estimate, "std") < 4).all()
@@ -139,8 +139,8 @@ def test_logs_are_given_once_and_have_the_same_channels(tmp_path, capsys):
     replace(recording, measured={**recording.measured, "ground_force": force}).save(planar)
     given = [str(MODEL), "--base", "base", "--out", str(tmp_path / "out")]
     assert "one of them is given twice" in refusal(identify.main, [*given, str(path), str(path)], capsys)
-    said = refusal(identify.main, [*given, str(path), str(planar)], capsys)
-    assert "A log to fit besides the first needs the channels Fx, Fy, Fz" in said
+    message = refusal(identify.main, [*given, str(path), str(planar)], capsys)
+    assert "A log to fit besides the first needs the channels Fx, Fy, Fz" in message
     with pytest.raises(ident.InputError, match="own needs a list out of offset, delay; got clock"):
         ident.identify(PENDULUM, [recording, recording], own=["clock"])
     with pytest.raises(ident.InputError, match="Only the trajectory estimate"):

@@ -39,22 +39,24 @@ def on_plates(late=0, gains=(1,) * 6):
 def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
     """The pelvis's coordinates are joints; a plate and a rail, both 30 ms late, add up to the total wrench."""
     ready = on_plates(late=3)
-    found = trajectory_estimate(
+    result = trajectory_estimate(
         [Part(ready, slice(0, 300))], ready.equations, setup=EXACT | {"delay": 0.05}, knots=0.12
     )
-    (finding,) = setup_findings(found)
+    (finding,) = setup_findings(result)
     assert finding.text.startswith("The wrench 'plate + rail' is ") and abs(finding.value - 0.03) < 3 * finding.std
     assert finding.std < 0.002
     rank = ready.equations.parameters.rank
-    error = found.fit.theta[:rank] - ready.equations.parameters.regroup(walker.mechanism(walker.SMALL).known)
-    z = error / np.sqrt(np.diag(found.fit.covariance)[:rank])
+    error = result.fit.theta[:rank] - ready.equations.parameters.regroup(walker.mechanism(walker.SMALL).known)
+    z = error / np.sqrt(np.diag(result.fit.covariance)[:rank])
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.5
 
 
 def test_a_plate_that_reads_too_much_along_one_axis_is_found_beside_a_rail():
     ready = on_plates(gains=(1, 1.05, 1, 1, 1, 1))
-    found = trajectory_estimate([Part(ready, slice(0, 300))], ready.equations, setup=EXACT | {"gain": 0.03}, knots=0.12)
-    finding = setup_findings(found)[0]
+    result = trajectory_estimate(
+        [Part(ready, slice(0, 300))], ready.equations, setup=EXACT | {"gain": 0.03}, knots=0.12
+    )
+    finding = setup_findings(result)[0]
     assert finding.text.startswith("The channel plate Fy reads ") and abs(finding.value - 0.05) < 3 * finding.std
     assert finding.std < 0.01 and finding.place.wrenches == ("plate",)
 

@@ -18,12 +18,12 @@ def data(rng, of=NAMES):
     return rows.T @ rows
 
 
-def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
+def joint(information, *, scatter=None, gradient=0.0, weight=0.3):
     """Trajectory estimate with the set-up held, whose prior had a weight in the fit.
 
     Args:
-        told: Precision from the data (4, 4).
-        scatter: Covariance of the data's right side; by default `told`, as for the assumed noise (4, 4).
+        information: Precision from the data (4, 4).
+        scatter: Covariance of the data's right side; by default `information`, as for the assumed noise (4, 4).
         gradient: Precision times the step of the set-up that the data ask for (4,).
         weight: Weight of the prior.
     """
@@ -31,8 +31,8 @@ def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
         names=NAMES,
         free=np.array([True, True, False, False]),
         counted=np.array([True, True, False, False]),
-        precision=told + weight * KNOWN,
-        scatter=(told if scatter is None else scatter) + weight**2 * KNOWN,
+        precision=information + weight * KNOWN,
+        scatter=(information if scatter is None else scatter) + weight**2 * KNOWN,
         gradient=np.zeros(4) + gradient,
         prior=SimpleNamespace(known=KNOWN, weight=weight),
     )
@@ -41,34 +41,34 @@ def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
 
 @pytest.mark.parametrize("weight", [0.3, 1.0])
 def test_it_is_what_the_set_up_would_add_were_it_fitted_as_well(weight):
-    told = data(np.random.default_rng(0))
-    added = joint(told, weight=weight).covariance_of_setup
-    expected = np.linalg.inv(told + KNOWN)[FREE, FREE] - np.linalg.inv(told[FREE, FREE])
+    information = data(np.random.default_rng(0))
+    added = joint(information, weight=weight).covariance_of_setup
+    expected = np.linalg.inv(information + KNOWN)[FREE, FREE] - np.linalg.inv(information[FREE, FREE])
     np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
     assert not added[HELD].any() and not added[:, HELD].any()
 
 
 def test_how_far_the_set_up_would_move_belongs_to_it():
     """θ would move by its share of the step of all parameters; the step of the fitted ones alone is zero."""
-    told, pull = data(np.random.default_rng(1)), np.array([0, 0, 3.0, -7.0])
-    moved = np.linalg.solve(told + KNOWN, pull)[FREE]
-    added = joint(told, gradient=pull).covariance_of_setup - joint(told).covariance_of_setup
+    information, pull = data(np.random.default_rng(1)), np.array([0, 0, 3.0, -7.0])
+    moved = np.linalg.solve(information + KNOWN, pull)[FREE]
+    added = joint(information, gradient=pull).covariance_of_setup - joint(information).covariance_of_setup
     np.testing.assert_allclose(added[FREE, FREE], np.outer(moved, moved), rtol=1e-6)
 
 
 def test_noise_that_is_really_more_tells_less_of_the_set_up():
     """With four times the scatter, the data's information on the set-up is a quarter, beside the prior."""
-    told = data(np.random.default_rng(2))
-    B = np.linalg.solve(told[FREE, FREE], told[FREE, HELD])
-    alone = told[HELD, HELD] - told[HELD, FREE] @ B
-    added = joint(told, scatter=4 * told).covariance_of_setup
+    information = data(np.random.default_rng(2))
+    B = np.linalg.solve(information[FREE, FREE], information[FREE, HELD])
+    alone = information[HELD, HELD] - information[HELD, FREE] @ B
+    added = joint(information, scatter=4 * information).covariance_of_setup
     expected = B @ np.linalg.inv(alone / 4 + KNOWN[HELD, HELD]) @ B.T
     np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
 
 
 def test_what_no_data_see_of_the_set_up_adds_nothing():
-    told = data(np.random.default_rng(3))
-    told[3] = told[:, 3] = 0
-    added = joint(told).covariance_of_setup
-    seen = np.linalg.inv((told + KNOWN)[:3, :3])[FREE, FREE] - np.linalg.inv(told[FREE, FREE])
-    np.testing.assert_allclose(added[FREE, FREE], seen, rtol=1e-6)
+    information = data(np.random.default_rng(3))
+    information[3] = information[:, 3] = 0
+    added = joint(information).covariance_of_setup
+    expected = np.linalg.inv((information + KNOWN)[:3, :3])[FREE, FREE] - np.linalg.inv(information[FREE, FREE])
+    np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)

@@ -14,7 +14,7 @@ from ident.trajectory.setup_search import MOST_DEVIATIONS, Search, searched
 class Independent:
     """A fit of independent parameters with a standard deviation from the data, and a prior of ± one."""
 
-    told: np.ndarray
+    best: np.ndarray
     std: np.ndarray
     theta: np.ndarray
     free: np.ndarray
@@ -36,7 +36,7 @@ class Independent:
         return SimpleNamespace(known=np.eye(len(self.theta)))
 
     def scores(self, directions):
-        return directions @ (self.told - self.theta), np.sqrt(directions**2 @ self.std**2)
+        return directions @ (self.best - self.theta), np.sqrt(directions**2 @ self.std**2)
 
 
 @pytest.fixture(autouse=True)
@@ -44,15 +44,15 @@ def left_out_pieces_agree(monkeypatch):
     monkeypatch.setattr(setup_search, "_predict", lambda fitted, candidates: [True] * len(candidates))
 
 
-def found(told, std, groups=None, scattered=lambda fitted: fitted):
+def search_of(best, std, groups=None, scattered=lambda fitted: fitted):
     """Result of the search for given estimates of each parameter."""
-    told = np.asarray(told, float)
-    first = Independent(told, np.broadcast_to(std, told.shape), np.zeros(len(told)), np.zeros(len(told), bool))
+    best = np.asarray(best, float)
+    first = Independent(best, np.broadcast_to(std, best.shape), np.zeros(len(best)), np.zeros(len(best), bool))
 
     def refit(start, free, rounds):
-        return replace(first, theta=np.where(free, told, start.theta), free=free)
+        return replace(first, theta=np.where(free, best, start.theta), free=free)
 
-    return searched(Search(first), refit, np.ones(len(told), bool), groups or {}, scattered)
+    return searched(Search(first), refit, np.ones(len(best), bool), groups or {}, scattered)
 
 
 def deviating(search):
@@ -62,12 +62,12 @@ def deviating(search):
 def test_noise_of_many_parameters_is_no_fault():
     """The false alarm rate is one in a thousand searches for all parameters together; separately it would be 10 %."""
     rng = np.random.default_rng(0)
-    alarms = sum(bool(found(0.1 * rng.normal(size=100), 0.1).deviations) for _ in range(300))
+    alarms = sum(bool(search_of(0.1 * rng.normal(size=100), 0.1).deviations) for _ in range(300))
     assert alarms <= 3
 
 
 def test_what_is_wrong_is_fitted_the_most_significant_first():
-    search = found([0, 2.0, 0.01, -3.0, 0.8], 0.1)
+    search = search_of([0, 2.0, 0.01, -3.0, 0.8], 0.1)
     assert deviating(search) == [3, 1, 4]
     np.testing.assert_array_equal(search.fit.theta, [0, 2.0, 0, -3.0, 0.8])
     assert not search.incredible
@@ -76,13 +76,13 @@ def test_what_is_wrong_is_fitted_the_most_significant_first():
 @pytest.mark.parametrize(("size", "counts"), [(0.035, False), (0.045, True)])
 def test_what_is_far_less_than_anybody_promises_is_no_fault_however_well_it_is_told(size, counts):
     for sign in (1, -1):
-        assert deviating(found([sign * size, 0], 1e-4)) == [0] * counts
+        assert deviating(search_of([sign * size, 0], 1e-4)) == [0] * counts
 
 
 @pytest.mark.parametrize(("size", "credible"), [(5.5, True), (6.5, False)])
 def test_what_no_laboratory_gets_wrong_stands_for_something_else(size, credible):
     for sign in (1, -1):
-        search = found([0.5, sign * size], 0.01)
+        search = search_of([0.5, sign * size], 0.01)
         assert search.incredible == (not credible)
         # Otherwise nothing is changed.
         assert deviating(search) == ([1, 0] if credible else [])
@@ -93,18 +93,18 @@ def test_what_no_laboratory_gets_wrong_stands_for_something_else(size, credible)
 def test_significance_is_that_of_the_noise_that_is_really_there(size, counts):
     """Noise may be larger than the one used to test a parameter: significance counts at the larger one."""
     wider = lambda fitted: replace(fitted, std=2 * fitted.std)  # noqa: E731
-    assert deviating(found([size], 0.05, scattered=wider)) == [0] * counts
-    assert deviating(found([size], 0.05)) == [0]
+    assert deviating(search_of([size], 0.05, scattered=wider)) == [0] * counts
+    assert deviating(search_of([size], 0.05)) == [0]
 
 
 def test_what_explains_as_much_is_named_beside_it():
     # χ² of 100, 90, 25 and 0, and of 105 and 12 for the groups; a difference of up to 15 counts as equal.
     groups = {"second and third": np.array([0, 1, 1, 0]), "third and fourth": np.array([0, 0, 1, 1])}
-    first = found([1.0, 0.95, 0.5, 0.0], 0.1, groups).deviations[0]
+    first = search_of([1.0, 0.95, 0.5, 0.0], 0.1, groups).deviations[0]
     assert (first.index, first.alternatives, first.together) == (0, (1,), ("second and third",))
     # For a χ² of 10 000, a difference of up to a tenth counts as equal: 9216, not 8100.
-    assert found([1.0, 0.96, 0.9], 0.01).deviations[0].alternatives == (1,)
+    assert search_of([1.0, 0.96, 0.9], 0.01).deviations[0].alternatives == (1,)
 
 
 def test_so_many_faults_are_fitted_and_no_more():
-    assert len(found(np.full(MOST_DEVIATIONS + 5, 1.0), 0.1).deviations) == MOST_DEVIATIONS
+    assert len(search_of(np.full(MOST_DEVIATIONS + 5, 1.0), 0.1).deviations) == MOST_DEVIATIONS

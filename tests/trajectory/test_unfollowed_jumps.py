@@ -12,14 +12,14 @@ from experiments.noise.estimators import Case
 CASE = Case.drawn(CONDITIONS["trapezoids_100"], 0, 2)
 
 
-def found(recording):
+def setup_of(recording):
     options = {"holdout": 0.0, **CASE.condition.options}
     return ident.identify(CASE.subject.mechanism, recording, **options).setup
 
 
 def test_jumps_are_no_clock():
     """A clock error of 0.023 ± 0.002 %, a tenth of a sample, would predict unseen pieces better."""
-    assert not found(CASE.recording)
+    assert not setup_of(CASE.recording)
 
 
 def test_a_fast_clock_is_found():
@@ -29,6 +29,6 @@ def test_a_fast_clock_is_found():
     t, measured = recording.time, dict(recording.measured)
     for name in ("ground_force", "ground_torque"):
         measured[name] = np.stack([np.interp(t * (1 - fast), t, x) for x in measured[name].T], axis=1)
-    (clock,) = found(replace(recording, measured=measured))
+    (clock,) = setup_of(replace(recording, measured=measured))
     assert clock.name == "clock(ground)"
     assert abs(clock.value) == pytest.approx(fast, rel=0.1)

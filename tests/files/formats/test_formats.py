@@ -148,10 +148,10 @@ def test_c3d_with_platforms_that_cannot_be_read_still_has_all_else(tmp_path):
     file = ezc3d.c3d(str(tmp_path / "log.c3d"))
     file["parameters"]["FORCE_PLATFORM"]["TYPE"]["value"] = np.array([99])
     file.write(str(tmp_path / "log.c3d"))
-    found = c3d.markers(tmp_path / "log.c3d", 10**9)
-    assert found.labels == ("HEEL",)
-    np.testing.assert_allclose(found.time, T, atol=1e-12)
-    np.testing.assert_allclose(found.positions[:, 0], points()["HEEL"], atol=1e-6)
+    markers = c3d.markers(tmp_path / "log.c3d", 10**9)
+    assert markers.labels == ("HEEL",)
+    np.testing.assert_allclose(markers.time, T, atol=1e-12)
+    np.testing.assert_allclose(markers.positions[:, 0], points()["HEEL"], atol=1e-6)
     _, analog = c3d.tables(tmp_path / "log.c3d", 10**9)
     assert "Force platforms cannot be read" in analog.notes[0]
     np.testing.assert_allclose(analog.cells["Fz"], -FAST[:, 2], rtol=1e-6)
@@ -163,10 +163,10 @@ def test_markers_of_a_trc_file(tmp_path, units):
     toe[5:9] = np.nan
     toe[-1] = np.nan
     write_trc(tmp_path / "log.trc", T, {"HEEL": heel, "TOE": toe}, units=units)
-    found = trc.markers(tmp_path / "log.trc", 10**9)
-    assert found.labels == ("HEEL", "TOE")
-    np.testing.assert_allclose(found.time, T, atol=1e-9)
-    np.testing.assert_allclose(found.positions, np.stack([heel, toe], axis=1), atol=1e-9)
+    markers = trc.markers(tmp_path / "log.trc", 10**9)
+    assert markers.labels == ("HEEL", "TOE")
+    np.testing.assert_allclose(markers.time, T, atol=1e-9)
+    np.testing.assert_allclose(markers.positions, np.stack([heel, toe], axis=1), atol=1e-9)
     with pytest.raises(LogError, match=r"joint 'ankle' needs a column .* the file has time, HEEL\.x"):
         read_log(tmp_path / "log.trc", MECHANISM)
 

@@ -229,8 +229,8 @@ def test_a_ground_that_is_a_plate_with_a_centre_of_pressure(tmp_path):
         log, mapping = written(tmp_path, [(columns, text.replace("wrenches.right", "wrenches.ground"))])
         mapping.write_text(mapping.read_text().replace('on = ""\n', ""))
         recording = ident.read_log(log, walker.mechanism(), mapping)
-        found = recording.total_wrench(walker.mechanism().tree).in_base
-        np.testing.assert_allclose(found, total, atol=1e-9 * abs(total).max(), err_msg=form.__name__)
+        read = recording.total_wrench(walker.mechanism().tree).in_base
+        np.testing.assert_allclose(read, total, atol=1e-9 * abs(total).max(), err_msg=form.__name__)
 
 
 def stepping():
@@ -282,11 +282,11 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
         expected = np.where((who[plate] == body)[:, None], force[plate], 0)
         np.testing.assert_allclose(recording.as_measured(f"{name}_force").values, expected, atol=1e-9)
         assert np.isfinite(recording[f"{name}_torque"]).all()
-    told = " ".join(recording.notes)
-    assert "By its force, on 'right' is foot_l from 0.40 to 1.09 s, foot_r from 1.30 to 2.39 s" in told
-    assert "on 'left' is foot_r from 0.00 to 0.89 s." in told
-    assert "nearly as near" not in told
-    assert "nor is its point of application used" in told and "at most 40 N" in told
+    notes = " ".join(recording.notes)
+    assert "By its force, on 'right' is foot_l from 0.40 to 1.09 s, foot_r from 1.30 to 2.39 s" in notes
+    assert "on 'left' is foot_r from 0.00 to 0.89 s." in notes
+    assert "nearly as near" not in notes
+    assert "nor is its point of application used" in notes and "at most 40 N" in notes
 
 
 def test_who_stands_is_left_open_where_another_is_nearly_as_near(tmp_path):
@@ -296,8 +296,8 @@ def test_who_stands_is_left_open_where_another_is_nearly_as_near(tmp_path):
     log, mapping = written(
         tmp_path, [(columns | named("left", "p", between), of_stepping('on = "auto"\namong = ["foot_r", "foot_l"]'))]
     )
-    (told,) = (note for note in ident.read_log(log, walker.mechanism(), mapping).notes if "on 'left' is" in note)
-    assert told.endswith("on 'left' is foot_r from 0.00 to 0.89 s. From 0.00 s on foot_l is nearly as near.")
+    (note,) = (note for note in ident.read_log(log, walker.mechanism(), mapping).notes if "on 'left' is" in note)
+    assert note.endswith("on 'left' is foot_r from 0.00 to 0.89 s. From 0.00 s on foot_l is nearly as near.")
 
 
 def test_samples_at_other_times_are_those_of_the_nearest():
@@ -336,9 +336,9 @@ def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):
 def test_corners_are_those_of_the_plate(seed):
     rng = np.random.default_rng(seed)
     T = pose(Rotation.random(random_state=seed).as_matrix(), rng.normal(size=3))
-    found = pose_of_corners("corners", np.array(corners(T, rng.uniform(0.1, 1, 2))))
-    np.testing.assert_allclose(found, T, atol=1e-12)
-    np.testing.assert_allclose(inverse(found) @ T, np.eye(4), atol=1e-12)
+    estimated = pose_of_corners("corners", np.array(corners(T, rng.uniform(0.1, 1, 2))))
+    np.testing.assert_allclose(estimated, T, atol=1e-12)
+    np.testing.assert_allclose(inverse(estimated) @ T, np.eye(4), atol=1e-12)
 
 
 HEAD = '[wrenches.p]\nforce = ["a", "b", "c"]\n'

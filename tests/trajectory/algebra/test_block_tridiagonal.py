@@ -28,8 +28,8 @@ def test_solutions_inverse_and_determinant_are_those_of_the_dense_matrix(seed):
     inverse = np.linalg.inv(dense)
     expected = inverse @ right.reshape(-1, 3)
     np.testing.assert_allclose(factor.solve(right).reshape(-1, 3), expected, atol=1e-9 * abs(expected).max())
-    seen = factor.inverse_windows(len(windows))
-    for k, window in enumerate(seen):
+    inverses = factor.inverse_windows(len(windows))
+    for k, window in enumerate(inverses):
         own = slice(k * n, (k + WINDOW) * n)
         np.testing.assert_allclose(window, inverse[own, own], atol=1e-9 * abs(inverse).max())
     assert factor.log_determinant == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-10)

@@ -192,12 +192,12 @@ def test_what_streams_take_is_what_they_add_to_the_curvature(seed):
     white = np.concatenate([rho for *_, rho in own.residuals(own.coefficients, own.theta)]) == 0
     assert white.any()
     taken[1:, white] = 0  # The rank taken of the halves is known for correlated noise.
-    found = own.linearised_with(root)
-    close(found.taken, np.insert(taken, [2 * n] * n, 0, axis=1))
+    linearised = own.linearised_with(root)
+    close(linearised.taken, np.insert(taken, [2 * n] * n, 0, axis=1))
     for j in range(n):
         mine = np.pad(np.arange(size) % n == j, (0, len(own.theta)))
         part = own.noise.jerk[j] * plain * np.outer(mine, mine)[:size, :size]
-        close(found.held[j], np.trace(covariance[:size, :size] @ part))
+        close(linearised.held[j], np.trace(covariance[:size, :size] @ part))
     alone = own.linearised
     close(alone.taken[0, :n], ((J[0, :n, :, :size] @ inverse) * J[0, :n, :, :size]).sum(axis=(1, 2)))
 
@@ -225,8 +225,8 @@ def test_everything_together_takes_one_for_each_unknown(seed):
     own = problem(seed)
     prior = np.diag(np.full(len(own.theta), 1.0))
     covariance = np.linalg.inv(own.linearised.schur + prior)
-    found = own.linearised_with(np.linalg.cholesky(covariance))
-    total = found.taken[0].sum() + found.held.sum() + np.trace(covariance @ prior)
+    linearised = own.linearised_with(np.linalg.cholesky(covariance))
+    total = linearised.taken[0].sum() + linearised.held.sum() + np.trace(covariance @ prior)
     assert total == pytest.approx(own.size + len(own.theta))
 
 

@@ -132,11 +132,11 @@ def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monke
     monkeypatch.setattr(whitening, "HUBER", 100.0)
     piece = recording(np.random.default_rng(round(100 * rho)), rho, gap=gap)
     best = minimize(lambda x: twice_lost(piece, *x), [SIGMA, rho], method="Nelder-Mead", options={"fatol": 1e-4})
-    *found, plain = updated(piece)
-    assert twice_lost(piece, *found) - best.fun < 0.03
-    np.testing.assert_allclose(found, best.x, rtol=0.02)
+    *end, plain = updated(piece)
+    assert twice_lost(piece, *end) - best.fun < 0.03
+    np.testing.assert_allclose(end, best.x, rtol=0.02)
     # The trajectory has absorbed slow noise: the residuals themselves are less correlated.
-    assert found[1] - plain > 0.05
+    assert end[1] - plain > 0.05
 
 
 def turned(rng, rho, sigma, inertia=2.0, number=300):
@@ -156,8 +156,8 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
     )
     noise = replace(noise_of(sigma, rho), channels=np.array([0.1]))
     start = Start(np.array([inertia]), noise, smoothed([piece], noise).coefficients)
-    found = fit(Turned(), [piece], start, prior=Prior(np.zeros(1), np.zeros((1, 1))), free=np.array([True]))
-    return (found.theta[0] - inertia) / np.sqrt(found.covariance[0, 0])
+    fitted = fit(Turned(), [piece], start, prior=Prior(np.zeros(1), np.zeros((1, 1))), free=np.array([True]))
+    return (fitted.theta[0] - inertia) / np.sqrt(fitted.covariance[0, 0])
 
 
 @pytest.mark.parametrize(("rho", "sigma"), [(0.0, 0.1), (0.9, 0.02)])
@@ -202,13 +202,13 @@ def test_coordinates_that_are_exact_have_no_correlation():
 
 
 def test_outliers_hide_a_part_of_the_correlation_at_most():
-    rng, found = np.random.default_rng(50), []
+    rng, updates = np.random.default_rng(50), []
     for outliers in (0.0, 0.02):
         piece = recording(np.random.default_rng(0), 0.6)
         gross = rng.uniform(size=piece.states[0].shape) < outliers
         piece.states[0][:] += 20 * SIGMA * gross * rng.normal(size=gross.shape)
-        found.append(updated(piece))
-    without, having = found
+        updates.append(updated(piece))
+    without, having = updates
     assert abs(having[1] - without[1]) < 0.3
     assert having[0] < 1.7 * without[0]
     assert having[2] < 0.3
