@@ -81,11 +81,11 @@ from experiments import multicontact
 from experiments.cli import running
 from experiments.document import figures
 from experiments.runs.signals import end_silently
-from truth import told
+from truth import use_truth
 end_silently()
 running.GRACE = 60.0
 figures.drawn = lambda figure, extension: b""
-told(SimpleNamespace(setattr=setattr))
+use_truth(SimpleNamespace(setattr=setattr))
 raise SystemExit(multicontact.main())
 """
 """The study as `python -m` runs it, without its slow parts before the trials, and with more time to clean up on a busy
