@@ -1,6 +1,7 @@
 """Errors of input, with a sentence for the user; every other exception is a bug of this project."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 
 class InputError(ValueError):
@@ -12,7 +13,15 @@ class ModelError(InputError):
 
 
 class LogError(InputError):
-    """A recording or a mapping of its columns is missing, malformed, or does not fit the mechanism."""
+    """A recording or a mapping of its columns is missing, malformed, or does not fit the mechanism.
+
+    Attributes:
+        file: File that the message names at its beginning; None if it names none.
+    """
+
+    def __init__(self, message: str, file: Path | None = None) -> None:
+        super().__init__(message)
+        self.file = file
 
 
 class ExcitationError(InputError):

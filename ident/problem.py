@@ -149,9 +149,8 @@ def problem_of(
 
 def _with_rests(log: Prepared, part: slice) -> Prepared:
     """Recording with notes on joints that rest in the fitted part and move later."""
-    sentences = [] if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
-    whole = {note.partition(" rests at ")[0] for note in log.notes}
-    more = [f"In what is fitted, {x}" for x in sentences if x.partition(" rests at ")[0] not in whole]
+    inside = {} if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
+    more = [f"In what is fitted, {repairs.rest_note(*each)}" for each in inside.items() if each[0] not in log.rests]
     return replace(log, notes=(*log.notes, *more)) if more else log
 
 

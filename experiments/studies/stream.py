@@ -78,7 +78,9 @@ class Reading:
                     )
                 yield from pieces(map(self._samples, recordings), self.equations)
             except InputError as error:
-                raise LogError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
+                if isinstance(error, LogError) and error.file == file:
+                    raise
+                raise LogError(f"{file}: {error}", file) from None
 
     def _samples(self, recording: Recording) -> Samples:
         tree, recording = self.equations.mechanism.tree, recording.with_sensors(self.sensors)

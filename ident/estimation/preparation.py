@@ -69,6 +69,7 @@ class Prepared:
         left_out: Spans whose samples are not used.
         clipped: Channels clipped by a sensor's range; their clipped samples are not used.
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
+        rests: Positions of the hinges and slides at rest throughout, by joint.
     """
 
     mechanism: Mechanism
@@ -84,6 +85,7 @@ class Prepared:
     left_out: tuple[LeftOut, ...] = ()
     clipped: tuple[Clipped, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
+    rests: Mapping[str, float] = field(default_factory=dict)
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
@@ -154,7 +156,8 @@ def prepared(
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
-    notes += repairs.rests(recording, mechanism.tree)
+    rests = repairs.rests(recording, tree)
+    notes += [repairs.rest_note(*each) for each in rests.items()]
     cutoff = _cutoff(recording, mechanism.joints, cutoff, filters)
     motion = _motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
@@ -187,7 +190,19 @@ def prepared(
         notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
     all_notes = (*recording.notes, *notes)
     return Prepared(
-        mechanism, recording, fitted, samples, sensors, frame, wrench, cutoff, all_notes, stuck, (), clipped, steps
+        mechanism,
+        recording,
+        fitted,
+        samples,
+        sensors,
+        frame,
+        wrench,
+        cutoff,
+        all_notes,
+        stuck,
+        clipped=clipped,
+        steps=steps,
+        rests=rests,
     )
 
 

@@ -139,18 +139,23 @@ def constants(recording: Recording, tree: Tree, part: slice = slice(None)) -> di
     return {name: float(x[0]) + 0.0 for name, x in columns.items() if _optional(name, tree) and np.ptp(x) == 0}
 
 
-def rests(recording: Recording, tree: Tree, part: slice = slice(None)) -> list[str]:
-    """Sentences on the hinge and slide coordinates at rest in a part of a recording, by default in all of it."""
+def rests(recording: Recording, tree: Tree, part: slice = slice(None)) -> dict[str, float]:
+    """Positions of the hinges and slides at rest in a part of a recording, by default in all of it, by joint."""
     first, last = recording.time[part][[0, -1]]
     sampled = {name: recording.as_measured(name) for name in _positions(tree)}
     every = {name: x.columns[(x.time >= first) & (x.time <= last), 0] for name, x in sampled.items()}
     every = {name: x for name, x in every.items() if np.isfinite(x).any()}
     largest = max((float(np.nanmax(x) - np.nanmin(x)) for x in every.values()), default=0.0)
-    return [
-        f"'{name.removesuffix('_position')}' rests at {np.nanmedian(x):.4g}."
+    return {
+        name.removesuffix("_position"): float(np.nanmedian(x))
         for name, x in every.items()
         if largest and at_rest(x, largest)
-    ]
+    }
+
+
+def rest_note(joint: str, position: float) -> str:
+    """Note on a joint at rest."""
+    return f"'{joint}' rests at {position:.4g}."
 
 
 def without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:

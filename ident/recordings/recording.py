@@ -263,7 +263,7 @@ class Recording:
             for fields in saved.load(Path(path), samples, limit=limit):
                 yield cls(**fields)
         except (LogError, OSError) as error:
-            raise LogError(f"{path}: {error}") from error
+            raise LogError(f"{path}: {error}", Path(path)) from error
 
 
 def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:

@@ -76,16 +76,17 @@ def mechanism_from_opensim(
         ModelError: Something in the file cannot be read; the message names it.
     """
     path = Path(path)
+    model = model_element(path)
     try:
-        return _mechanism(path, base, beyond, ignore, fix or {})
+        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix or {})
     except ModelError as error:
-        raise ModelError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+        raise ModelError(f"{path}: {error}") from None
 
 
 def _mechanism(
-    path: Path, base: str | None, beyond: Sequence[str], ignore: Collection[str], fix: Mapping[str, Sequence[float]]
+    model: ET.Element, origin: OpenSimOrigin, ignore: Collection[str], fix: Mapping[str, Sequence[float]]
 ) -> Mechanism:
-    model = model_element(path)
+    base = origin.base
     frames = Frames(model)
     skeleton = Skeleton.of(model, frames, ignore)
     tree, gravity = skeleton.tree, numbers(model, "gravity", 3, STANDARD_GRAVITY)
@@ -93,16 +94,14 @@ def _mechanism(
         # Gravity is in the axes of a base at rest; for a moving base, whose poses are recorded, in the ground's.
         gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
         tree = skeleton.carried(base)
-    tree = _without(tree, beyond)
+    tree = _without(tree, origin.beyond)
     tree = tree.fixed({name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()})
     bodies = [tree.names[i] for i in tree.inertial]
     prior = np.concatenate([body_parameters(frames.bodies[name]) for name in bodies])
     _note_inertias(frames, bodies)
     ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
     sites = {name: (place.body, place.pose) for name, place in markers(model, frames).items() if place.body in bodies}
-    return Mechanism(
-        tree, gravity, prior if prior.any() else None, sites, ranges, OpenSimOrigin(path, base, tuple(beyond))
-    )
+    return Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin)
 
 
 def _without(tree: Tree, beyond: Sequence[str]) -> Tree:
