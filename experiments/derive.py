@@ -1,16 +1,29 @@
 """The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
 
 import argparse
+from pathlib import Path
 
 from experiments.cli import options, running
 from experiments.runs.environment import extra
 
 
 def run(args: argparse.Namespace) -> None:
-    """Derives a model and writes it."""
+    """Derives a model, and writes and prints it."""
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import results_folder, write_json
+
     with extra("symbolic"):
-        from experiments.symbols import derivation
-    derivation.run(args.mechanism, args.base, args.ignore, args.out)
+        from experiments.symbols import derivation, report
+
+    derived = derivation.derivation(args.mechanism, args.base, args.ignore)
+    out = args.out / derived.name
+    with results_folder(out, inputs=[Path(args.mechanism)]) as folder:
+        for file, text in report.sources(derived).items():
+            (folder / file).write_text(text, encoding="utf-8")
+        choices = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
+        write_json(folder / "provenance.json", provenance(choices))
+    print(report.text(derived))
+    print(f"LaTeX, Python and C are in {out}.")
 
 
 def parser() -> argparse.ArgumentParser:
