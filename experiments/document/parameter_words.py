@@ -45,7 +45,7 @@ def regrouped_in_words(base: BaseParameters, k: int, arm: Mechanism) -> str:
     """The k-th base parameter and its regrouped terms, in words."""
     parts = list(_parts(base, k, arm))
     named = in_words(base.names[k], arm)
-    return f"{named}, in which are also counted: {'; '.join(parts)}" if parts else named
+    return f"{named}, which also includes: {'; '.join(parts)}" if parts else named
 
 
 def _parts(base: BaseParameters, k: int, arm: Mechanism) -> Iterator[str]:

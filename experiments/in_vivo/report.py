@@ -14,8 +14,8 @@ from experiments.in_vivo.study import JUDGED_AT, Study
 from experiments.reports.identify_replay import replay
 
 ABOUT = (
-    "A recording of a person who bows on a force plate is identified by several estimators: what each makes of legs "
-    "and trunk, and how well it predicts the part that was held out."
+    "A recording of a person who bows on a force plate is identified by several estimators. The tables and "
+    "figures compare their parameters of legs and trunk, and their predictions of the held-out part."
 )
 """The page's text on the study."""
 
@@ -57,7 +57,7 @@ def table_prediction(study: Study) -> tabular.Table:
     """Residual over signal of each estimator on the held-out part."""
     rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, ratio)) for name, ratio in study.ratios.items()]
     title = (
-        f"What is left of the held-out part below {JUDGED_AT:g} Hz, a constant taken out, over the signal's standard "
+        f"Residual of the held-out part below {JUDGED_AT:g} Hz, a constant taken out, over the signal's standard "
         "deviation"
     )
     return tabular.Table(title, ("estimator", *study.trajectory.channels), tuple(rows), decimals=3)
@@ -118,13 +118,13 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     trajectory = study.trajectory
     caption = (
         "A person who bows on a force plate (Latella et al., 2016): base parameters of several estimators over those "
-        "of the scaled model, with 95 % intervals (a), and what each predicts of the part of the recording that was "
-        "not fitted (b)."
+        "of the scaled model, with 95 % intervals (a), and their predictions of the held-out part of the "
+        "recording (b)."
     )
     return Document(
         "A person who bows",
         ABOUT,
-        verdict=f"Of the trajectory estimate: {trajectory.verdict()}",
+        verdict=f"Trajectory estimate: {trajectory.verdict()}",
         findings=[(finding.text, finding.doubt) for finding in trajectory.findings],
         tables={"table_parameters": table_parameters(study), "table_prediction": table_prediction(study)},
         figures={"figure_in_vivo": (figure(study), caption)},

@@ -47,7 +47,7 @@ def differences_table(difference: Difference) -> tabular.Table:
         caption="Base parameters of two identifications and their difference",
         notes=(
             f"First: {first.name}. Second: {second.name}. Interval: half of the difference's 95 % interval from noise, "
-            "setup: with what each leaves open of a set-up of its own. Logs have to be independent.",
+            "setup: with the uncertainty of each set-up. Logs have to be independent.",
         ),
         bodies=first.bodies,
     )
@@ -61,7 +61,7 @@ def prediction_table(results: Sequence[Result]) -> tabular.Table:
         for result in results
     ]
     columns = dict(zip(["channel", *(result.name for result in results)], [channels, *ratios], strict=True))
-    return tabular.Table("Residual over signal on what each result held out", *tabular.columns(**columns))
+    return tabular.Table("Residual over signal of each result's held-out part", *tabular.columns(**columns))
 
 
 def setup_table(results: Sequence[Result]) -> tabular.Table:
@@ -86,14 +86,15 @@ def agreement(difference: Difference) -> str:
     if difference.shared:
         return (
             f"{names} were both fitted to {', '.join(difference.shared)}: noise that they share does not show in their "
-            "difference, so that neither interval nor χ² can be told; compare results of logs of their own."
+            "difference, so that neither interval nor χ² can be given; compare results of logs of their own."
         )
     either = (*difference.first.regrouping, *difference.second.regrouping)
     left_out = [name for name in either if name not in difference.names]
-    but = f" Not compared, as only one has them so regrouped: {', '.join(dict.fromkeys(left_out))}." if left_out else ""
+    others = ", ".join(dict.fromkeys(left_out))
+    but = f" Not compared, because they are regrouped differently: {others}." if others else ""
     differ = "agree within noise" if difference.comparison.p_value > UNLIKELY else "differ by more than noise"
     within = np.abs(difference.comparison.difference) <= HALF_WIDTH * difference.std_setup
-    setup = f"; {int(within.sum())} of {len(within)} differences lie within what noise and set-up leave open"
+    setup = f"; {int(within.sum())} of {len(within)} differences lie within the intervals of noise and set-up"
     return f"{names} {differ}, if their logs are independent: {difference.comparison}"[:-1] + f"{setup}.{but}"
 
 

@@ -40,7 +40,7 @@ def _segments(ax: Axes, study: Study) -> None:
         error = 100 * np.linalg.norm((x - true)[:, 1:4], axis=1) / size
         ax.plot(error, rows + offset, "o", ms=3, color=COLORS[name], label=name)
     half = 100 * HALF_WIDTH * np.linalg.norm(std[:, 1:4], axis=1) / size
-    ax.hlines(rows + 0.15, 0, half, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="said of the estimate, 95 %")
+    ax.hlines(rows + 0.15, 0, half, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="95 % interval")
     ax.set_yticks(rows, [name.replace("_", " ") for name in study.true.bodies])
     ax.invert_yaxis()
     ax.set_xscale("symlog", linthresh=10, linscale=1)
@@ -67,13 +67,13 @@ def _growth(ax: Axes, study: Study, feet_alone: Study) -> None:
             ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=label)
         ax.plot([], [], style, color="0.3", lw=0.9, label=contacts)
     ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=20, ha="right")
-    ax.set_ylabel("Deviation over the prior's", labelpad=2)
+    ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title(f"(b) Recordings of {study.seconds:g} s each")
     ax.legend(loc="lower left", fontsize=6, ncols=1)
 
 
 def predicted_deviations(study: Study) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Total seconds, and the deviation of predictions of unseen motions over the prior's, for each motion and all."""
+    """Total seconds, and s.d. of the wrench of motions not recorded over the prior's, for each motion and all."""
     lengths = np.array(SHARES) * study.seconds
     kinds = {name: np.eye(len(study.activities))[k] for k, name in enumerate(study.activities)}
     kinds["all"] = np.ones(len(study.activities))
@@ -84,7 +84,7 @@ def predicted_deviations(study: Study) -> dict[str, tuple[np.ndarray, np.ndarray
 
 
 def _predictions(ax: Axes, study: Study, feet_alone: Study) -> None:
-    """Draws the deviation of the wrench that unseen motions need over the seconds recorded."""
+    """Draws the standard deviation of the wrench of motions not recorded over the seconds recorded."""
     every = predicted_deviations(study)
     for name in study.activities:
         ax.loglog(*every[name], ".-", ms=3, lw=0.7, label=name)
@@ -96,6 +96,6 @@ def _predictions(ax: Axes, study: Study, feet_alone: Study) -> None:
         axis.set_major_formatter("{x:g}")
         axis.set_minor_locator(NullLocator())
     ax.set_xlabel("Seconds recorded", labelpad=2)
-    ax.set_ylabel("Deviation over the prior's", labelpad=2)
-    ax.set_title("(c) What unseen motions need")
+    ax.set_ylabel("S.d. over the prior's", labelpad=2)
+    ax.set_title("(c) Wrench of motions not recorded")
     ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=4, fontsize=6, columnspacing=1)

@@ -17,8 +17,8 @@ from ident.geometry.inertia import com_from_parameters
 
 ABOUT = (
     "A simulated person moves on two force plates and holds a rail, and is identified from a prior whose bodies are "
-    "wrong by a fifth, in a laboratory where nothing is quite as stated: what becomes of each segment, and what is "
-    "predicted of motions that were not recorded."
+    "wrong by a fifth, in a laboratory whose set-up differs from what is stated. The tables show the accuracy of each "
+    "segment and of the wrench of motions that were not recorded."
 )
 """The page's text on the study."""
 
@@ -45,9 +45,9 @@ def table_segments(study: Study) -> tabular.Table:
 
 
 def table_prediction(study: Study) -> tabular.Table:
-    """Errors of the wrench that unseen motions need."""
+    """Errors of the wrench of motions that were not recorded."""
     rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, errors)) for name, errors in study.errors.items()]
-    title = "Errors of the wrench that unseen motions need, over the wrench's own deviation"
+    title = "Errors of the wrench of motions that were not recorded, over its standard deviation"
     return tabular.Table(title, ("candidate", *study.estimate.channels[:6]), tuple(rows), decimals=3)
 
 
@@ -60,13 +60,13 @@ def table_coverage(persons: Sequence[Study]) -> tabular.Table:
     rows.append(("all", *_counted(persons), None, None))
     heads = {
         "determined": "determined",
-        "hold": "of 95 % intervals hold",
-        "determined_by_noise": "determined, of noise alone",
-        "hold_by_noise": "of 95 % intervals hold, of noise alone",
-        "noise_of_angles": "noise of angles found (°)",
-        "times_better": "least times better than the prior",
+        "hold": "coverage of 95 % intervals",
+        "determined_by_noise": "determined, noise alone",
+        "hold_by_noise": "coverage of 95 % intervals, noise alone",
+        "noise_of_angles": "estimated noise of angles (°)",
+        "times_better": "times better than the prior, worst channel",
     }
-    title = "How often intervals of what recordings determine hold, each time of another person, motion and noise"
+    title = "Coverage of the intervals of determined combinations: each row another person, motion and noise"
     return tabular.Table(title, ("person", *heads), tuple(rows), decimals=2, heads=heads)
 
 
@@ -124,15 +124,15 @@ def document(study: Study, feet_alone: Study, others: Sequence[Study], provenanc
     """Results of a person who holds the rail, of one who does not, and of others who hold it, with a replay."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "
-        f"{len(study.activities)} recordings of {study.seconds:g} s, with what the estimate says of itself (a); "
+        f"{len(study.activities)} recordings of {study.seconds:g} s, with the 95 % interval of the estimate (a); "
         "standard deviations of all segments' parameters, geometric means over those known beforehand, as recordings "
-        "are added (b), and of the wrench that unseen motions need, a geometric mean of the channels, as they get "
-        "longer, of one motion or of all of them (c); with the rail and without."
+        "are added (b), and of the wrench of motions that were not recorded, geometric means over the channels, as "
+        "recordings of one motion or of all of them get longer (c); with the rail and without."
     )
     estimate, determined = study.estimate, study.determined
     line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
     if determined.any():
-        line += f"; {study.coverage:.0%} of their 95 % intervals hold the truth"
+        line += f"; {study.coverage:.0%} of their 95 % intervals contain the true value"
     tables = {"table_segments": table_segments(study), "table_prediction": table_prediction(study)}
     if others:
         tables["table_coverage"] = table_coverage([study, *others])

@@ -23,7 +23,7 @@ MEASURED, ESTIMATED = figures.INKS[:2]
 COLUMN_PANELS = 16
 """Largest number of channels in a figure of one column; more take the width of the page."""
 
-LEFT_OPEN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Torques left open"}
+UNCERTAIN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Low velocity, down-weighted"}
 """Style of spans in which joints are so slow that friction makes their torques indeterminate."""
 
 
@@ -47,10 +47,10 @@ def held_out_figure(result: Estimate) -> Figure:
                 # Lines of the grid would look like the shortest spans.
                 ax.grid(visible=False, axis="x")
                 bars = np.stack([spans[:, 0], np.diff(spans)[:, 0]], axis=1)
-                ax.broken_barh(bars.tolist(), (0, 1), transform=ax.get_xaxis_transform(), **LEFT_OPEN)
+                ax.broken_barh(bars.tolist(), (0, 1), transform=ax.get_xaxis_transform(), **UNCERTAIN)
             ax.set_ylabel(_label(result, k), labelpad=2)
             ax.set_xlim(held.time[0], held.time[-1])
-        _finish(figure, axes, "Time (s)", [Patch(**LEFT_OPEN)] if slow.any() else [])
+        _finish(figure, axes, "Time (s)", [Patch(**UNCERTAIN)] if slow.any() else [])
     return figure
 
 
@@ -58,7 +58,7 @@ def held_out_caption(result: Estimate) -> str:
     """Caption of the held-out figure."""
     caption = "Measured and predicted channels on the held-out part."
     if result.near_reversals.any():
-        caption += " Grey: joints so slow that friction leaves their torques open."
+        caption += " Grey: joints so slow that friction makes their torques uncertain."
     if result.trajectory:
         caption += (
             f" The splines of the fitted motion have a knot every {1e3 * result.trajectory.step:.3g} ms throughout."
@@ -88,9 +88,9 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
 
 def parameters_caption(result: Estimate, layout: Layout = PAPER) -> str:
     """Caption of the figure of parameters."""
-    caption = "Base parameters with 95 % intervals that include what is open of the set-up, and the model's own."
+    caption = "Base parameters with 95 % intervals that include the uncertainty of the set-up, and the model's values."
     shown, wanted = len(_shown(result, layout)), len(_wanted(result, layout))
-    some = f" Of {wanted} the {shown} with the narrowest intervals for their size; the table has all."
+    some = f" Shown are the {shown} of {wanted} with the narrowest relative intervals; the table has all."
     return caption + some * (shown < wanted)
 
 

@@ -43,8 +43,8 @@ def replay(result: Estimate) -> Replay:
         estimate=result.consistent().phi,
         identified=parameters_identified(arm, result.base, result.covariance, known, included=included),
         spans=[(time[part.stop], time[-1])] if part.stop < len(time) - log.edge else [],
-        shaded="held out, and only predicted",
-        remark="All predictions take the set-up as it was found." + LEFT_OUT * (not used.all()),
+        shaded="held out, not fitted",
+        remark="All predictions use the estimated set-up." + LEFT_OUT * (not used.all()),
         parameters=[_parameter(result, k) for k in range(len(result.names))],
         findings=[place(finding, result) for finding in result.findings],
     )

@@ -57,7 +57,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         *tabular.columns(**columns),
         caption="Identified base parameters beside the model's own",
         notes=(
-            "S.d.: of noise alone; s.d. setup: with what is left open of the set-up.",
+            "S.d.: of noise alone; s.d. setup: with the uncertainty of the set-up.",
             "Relative: s.d. over the estimate, or its absolute value where the estimate is not far from zero.",
         ),
         bodies=result.prepared.mechanism.bodies,
@@ -160,10 +160,10 @@ def data_lines(result: Estimate) -> list[str]:
         )
     for name, check in checks.frames.items():
         lines.append(f"Wrench '{name}' against the model's prediction: relative error {check.error:.2f}.")
-    lines.append(f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
+    lines.append(f"Residuals: correlated over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
     for what, gained in separating_sensors(prepared.mechanism, prepared.sensors).items():
         if gained:
-            lines.append(f"More would be seen {what}: {with_bodies(gained, prepared.mechanism.bodies)}.")
+            lines.append(f"Also identifiable {what}: {with_bodies(gained, prepared.mechanism.bodies)}.")
     return [*lines, *prepared.notes]
 
 

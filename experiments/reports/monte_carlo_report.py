@@ -18,8 +18,8 @@ from experiments.document.terminal import wrapped
 
 MEANING = (
     "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
-    "regressor (errors in variables); its predicted standard deviations know the wrenches' noise only and do not\n"
-    "show it. Those of the trajectory estimate know the angles' noise too.\n"
+    "regressor (errors in variables); its predicted standard deviations include the wrenches' noise only and do\n"
+    "not show it. Those of the trajectory estimate include the angles' noise too.\n"
 )
 """Text after the tables."""
 
@@ -107,7 +107,7 @@ def document(
         provenance: Provenance of the trials.
         layout: Layout in print, whose parameters the chart shows.
     """
-    remark = "No predicted interval of a model knows the errors of its recovered axes." if study.recovers else ""
+    remark = "Predicted intervals do not include errors of the recovered axes." if study.recovers else ""
     bodies = study.known.bodies
     caption = (
         f"Errors over {max(len(d.errors) for d in distributions.values())} trials beside the predicted interval and "

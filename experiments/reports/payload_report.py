@@ -119,7 +119,7 @@ class PayloadReport:
         body, model = self.payload.in_frame(), self.payload.model
         columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
         columns["model"] = [None] * 10 if model is None else model.tolist()
-        columns["note"] = ["" if identifiable else "not told by this motion" for identifiable in body.identifiable]
+        columns["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
         title = f"What '{self.payload.sensor}' carries, in the frame of '{self.payload.body}'"
         return tabular.Table(title, *tabular.columns(**columns), decimals=6)
 

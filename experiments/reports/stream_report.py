@@ -61,7 +61,7 @@ def _lines(estimate: Fit, judged: Judged) -> list[str]:
 
 
 def document(result: Streamed, model: Path, recordings: Sequence[Path], provenance: dict[str, Any]) -> Document:
-    """Base parameters, their numbers, and what is said of them."""
+    """Document with the base parameters, their numbers, verdict and findings."""
     estimate, judged, verdict = result.estimate, result.judged, str(result.judged.verdict)
     shown, lines = table(estimate), _lines(estimate, judged)
     reasons = [finding.line for finding in judged.findings]

@@ -172,11 +172,11 @@ def test_parameters_in_words():
     assert in_words("Ixy1", arm) == "product of inertia xy of base, at the origin of the frame of base"
     assert in_words("offset(Fx)", arm) == "constant offset of Fx"
     words = regrouped_in_words(base, base.names.index("m2rz2"), arm)
-    assert words == f"{in_words('m2rz2', arm)}, in which are also counted: 0.425 m × the mass of link2"
+    assert words == f"{in_words('m2rz2', arm)}, which also includes: 0.425 m × the mass of link2"
     words = regrouped_in_words(base, base.names.index("Ixx2"), arm)
     assert "0.181 m² × the mass of link2" in words
     assert regrouped_in_words(base, 0, arm) == (
-        "mass of base, in which are also counted: the mass of link1; the mass of link2"
+        "mass of base, which also includes: the mass of link1; the mass of link2"
     )
 
 

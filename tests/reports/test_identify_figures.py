@@ -47,7 +47,7 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
     vars(slow)["near_reversals"] = np.zeros(estimate.held_out.residual.shape, bool)
     vars(slow)["near_reversals"][:40, 3] = True
     figure = held_out_figure(slow)
-    assert labels(figure) == ["Measured", "Predicted", "Torques left open"]
+    assert labels(figure) == ["Measured", "Predicted", "Low velocity, down-weighted"]
     assert sum(len(axes.collections) for axes in figure.axes) == 1
 
 
@@ -112,7 +112,7 @@ def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
         best = sorted(np.argsort(estimate.std_setup / size)[:4])
         labels = [text.get_text() for text in axes.get_yticklabels()]
         assert labels == [symbols.named_symbol(estimate.base.names[k], PENDULUM.bodies) for k in best]
-        assert "Of 13 the 4 with the narrowest intervals" in parameters_caption(estimate)
+        assert "Shown are the 4 of 13 with the narrowest relative intervals" in parameters_caption(estimate)
     assert "narrowest" not in parameters_caption(estimate, Layout(parameters=("m1",)))
 
 

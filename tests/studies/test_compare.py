@@ -101,7 +101,7 @@ def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
     second = result(tmp_path / "b", [1.0, 2.0, 3.0], log="b", regrouping=("m1 + m2", "m2rz2", "Ixx2"))
     difference = Difference(*read_results([first, second]))
     assert difference.names == ("m2rz2", "Ixx2") and difference.comparison.covariance.shape == (2, 2)
-    assert "Not compared, as only one has them so regrouped: m1." in compare_report.agreement(difference)
+    assert "Not compared, because they are regrouped differently: m1." in compare_report.agreement(difference)
 
 
 def test_a_page_and_figures_are_written(tmp_path):
