@@ -16,18 +16,18 @@ from ident.parameters.prior import conditioned, known_deviations, updated
 from ident.tolerances import DRIVE
 
 FAR = 2.0
-"""Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
+"""Distance of the physical bodies from the estimate, over √r, its size by noise alone, above which it is a doubt."""
 
 INTERVAL = 1.96
-"""Standard deviations by which a mass has to differ to be another one, with 95 % confidence."""
+"""Difference of masses, in standard deviations, that is significant with 95 % confidence."""
 
 NARROWER = 0.5
-"""Standard deviation of a mass, over that before the data, below which they tell it."""
+"""Standard deviation of a mass over that of the prior below which the data determine it."""
 
 TINIEST = 1e-300
 
 FACTOR = 2.0
-"""By how much a body's mass may differ from the model's without a remark."""
+"""Factor between a body's mass and the model's above which there is a remark."""
 
 SLIGHT = 1e-3
 """Bodies below this fraction of the whole mass are not worth a remark."""
@@ -69,7 +69,7 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
-    """Bodies far from the model's mass on joints whose rotor inertia was not fitted or cannot be told from the links'.
+    """Remarks on bodies far from the model's mass whose joint's rotor inertia was not fitted or is inseparable.
 
     Args:
         evidence: The evidence.
@@ -92,7 +92,7 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
 
 
 def tool_findings(evidence: Evidence, full: ConsistentParameters) -> Iterator[Finding]:
-    """Last links that are significantly heavier than the model, where the data themselves tell that they are."""
+    """Remarks on last links that are significantly heavier than the model, by the data rather than by the prior."""
     mechanism, known = evidence.mechanism, evidence.known["mass"]
     last = _last_links(mechanism)
     heavier = _heavier(evidence)
@@ -105,10 +105,10 @@ def tool_findings(evidence: Evidence, full: ConsistentParameters) -> Iterator[Fi
 
 
 def _heavier(evidence: Evidence) -> set[str]:
-    """Names of the bodies whose mass the data tell and whose first moments they show to be larger than the model's.
+    """Names of the bodies whose mass the data determine and whose first moment is significantly above the model's.
 
-    Torques tell no mass, but combinations: the physical bodies that have them may be heavier for no other reason than
-    that these are likelier.
+    Torques determine combinations, not masses: physical bodies with these combinations may be heavier only because
+    heavier ones are likelier.
     """
     mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
     psi, covariance = evidence.fit.psi, evidence.covariance
@@ -126,7 +126,7 @@ def _heavier(evidence: Evidence) -> set[str]:
 
 
 def _last_links(mechanism: Mechanism) -> list[str]:
-    """Names of the bodies worth a remark that carry no other such body."""
+    """Names of the last bodies of the chains, without those of negligible mass."""
     bodies, masses = mechanism.tree.bodies, mechanism.known[::10].tolist()
     least = SLIGHT * sum(masses)
     heavy = {i for i, mass in zip(mechanism.tree.inertial, masses, strict=True) if mass > least}

@@ -23,11 +23,11 @@ CLEARLY = 1.25
 the root mean square is known to 7 % and the ratio of two to 10 %."""
 
 NEGLIGIBLE = 0.02
-"""Residual over signal below which a prediction is good whatever others are."""
+"""Residual over signal below which a prediction is good whatever the others' are."""
 
 
 class Compared(NamedTuple):
-    """Channels in which the estimate predicts notably better than another candidate, as well, and worse."""
+    """Channels in which the estimate predicts better than, as well as, and worse than another candidate."""
 
     other: str
     better: tuple[str, ...]
@@ -57,12 +57,12 @@ class Candidates:
         return cls(channels, {name: ratio[explained] for name, ratio in every.items()})
 
     def overall(self, name: str) -> float:
-        """Geometric mean of what a candidate leaves, what is negligible counted as such."""
+        """Geometric mean of a candidate's residuals over the signals, each at least `NEGLIGIBLE`."""
         return float(np.exp(np.log(np.maximum(self.ratios[name], NEGLIGIBLE)).mean())) if self.channels else np.inf
 
     @property
     def best(self) -> str | None:
-        """The candidate that predicts best over all channels, of those that are alike the estimate; None if none."""
+        """Candidate that predicts best over all channels, the estimate if about as good; None without channels."""
         if not self.channels:
             return None
         first = min(self.ratios, key=self.overall)
@@ -80,13 +80,13 @@ class Candidates:
         return self.better(other, ESTIMATE, CLEARLY)
 
     def pairs(self, channels: Sequence[str], other: str) -> dict[str, tuple[float, float]]:
-        """Ratios that the estimate and another candidate leave of some channels."""
+        """Residuals over signal of the estimate and of another candidate in some channels."""
         at = [self.channels.index(channel) for channel in channels]
         own, others = self.ratios[ESTIMATE], self.ratios[other]
         return {self.channels[k]: (float(own[k]), float(others[k])) for k in at}
 
     def compared(self) -> Iterator["Compared"]:
-        """Yields how the estimate predicts beside each of the others."""
+        """Yields the comparison of the estimate with each other candidate."""
         for name in RIVALS:
             if self.channels and name in self.ratios:
                 better, worse = self.better(ESTIMATE, name, NOTABLY), self.better(name, ESTIMATE, NOTABLY)
@@ -95,7 +95,7 @@ class Candidates:
 
 
 def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
-    """The doubt that another candidate predicts better, and which one to take."""
+    """Doubt that another candidate predicts better, with the one to use instead."""
     candidates = Candidates.of(evidence)
     worse = {name: channels for name in RIVALS if (channels := candidates.clearly_worse(name))}
     if not worse:
@@ -111,7 +111,7 @@ def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _instead(evidence: Evidence, candidates: Candidates, better: Collection[str]) -> str | None:
-    """Candidate to take instead of an estimate to which some are clearly better in a channel; None if none serves."""
+    """Candidate to use instead of an estimate that is clearly worse in a channel; None if none is usable."""
     if min(better, key=candidates.overall) == MODEL:
         return MODEL
     return LEAST_SQUARES if evidence.condition_number < CONDITION_LIMIT else None

@@ -26,7 +26,7 @@ class NotCheckedError(Exception):
     """A check that cannot be made.
 
     Attributes:
-        reason: Why, as `Unchecked.reason`.
+        reason: Reason, as `Unchecked.reason`.
         channels: Channels in which it would show.
     """
 
@@ -53,12 +53,12 @@ class Unchecked(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Weight:
-    """The recording at a glance, kg.
+    """Measured mass and the model's, kg.
 
     Attributes:
         measured: Mean vertical force over gravity.
         model: Mass of the model.
-        drift: How much the measured one drifts over the fitted part, beyond what the motion explains.
+        drift: Drift of the measured one over the fitted part that the motion does not explain.
     """
 
     measured: float
@@ -73,10 +73,10 @@ class Checks:
     Attributes:
         weight: Static check; None where it cannot be made.
         frames: Check of each wrench's sign and axes by its name.
-        base: Where else on resting bodies the ground's wrench may be measured; None where there is no choice.
-        contact: What an unmeasured contact would explain, None where not all six components are there.
+        base: Check of the frame in which the ground's wrench is measured; None where no other body rests.
+        contact: Contact that would explain the residual; None where not all six components are measured.
         torques: Checks of the joint torques, None where there are none.
-        unchecked: What could not be checked, and why.
+        unchecked: Checks that could not be made.
         total: Check of the total wrench's sign, None where each wrench's is checked.
         largest_force: Size of the largest components of the total force, N; None where units were checked before.
     """
@@ -120,7 +120,7 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
-    """Mass that the forces along gravity carry."""
+    """Mass whose weight the measured forces carry, and its drift."""
     g = float(np.linalg.norm(prepared.mechanism.gravity))
     up, known = upward(prepared)
     whole, taken = prepared.taken(slice(None)), prepared.taken(part)
@@ -134,10 +134,10 @@ def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
 
 
 def standing_mass(prepared: Prepared) -> float:
-    """Mass that the forces along gravity carry, less what the motion adds to them by the model, kg.
+    """Mass whose weight the measured forces carry, without the forces that the model predicts for the motion, kg.
 
     Raises:
-        NotCheckedError: There is no gravity, or what is measured does not show it.
+        NotCheckedError: There is no gravity, or no force along it is measured.
     """
     up, known = upward(prepared)
     taken = prepared.taken(slice(None))
@@ -147,13 +147,13 @@ def standing_mass(prepared: Prepared) -> float:
 
 
 def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
-    """Direction against gravity in the ground sensor's axes, and which of them are measured.
+    """Upward direction in the ground sensor's axes, and the mask of the measured axes.
 
     Returns:
-        Unit vectors (N, 3), and a mask (3,); axes that are not measured may be level ones only.
+        Unit vectors (N, 3), and the mask (3,); axes that are not measured are horizontal.
 
     Raises:
-        NotCheckedError: There is no gravity, or what is measured does not show it.
+        NotCheckedError: There is no gravity, or no force along it is measured.
     """
     mechanism, base, force = prepared.mechanism, prepared.samples.motion.base, prepared.wrench[:, :3]
     g = float(np.linalg.norm(mechanism.gravity))
@@ -181,8 +181,8 @@ def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck 
     """Checks of the wrenches for gross errors, against the prediction of the model's own φ.
 
     Returns:
-        Sign and axes of each wrench by its name, the other wrenches given; and whether the ground's looks as if it were
-        measured in the frame of another resting body, None where there is no choice.
+        Check of the sign and axes of each wrench by its name, the other wrenches given; and of the frame in which the
+        ground's is measured, None where no other body rests.
     """
     if not np.isfinite(prepared.wrench).any():
         return {}, None

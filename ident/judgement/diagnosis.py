@@ -14,16 +14,16 @@ from ident.mechanism.tree import Tree
 from ident.tolerances import SIGNIFICANT
 
 TIE = 1.25
-"""Errors within this factor of the smallest one are as good."""
+"""Factor on the smallest error up to which errors count as equal."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameCheck:
-    """Turn of a measured wrench in its own axes with which it is most like the predicted one.
+    """Sign and rotation with which a measured wrench agrees best with the predicted one.
 
     Attributes:
-        sign: 1, or -1 if the wrench of action was taken for that of reaction.
-        rotation: The turn, by multiples of 90° or what a transposed frame takes (3, 3).
+        sign: 1, or -1 if action and reaction were mistaken for each other.
+        rotation: The rotation, by multiples of 90° or of a transposed frame (3, 3).
         error: Relative error of the wrench as it is, over that of the prediction.
         error_turned: The same with sign and rotation.
     """
@@ -70,18 +70,18 @@ AS_NEAR = 1.03
 """Distances within this factor of the smallest one are as good as the same."""
 
 TINY = 1e-12
-"""Stands for a force, or for a spread, that is none."""
+"""Least force and standard deviation, so that quotients are finite."""
 
 
 ENOUGH = 3000
-"""Samples, evenly spread, in which is looked for residuals that go with the motion."""
+"""Largest number of samples, evenly spread, in which residuals are compared with the motion."""
 
 WINDOW = 8
-"""Part of a recording over which a residual's autocorrelation counts: more of it is known too badly, and would take the
-motion's own frequencies for noise."""
+"""Part of a recording, as its reciprocal, over which a residual's autocorrelation is used: at longer lags it is
+inaccurate, and would include the motion's own frequencies."""
 
 DEPENDENT = 1e-10
-"""Squares of functions of a motion, of the largest, below which they depend on the others: rounding's own."""
+"""Squares of functions of a motion, over the largest, below which they are rounding errors of dependent ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class ContactCheck:
         body: Name of the body that it would be on.
         point: Where, in the body's frame, m (3,).
         explained: Fraction of the residual moment that forces through that point explain.
-        distance: Of the forces from that point, and of the point from the body's joints, weighed, m.
+        distance: Distance of the forces from that point, plus a weighted one of the point from the body's joints, m.
     """
 
     body: str
@@ -102,9 +102,9 @@ class ContactCheck:
 
 
 def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarray) -> FrameCheck:
-    """Tries both signs, all 24 right-angled turns of a sensor's axes and its transposed frame against a prediction.
+    """Check of a wrench's sign and axes: both signs, all 24 right-angled rotations, and the transposed frame.
 
-    Where nothing is found the forces alone are tried: moments also depend on where the sensor's origin is.
+    If no other sign or axes fit better, forces alone are compared: moments also depend on the sensor's origin.
 
     Args:
         measured: Wrench in the sensor's frame, NaN in channels that are not measured (N, 6).
@@ -147,7 +147,7 @@ def _scale(predicted: np.ndarray) -> np.ndarray:
 def check_base(
     tree: Tree, q: np.ndarray, frame: np.ndarray, measured: np.ndarray, predicted: np.ndarray
 ) -> BaseCheck | None:
-    """Tries the frames of all bodies that rest in the base frame, instead of that, for the one a sensor is in.
+    """Check of the frame in which a sensor measures: the base's, and those of all bodies that rest in it.
 
     Args:
         tree: The mechanism.
@@ -179,7 +179,7 @@ def check_base(
 
 
 def right_angled_rotations() -> list[np.ndarray]:
-    """The 24 rotations that take axes to axes, the identity first."""
+    """The 24 rotations that map coordinate axes to coordinate axes, the identity first."""
     turns = []
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
         R = np.zeros((3, 3))
@@ -198,7 +198,7 @@ def check_contact(
     *,
     near: float = NEAR,
 ) -> ContactCheck:
-    """Place on the mechanism at which an unmeasured force would leave this residual.
+    """Contact at which an unmeasured force explains a residual wrench best.
 
     The residual moment is least-squares fitted by `(p_i + R_i c) × F`. Over a short time forces nearly always pass
     through some point that moves with a body, if it may be far from it: points count as worse the farther they are.
@@ -229,7 +229,7 @@ def check_contact(
 
 
 def _carrier(tree: Tree, i: int) -> int:
-    """The next body with inertia that carries another one; -1 if the base does."""
+    """The nearest body with inertia that carries a body; -1 if only the base does."""
     parent = tree.bodies[i].parent
     while parent >= 0 and parent not in tree.inertial:
         parent = tree.bodies[parent].parent
@@ -237,7 +237,7 @@ def _carrier(tree: Tree, i: int) -> int:
 
 
 def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> ContactCheck:
-    """Place of the force on one body: near its own joint or near one that it carries.
+    """Contact on one body that explains a residual wrench best, near its own joint or one that it carries.
 
     Args:
         tree: The mechanism.
@@ -276,15 +276,15 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
     """Share of each residual's variance that a function of q, q̇ and q̈ explains, beyond chance (C,).
 
     It is linear in them, sines and cosines of q, or quadratic, whichever explains more beyond chance. Of a stationary
-    residual r with spectrum S, of which nothing goes with the motion, orthonormal functions U explain on average
+    residual r with spectrum S that does not depend on the motion, orthonormal functions U explain on average
 
         E‖Uᵀr‖² = Σ_f S(f) Σ_j |Û_j(f)|²,      var ‖Uᵀr‖² ≤ 2 max(S) E‖Uᵀr‖²
 
-    and more than the share that counts as chance with a probability of `SIGNIFICANT` for all channels together. Given
-    is what they explain beyond it, of what it leaves. White noise beside errors of a smoothed motion, which are slow,
-    is not known by its first autocorrelation: the whole spectrum counts, of the residual itself, smoothed as Parzen
-    does (Priestley, Spectral Analysis and Time Series, 1981, section 6.2.3), so that lines at the motion's frequencies
-    are not chance.
+    and more than the limit of chance with a probability of `SIGNIFICANT` for all channels together. The result is
+    `(explained - chance) / (1 - chance)`, at least zero. S is the residual's own spectrum, smoothed by Parzen's window
+    (Priestley, Spectral Analysis and Time Series, 1981, section 6.2.3), so that lines at the motion's frequencies do
+    not count as chance. The first autocorrelation would not suffice: white noise and slow errors of a smoothed motion
+    may be added.
 
     Args:
         residual: Residuals (N, C).
@@ -307,7 +307,7 @@ def _linear_functions(motion: Motion) -> np.ndarray:
 
 
 def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float) -> np.ndarray:
-    """Share of each residual's variance that functions of a motion explain, beyond chance and of what it leaves (C,).
+    """Share of each residual's variance beyond chance that functions of a motion explain (C,).
 
     Args:
         r: Residuals without their mean (N, C).
@@ -326,7 +326,7 @@ def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float)
 
 
 def _orthonormal(x: np.ndarray) -> np.ndarray:
-    """Orthonormal columns that span what columns say beyond their means (N, k)."""
+    """Orthonormal basis of the columns less their means (N, k)."""
     x = x - x.mean(axis=0)
     squares, axes = np.linalg.eigh(x.T @ x)
     kept = squares > DEPENDENT * squares.max(initial=0)

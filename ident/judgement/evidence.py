@@ -17,7 +17,7 @@ from ident.trajectory.result import TrajectoryEstimate
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Everything that judges read; a judge yields nothing where an estimate lacks its entries.
+    """Evidence that judges read; a judge yields no finding where an estimate lacks its entries.
 
     Attributes:
         fit: The fit.

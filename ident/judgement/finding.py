@@ -1,4 +1,4 @@
-"""Findings on an estimate: a code with values, of which `FINDINGS` makes a sentence."""
+"""Findings on an estimate: a code with values, from which `FINDINGS` makes a sentence."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ class Finding:
 
     Attributes:
         code: Key of `FINDINGS`.
-        values: Numbers and names that its sentence holds.
-        doubt: Whether it speaks against the estimate.
-        place: Where it is.
+        values: Numbers and names in its sentence.
+        doubt: True if it speaks against the estimate.
+        place: Its place.
     """
 
     code: str
@@ -35,7 +35,7 @@ class Finding:
             code: Key of `FINDINGS`.
             place: Where it is.
             doubt: Whether it is a doubt, for codes that leave it to the judge; by default as its row says.
-            values: Numbers and names that its sentence holds.
+            values: Numbers and names in its sentence.
 
         Raises:
             ValueError: Both the row and the judge say whether it is a doubt, or neither does.

@@ -14,17 +14,17 @@ from ident.recordings.resolution import white_noise
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
 
 RESTLESS = 0.3
-"""Last step of the trajectory estimate, in standard deviations, from which it is a doubt that it did not settle."""
+"""Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
 
 OF_THE_MOTION, WORTH_IT = 0.5, 0.02
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
 residual is more than so much of the signal."""
 
 FAR_ABOVE = 3.0
-"""Noise of a channel over what is fast of it, or its floor, from which it is worth a remark."""
+"""Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
 
 FAR_LESS = 30.0
-"""Standard deviation from the data, over that of what is known beforehand, from which the motion tells nothing."""
+"""Standard deviation from the data over that of the prior from which the motion determines nothing."""
 
 TINIEST = 1e-300
 
@@ -62,7 +62,7 @@ def halves_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A remark on a prior, and on the need of it."""
+    """Remark on a prior that was used, and on the need for it."""
     if evidence.trajectory is not None and evidence.trajectory.known:
         yield Finding.of("prior_as_asked" if _separated(evidence) else "prior_needed")
 
@@ -77,7 +77,7 @@ def _separated(evidence: Evidence) -> bool:
 
 
 def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Channels whose residuals are not noise."""
+    """Doubt on channels whose residuals depend on the motion."""
     if evidence.model_error is None:
         return
     shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
@@ -86,7 +86,7 @@ def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A remark on channels of which more is left than a sensor's noise: intervals include it."""
+    """Remark on channels whose residual is far above the sensor's noise; intervals include it."""
     if evidence.trajectory is None:
         return
     fit, large = evidence.trajectory.fit, dict[str, float]()
@@ -100,7 +100,7 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Channels of which much is left over, beside their signals."""
+    """Findings on channels with large residuals relative to their signals."""
     kinds = (
         ("residual_above_signal", LEFT, np.inf),
         ("unexplained_channels", UNEXPLAINED, LEFT),
@@ -118,7 +118,7 @@ def inseparable_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Channels that never change, though they should: left out, or fitted where samples are read piece by piece."""
+    """Findings on channels that never change although the model predicts it: left out, or fitted in one pass."""
     if evidence.constant:
         yield Finding.of("constant_channels", Place(channels=evidence.constant), channels=evidence.constant)
     if evidence.logs and (stuck := evidence.logs[0].stuck):
@@ -131,7 +131,7 @@ def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def posture_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Joints that were recorded beyond the model's ranges."""
+    """Findings on joints that were recorded beyond the model's ranges."""
     if not evidence.logs:
         return
     mechanism = evidence.mechanism
@@ -148,7 +148,7 @@ def posture_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def caveats(evidence: Evidence) -> Iterator[Finding]:
-    """Remarks on what least squares assumes."""
+    """Remarks on the assumptions of least squares."""
     if evidence.trajectory is not None or not evidence.logs:
         return
     if evidence.logs[0].cutoff is None:

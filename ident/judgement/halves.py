@@ -13,16 +13,16 @@ from ident.trajectory.fit.precision import embedded, inverse_of_precision, sandw
 from ident.trajectory.result import TrajectoryEstimate
 
 DISAGREE = 2.0
-"""Root mean square z of the differences between halves from which standard deviations are too small."""
+"""Root mean square z of the differences between halves above which standard deviations are too small."""
 
 LEAST_ADDED = 0.01
-"""Least part of its variance that a recording is taken to add to a parameter: it is computed as a difference."""
+"""Least variance of these differences, over a parameter's own: it is computed as a difference, with rounding errors."""
 
 
 def disagreement(joint: TrajectoryEstimate) -> float | None:
     """Root mean square z of the base parameters' differences between two halves, of the recordings if there are more.
 
-    Each half is taken with half of what is known beforehand. None if a half does not determine what it is fitted to.
+    Each half is combined with half of the prior's precision. None if a half does not determine the parameters.
     """
     fit, counts = joint.fit, joint.counts
     pieces = len(fit.shares)
@@ -50,11 +50,11 @@ def disagreement(joint: TrajectoryEstimate) -> float | None:
 
 
 def disagreements(joint: TrajectoryEstimate) -> tuple[float, ...]:
-    """Root mean square z of the base parameters of each recording against those of the others; none for one or two.
+    """Root mean square z of each recording's base parameters against those of the others; empty for one or two.
 
     The estimate θ of all and θ_k of all but one differ by `θ_k - θ = -(P - P_k)⁻¹ g_k`, and the right side g_k of the
     one at θ is `(1 - P_k P⁻¹) s_k - P_k P⁻¹ Σ_j≠k s_j`, with the right sides s of the recordings at the truth, whose
-    covariance is that of their noise. Nor are there any if others than one do not determine the parameters.
+    covariance is that of their noise. Empty as well if the parameters are not determined without one of the recordings.
     """
     if len(joint.counts) < 3:
         return ()

@@ -22,7 +22,7 @@ from ident.judgement.verdict import Outcome, decided, doubted, doubts_of
 from ident.recordings.wrench import GROUND
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-"""Moments and products of inertia, as they stand behind mass and centre of mass."""
+"""Moments and products of inertia, in the order of the parameters."""
 
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
@@ -109,14 +109,14 @@ class PayloadVerdict:
 
 
 def _of_sensor(finding: Finding, sensor: str) -> Finding:
-    """A finding that calls the wrench at the base by the sensor's name."""
+    """Finding with the sensor's name for the wrench at the base."""
     wrenches = tuple(sensor if name == GROUND else name for name in finding.place.wrenches)
     place = replace(finding.place, wrenches=wrenches)
     return replace(finding, values=_renamed(finding.values, sensor), place=place)
 
 
 def _renamed(values: Any, sensor: str) -> Any:
-    """Values in which the wrench at the base has the sensor's name."""
+    """Values with the sensor's name for the wrench at the base."""
     if isinstance(values, Mapping):
         return {key: _renamed(each, sensor) for key, each in values.items()}
     if isinstance(values, list | tuple):

@@ -6,7 +6,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Place:
-    """Place of a finding, as far as it has one.
+    """Place of a finding; empty where it has none.
 
     Attributes:
         bodies: Names of bodies; likewise `joints`, `wrenches` and `channels`.

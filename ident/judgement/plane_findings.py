@@ -9,7 +9,7 @@ from ident.judgement.place import Place
 
 
 def plane_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Channels in which a mechanism may sway that its model has in a plane, and the option that leaves them out."""
+    """Remark on channels out of the plane of a planar model, and on the option that leaves them out."""
     if not evidence.logs:
         return
     hidden = channels_out_of_plane(evidence.mechanism, evidence.logs[0].frame)

@@ -1,4 +1,4 @@
-"""Findings on sensors: ranges that ended, and steps that are coarse beside the noise."""
+"""Findings on sensors: clipped ranges, and steps that are coarse relative to the noise."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,11 +13,11 @@ from ident.judgement.place import Place
 from ident.recordings.resolution import UNIFORM
 
 MOST = 0.5
-"""Share of a signal's noise, in its variance, that steps have to make up to be worth a remark."""
+"""Share of a signal's noise variance due to its steps above which there is a remark."""
 
 
 def clipped_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Channels that a sensor's range has cut off."""
+    """Findings on channels that are clipped by a sensor's range."""
     for k, log in enumerate(evidence.logs):
         for each in log.clipped:
             yield Finding.of(
@@ -39,7 +39,7 @@ def _place(channel: str, log: int) -> Place:
 
 
 def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Channels and coordinates whose noise is mostly that of rounding."""
+    """Remark on channels and coordinates whose noise is mostly quantisation."""
     if not evidence.logs:
         return
     log, joint = evidence.logs[0], evidence.trajectory

@@ -23,7 +23,7 @@ class SetupFinding:
         kind: Kind of the set-up parameter.
         values: Numbers and names of its sentence.
         alternatives: Names of other causes that the data cannot distinguish from it.
-        place: What it belongs to.
+        place: Its place.
     """
 
     name: str
@@ -45,7 +45,7 @@ class SetupFinding:
         return setup_sentence(self.kind, **self.values)
 
     def to_dict(self) -> dict[str, Any]:
-        """For scripts, in JSON's types."""
+        """Name, code, value, standard deviation, sentence, alternatives and place, in JSON's types."""
         own = {"name": self.name, "code": self.code, "value": self.value, "std": self.std, "text": self.text}
         return own | {"alternatives": list(self.alternatives), "place": self.place.to_dict()}
 
@@ -77,7 +77,7 @@ def _named(each: SetupParameter) -> dict[str, str | None]:
 
 
 def _parameter(kind: str, of: str, axis: str | None, log: int | None = None) -> SetupParameter:
-    """Set-up parameter of a name, for its sentence."""
+    """Set-up parameter by its name."""
     return SetupParameter(kind, of, None if axis is None else "xyz".index(axis), 0.0, log)
 
 
@@ -119,7 +119,7 @@ def short(each: SetupParameter) -> str:
 
 
 def _with_std(value: float, std: float, unit: Unit) -> str:
-    """Value and standard deviation in the unit that is shown, to two digits of the latter."""
+    """Value ± standard deviation in the displayed unit, with two digits of the latter."""
     value, std = value * unit.factor, std * unit.factor
     decimals = max(0, 1 - int(np.floor(np.log10(max(std, 1e-12))))) if std else 1
     return f"{value:.{decimals}f} ± {std:.{decimals}f}{unit.shown}"

@@ -1,6 +1,6 @@
-"""Checks of joint torques against the model's own: sign and size, friction, and bodies that are not there.
+"""Checks of joint torques against the model's prediction: sign and size, friction, and bodies that were not carried.
 
-Offsets, friction and rotor inertia that the model does not know are taken out of measured and predicted torques alike.
+Offsets, friction and rotor inertia, which the model lacks, are regressed out of measured and predicted torques alike.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,30 +22,30 @@ from ident.regression.ordinary import Fit
 from ident.tolerances import DRIVE, SINGULAR
 
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
-"""Drive columns that friction is looked for with; and, where it has these, with what it is more at low velocity."""
+"""Drive columns with which friction is detected; and the one that is added at low velocity if these are fitted."""
 
 ENOUGH = 4000
-"""Samples that are looked at, evenly spread."""
+"""Largest number of samples used, evenly spread."""
 
 FLIPPED = 0.5
-"""Part of an error that has to remain at most where another reading of the torques is to be believed."""
+"""Largest error with the opposite sign, or without a body, over that before, with which either is reported."""
 
 SCALE, ALIKE = 3.0, 0.8
-"""Factor between measured and predicted torque from which a unit or a gear is missing, where they are alike: where that
-share of the variance of one is explained by the other."""
+"""Factor between measured and predicted torque from which a unit or a gear ratio is missing; and the least share of the
+measured variance that the prediction must explain for that."""
 
 FAR = 2.0
-"""Distance of a torque from the model's, over the largest one that likely bodies explain, from which it is of another
-unit. One that is nearer may as well be of another body: the torque of a real wrist whose centre of mass is 55 mm from
-its joint, 5 mm in its model, is 11.6 times the model's."""
+"""Distance of a torque from the model's, over the largest that likely bodies explain, above which the unit is wrong.
+Smaller ones may be due to other bodies: the torque of a real wrist whose centre of mass is 55 mm from its joint, 5 mm
+in its model, is 11.6 times the model's."""
 
 MISSING = 0.5
-"""Share of the residual that has to vanish if a body is not carried."""
+"""Share of the residual that must vanish without a body for it to count as not carried."""
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueCheck:
-    """The torque of one joint against the model's own prediction.
+    """Comparison of the torque of one joint with the model's prediction.
 
     Attributes:
         joint: The joint.
@@ -53,7 +53,7 @@ class TorqueCheck:
         error: Relative error, over the prediction's size.
         error_flipped: The same with the opposite sign.
         alike: Share of the measured variance that the prediction explains at that gain.
-        far: Difference of the two over what it is from bodies as uncertain as a model's usually are, both RMS.
+        far: RMS difference of the two over its standard deviation due to the usual uncertainty of a model's bodies.
     """
 
     joint: str
@@ -70,18 +70,18 @@ class TorqueCheck:
 
     @property
     def scaled(self) -> bool:
-        """True if it is the predicted one in another unit, and no other bodies explain it."""
+        """True if a factor of unit or gear explains the torque, and other bodies do not."""
         return self.alike > ALIKE and self.far > FAR and not 1 / SCALE < abs(self.gain) < SCALE
 
 
 @dataclass(frozen=True)
 class AbsentBody:
-    """A body that the torques look as if the mechanism had not carried.
+    """Body of the model without which the torques are explained best.
 
     Attributes:
-        body: Its name; it, and all on it.
+        body: Its name; all bodies that it carries are left out with it.
         explained: Share of the squared residual that vanishes without it.
-        explained_by_factor: The same with one factor on all that the model predicts.
+        explained_by_factor: The same with a common factor on the model's prediction instead.
     """
 
     body: str
@@ -90,7 +90,7 @@ class AbsentBody:
 
     @property
     def suspicious(self) -> bool:
-        """True if that is most of the residual, and far more than links too heavy or too light would explain."""
+        """True if its absence explains most of the residual, and far more than a common factor on all bodies."""
         return self.explained > MISSING and 1 - self.explained < FLIPPED * (1 - self.explained_by_factor)
 
 
@@ -100,7 +100,7 @@ class TorqueChecks:
 
     Attributes:
         joints: Check of each torque.
-        absent: The mounted body whose absence explains most, None where nothing is mounted.
+        absent: The mounted body whose absence explains most; None if none is mounted.
     """
 
     joints: tuple[TorqueCheck, ...]
@@ -108,12 +108,12 @@ class TorqueChecks:
 
     @property
     def grossly_wrong(self) -> bool:
-        """True if a torque is not the one that was stated."""
+        """True if a torque's sign or unit is wrong."""
         return any(check.flipped or check.scaled for check in self.joints)
 
 
 def torque_checks(prepared: Prepared) -> TorqueChecks | None:
-    """Compares measured torques with what the model's φ predicts; None where there are none."""
+    """Checks of measured torques against the prediction of the model's φ; None without torques."""
     felt = list(prepared.equations.torques)
     if not felt:
         return None
@@ -134,7 +134,7 @@ def torque_checks(prepared: Prepared) -> TorqueChecks | None:
 
 
 def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: float) -> TorqueCheck:
-    """The torque of one joint (N,) against the prediction (N,), of which so much is uncertain (its norm)."""
+    """Check of the torque of one joint (N,) against its prediction (N,), given the norm of the latter's uncertainty."""
     size, whole = max(float(predicted @ predicted), 1e-300), max(float(measured @ measured), 1e-300)
     across = float(measured @ predicted)
     error, flipped = (float(np.linalg.norm(measured - sign * predicted)) for sign in (1, -1))
@@ -143,7 +143,7 @@ def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: f
 
 
 def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -> AbsentBody | None:
-    """The mounted body without which least is left of a residual (N, n); torques of all bodies (N, n, b)."""
+    """The mounted body without which the residual (N, n) is smallest, from the torques of all bodies (N, n, b)."""
     tree, before, predicted = mechanism.tree, max(float((residual**2).sum()), 1e-300), of_bodies.sum(axis=2)
     by_factor = float((residual * predicted).sum() ** 2 / max(float((predicted**2).sum()), 1e-300)) / before
     candidates = []
@@ -155,7 +155,7 @@ def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -
 
 
 def _mounted(mechanism: Mechanism) -> Iterator[int]:
-    """Bodies with a mass that are screwed to one that joints move, and so might not have been there."""
+    """Yields bodies with mass that are fixed to a moving one, such as tools, and may have been absent."""
     tree, moved = mechanism.tree, list[bool]()
     for i, body in enumerate(tree.bodies):
         carried = body.parent != BASE and moved[body.parent]
@@ -166,7 +166,7 @@ def _mounted(mechanism: Mechanism) -> Iterator[int]:
 
 
 def _without_drives(torques: np.ndarray, motion: Motion, felt: list[int]) -> np.ndarray:
-    """Torques (N, k, ...) without what offsets, friction and rotors of their joints would explain of them."""
+    """Torques (N, k, ...) less their regression on offset, friction and rotor inertia of their joints."""
     out = torques.reshape(*torques.shape[:2], -1).copy()
     for column, k in enumerate(felt):
         dq = motion.dq[:, k]
@@ -177,16 +177,16 @@ def _without_drives(torques: np.ndarray, motion: Motion, felt: list[int]) -> np.
 
 
 def lacking_drive(drives: Sequence[str], joint: str) -> list[str]:
-    """Kinds of friction of a joint that have no column, of which the last is asked for only when it has the others."""
+    """Kinds of friction of a joint without a column; the last one, at low velocity, only if the others have one."""
     lacking = [kind for kind in (*FRICTION, SLOW) if f"{DRIVE[kind]}({joint})" not in drives]
     return [kind for kind in lacking if kind in FRICTION] or lacking
 
 
 def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
-    """Share of what least squares leaves of each torque that friction of its joint would take away, beyond chance.
+    """Share of each torque's least-squares residual that friction of its joint would explain, beyond chance.
 
     Args:
-        fit: What was fitted; offsets and drives that it has are fitted here as well.
+        fit: The fit; its offsets and drives are fitted here as well.
         samples: The samples that were fitted.
 
     Returns:

@@ -13,19 +13,19 @@ from ident.tolerances import DRIVE
 from ident.trajectory.reversals import rubbing
 
 FOLLOWS, WORTH_IT = 0.2, 0.02
-"""Share of a residual's variance that friction takes away from which it is likely, if the residual is more than so much
-of the signal."""
+"""Share of a residual's variance that friction explains from which it is likely, and the least residual over signal for
+that."""
 
 
 SMOOTH = 0.02
-"""Slip from which friction does not pass for a jump, rad/s or m/s."""
+"""Slip above which friction does not change its sign in a jump, rad/s or m/s."""
 
 UNITS = {"Ia": ("kg m²", "kg"), "Fv": ("N m s", "N s/m"), "Fc": ("N m", "N"), "Fs": ("N m", "N")}
 """Units of drives by their columns, of joints that turn and of those that slide."""
 
 
 def bound_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A remark on drives that ended at their bound of zero, with the upper limits of their one-sided intervals."""
+    """Remark on drives at their bound of zero, with the upper limits of their one-sided intervals."""
     if not evidence.bounded:
         return
     yield Finding.of(
@@ -37,7 +37,7 @@ def bound_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def reversal_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A remark on the velocities below which torques say little, and over which friction changes its sign."""
+    """Remark on the velocities below which torques are down-weighted, and over which friction changes its sign."""
     joint = evidence.trajectory
     if joint is None or joint.reversals is None or evidence.moving_ratio is None:
         return
@@ -58,7 +58,7 @@ def reversal_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _joint(drive: str) -> str:
-    """Name of the joint that a drive is of."""
+    """Name of a drive's joint."""
     return drive.partition("(")[2].rstrip(")")
 
 
@@ -72,7 +72,7 @@ def _unit(mechanism: Mechanism, drive: str) -> str:
 
 
 def torque_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Torques that are not what the model predicts, against which the fit is no check."""
+    """Doubts on torques of another sign or unit than the model's, and on a body that was not carried."""
     checks = evidence.checks.torques
     if checks is None:
         return
@@ -87,7 +87,7 @@ def torque_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def friction_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Residuals that follow the velocity, where friction is not fitted."""
+    """Findings on friction that is not fitted and would explain the residual torque."""
     drives = evidence.fit.equations.drives
     kinds = {joint: lacking_drive(drives, joint) for joint in evidence.friction}
     # A low-pass over a reversal looks like friction that is more at low velocity.

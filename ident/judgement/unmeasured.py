@@ -1,8 +1,8 @@
-"""Spans of a recording in which something that nobody measures carries a part of the weight.
+"""Spans of a recording in which an unmeasured contact carries a part of the weight.
 
-A foot beside the force plate, a chair, a hand on a table: they only push, so that what is measured falls short of the
-weight and of what the motion needs, and never exceeds it. A model that is not quite right, a delay or noise err to both
-sides, since over a motion accelerations come to nothing.
+A foot beside the force plate, a chair or a hand on a table only pushes, so that the measured support falls short of the
+weight and of the force that the motion requires, and never exceeds it. Errors of the model, delays and noise have both
+signs, since accelerations average to zero over a motion.
 """
 
 from dataclasses import dataclass, replace
@@ -17,26 +17,26 @@ from ident.judgement.diagnosis import NEAR, ContactCheck, check_contact
 from ident.recordings.wrench import GROUND
 
 SHARE = 0.06
-"""Part of the weight from which something else may carry it: what is less is the model's own error."""
+"""Least part of the weight that an unmeasured contact carries: less may be an error of the model."""
 
 ONE_SIDED, SPREAD = 2.0, 6.0
 """Least ratios of the missing force to the excess elsewhere, and to the standard deviation of the rest."""
 
 TAIL = 1 / 3
-"""Part of that from which a span begins and ends: contacts are loaded gradually."""
+"""Fraction of that limit at which a span begins and ends: contacts are loaded gradually."""
 
 SHORTEST = 0.03
-"""Shortest span, and what is left out beside each, s."""
+"""Shortest span, and margin that is left out beside each, s."""
 
 AT_THE_END = 0.5
-"""Length of a span at an end of the recording, in periods of the cut-off, up to which it has to be of a body."""
+"""Length of a span at an end of the recording, in periods of the cut-off, up to which it counts only if a body fits."""
 
 THROUGH_A_POINT = 0.8
-"""Fraction of the missing moment that a force on a body has to explain before that is named, unless it passes near."""
+"""Fraction of the missing moment that a force on a body must explain for it to be named, unless the force passes near."""
 
 HEAVIEST, AGREEING, CLOSE = 1.6, 0.15, 2.0
-"""Factor by which a mechanism may be heavier or lighter than its model, part of the samples that have to agree on it,
-and how closely, beside those that agree most."""
+"""Largest factor by which a mechanism is heavier or lighter than its model, part of the samples that must agree on it,
+and their largest spread over that of the samples that agree best."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ class Unmeasured:
     """A contact that is not measured.
 
     Attributes:
-        start: When it begins to carry, s.
-        end: When it has ended, s.
-        carries: The most that it carries, of the weight.
-        contact: Where it may act; None where not all six components of the wrench are measured.
+        start: First time, s.
+        end: Last time, s.
+        carries: Largest part of the weight that it carries.
+        contact: Likely place; None where not all six components of the wrench are measured.
     """
 
     start: float
@@ -57,20 +57,20 @@ class Unmeasured:
 
     @property
     def body(self) -> str | None:
-        """Body that it may be on, None where no force on one explains it."""
+        """Body that the contact is likely on; None if no force on one explains it."""
         at = self.contact
         return at.body if at and (at.explained > THROUGH_A_POINT or at.distance < NEAR) else None
 
 
 def without_unmeasured(prepared: Prepared) -> Prepared:
-    """A recording without the samples in which a contact is not measured."""
+    """Recording without the samples in which an unmeasured contact carries weight."""
     contacts = unmeasured_contacts(prepared)
     left_out = tuple(LeftOut(each.start, each.end, each.carries, each.body) for each in contacts)
     return replace(prepared, left_out=left_out)
 
 
 def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
-    """Contacts that are not measured, by the support that the model misses; none where the weight is not measured."""
+    """Unmeasured contacts, detected by missing support; none where the weight is not measured."""
     try:
         up, known = upward(prepared)
     except NotCheckedError:
@@ -101,10 +101,10 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
 
 
 def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | None:
-    """Ratio of the mechanism's mass to its model's on which the samples agree; None where they do not.
+    """Ratio of the mechanism's mass to its model's by the samples that agree; None if too few do.
 
     Args:
-        needed: Support that the model needs (N,).
+        needed: Support that the model predicts, N (N,).
         carried: Support that is measured, N (N,).
         weight: The model's weight, N.
     """
@@ -153,7 +153,7 @@ def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarr
 
 
 def _unloaded(prepared: Prepared, part: slice) -> set[str]:
-    """Bodies that measured contacts are on, but not during most of a part: who is on a plate is not beside it."""
+    """Bodies of measured contacts that are unloaded during most of a part: a foot on a plate is not beside it."""
     recording, loaded = prepared.recording, dict[str, float]()
     for name in recording.wrenches:
         if name != GROUND:

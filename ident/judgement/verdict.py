@@ -1,4 +1,4 @@
-"""The verdict on an estimate: decided from ratios and codes of findings, then put in words."""
+"""The verdict on an estimate: decided by ratios and codes of findings, then put into words."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from ident.judgement.finding import Finding
 from ident.tolerances import POOR
 
 PRECISIONS = 0.1, 0.2, 0.5
-"""Standard deviations, of the values, up to which parameters are counted as known."""
+"""Relative standard deviations up to which parameters are counted as known."""
 
 WIDER = 2.0
 """Ratio of the standard deviation with the set-up to that from the noise above which parameters are named."""
 
 SHOWN = 8
-"""Most parameters that a sentence names."""
+"""Largest number of parameters that a sentence names."""
 
 
 class Outcome(Enum):
@@ -57,7 +57,7 @@ class Precision:
         return cls(len(psi), known, wider, tuple(bodies))
 
     def sentences(self) -> Iterator[str]:
-        """Yields how many parameters are known, and which ones the set-up makes uncertain."""
+        """Yields sentences on the number of known parameters, and on those that the set-up makes uncertain."""
         counts = ", ".join(f"{n} within {share:.0%}" for n, share in zip(self.known, PRECISIONS, strict=True))
         yield f"Of {self.total} base parameters it knows {counts}."
         if self.wider:
@@ -77,7 +77,7 @@ class Verdict:
         part: Samples of the ratios, "fitted" or "held-out".
         candidates: The candidates, the estimate among them.
         worse: The finding that another candidate predicts better, if it does.
-        precision: Precision of the base parameters; None if it is not asked for.
+        precision: Precision of the base parameters; None if it is not computed.
     """
 
     outcome: Outcome
@@ -128,7 +128,7 @@ class Verdict:
         )
 
     def _comparisons(self) -> Iterator[str]:
-        """Yields how the estimate predicts beside the others, channel by channel, and which candidate is best."""
+        """Yields sentences that compare the estimate with other candidates, by channel, and name the best."""
         if len(self.candidates.ratios) < 2:
             return
         if self.best is None:

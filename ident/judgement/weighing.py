@@ -1,6 +1,6 @@
-"""The mass of an estimate beside what the wrenches weigh, and beside the model's: `Σ m_i = c · ψ`, with ψ = B φ.
+"""Mass of an estimate compared with that by the wrenches and the model's: `Σ m_i = c · ψ`, with ψ = B φ.
 
-Bᵀ c picks the masses out of φ.
+Bᵀ c selects the masses in φ.
 """
 
 from collections.abc import Iterator
@@ -20,10 +20,10 @@ INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
 NOTICED = 0.01
-"""Change of the weight by the set-up, of the model's mass, that is worth a remark."""
+"""Change of the mass by the set-up, over the model's mass, from which there is a remark."""
 
 SPANNED = 1e-6
-"""Part of the masses that may lie beyond the base parameters where these are taken to hold the whole mass."""
+"""Part of the masses outside the span of the base parameters up to which these determine the whole mass."""
 
 
 class Mass(NamedTuple):
@@ -32,7 +32,7 @@ class Mass(NamedTuple):
     Attributes:
         value: The mass.
         std: Its standard deviation from the noise.
-        std_setup: Its standard deviation with what is left open of the set-up.
+        std_setup: Its standard deviation with the uncertainty of the set-up.
     """
 
     value: float
@@ -41,7 +41,7 @@ class Mass(NamedTuple):
 
 
 def estimated_mass(evidence: Evidence) -> Mass | None:
-    """The mass of all bodies together, None where the base parameters do not hold it."""
+    """Mass of all bodies together; None if the base parameters do not determine it."""
     if evidence.covariance_setup is None:
         return None
     bodies = len(evidence.mechanism.bodies)
@@ -56,7 +56,7 @@ def estimated_mass(evidence: Evidence) -> Mass | None:
 
 
 def mass_by_setup_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Set-up errors by which the mechanism weighs more or less than the wrenches read."""
+    """Findings on set-up errors that change the mass from that by the wrenches."""
     weight = evidence.checks.weight
     if weight is None or not evidence.logs or not any(SETUP[each.kind].weighs for each in evidence.setup):
         return
@@ -69,7 +69,7 @@ def mass_by_setup_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def common_gain_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A mass that is not the model's, which a gain of all channels would make as well."""
+    """Remark on a mass that differs from the model's, which a common gain of all channels would explain as well."""
     weight, mass = evidence.checks.weight, estimated_mass(evidence)
     if weight is None or mass is None or weight.model <= 0:
         return

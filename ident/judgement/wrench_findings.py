@@ -1,4 +1,4 @@
-"""Findings on wrenches: their frames, contacts that are not measured, what they weigh, and their offsets."""
+"""Findings on wrenches: frames, unmeasured contacts, weight and offsets."""
 
 from collections.abc import Iterator
 
@@ -12,26 +12,26 @@ from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.tolerances import KILONEWTONS
 
 THROUGH_A_POINT = 0.5
-"""Fraction of the residual moment that forces through one point have to explain before a contact is suspected."""
+"""Least fraction of the residual moment that forces through one point explain for a contact to be suspected."""
 
 LARGE = 0.3
-"""Residual over signal from which a residual is worth explaining by something missing."""
+"""Residual over signal above which a missing contact is considered."""
 
 HEAVY = 0.05
-"""Difference between weighed and modelled mass worth a remark, of the latter."""
+"""Relative difference of the measured mass from the model's from which there is a remark."""
 
 FAR_OFF = 0.3
 """The same from which it is a doubt."""
 
 DRIFT = 0.02
-"""Drift of the weighed mass worth a remark, of the model's."""
+"""Drift of the measured mass over the model's from which there is a remark."""
 
 OFFSET = 0.1
-"""Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
+"""Constant offset over the weight, for moments over the weight times the mechanism's reach, that is a doubt."""
 
 
 def frame_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Wrenches of the opposite sign, or in turned axes."""
+    """Doubts on wrenches of the opposite sign, or in rotated axes."""
     total = evidence.checks.total
     if total is not None and total.suspicious:
         yield Finding.of("total_wrench_sign", error=total.error, error_turned=total.error_turned)
@@ -53,7 +53,7 @@ def frame_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def base_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A ground wrench that was measured in the frame of another body."""
+    """Doubt on a ground wrench that was measured in the frame of another body."""
     check = evidence.checks.base
     if check is not None and check.suspicious and not any(f.suspicious for f in evidence.checks.frames.values()):
         place = Place(bodies=(check.body,))
@@ -66,7 +66,7 @@ def _axis(direction: np.ndarray) -> str:
 
 
 def contact_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A contact that was not measured."""
+    """Doubt on an unmeasured contact."""
     check = evidence.checks.contact
     if check is None or check.explained < THROUGH_A_POINT or np.median(list(evidence.ratios.values())) < LARGE:
         return
@@ -81,7 +81,7 @@ def contact_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _length(evidence: Evidence) -> float:
-    """Largest distance of a body's frame from the base, and from it as far again as twice to its centre of mass, m."""
+    """Reach of the mechanism: distance of the farthest body's frame plus twice that to its centre of mass, m."""
     mechanism = evidence.mechanism
     poses = mechanism.tree.poses(evidence.logs[0].samples.motion.q)[:, list(mechanism.tree.inertial)]
     bodies = mechanism.known.reshape(-1, 10)
@@ -90,7 +90,7 @@ def _length(evidence: Evidence) -> float:
 
 
 def unmeasured_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Samples that were left out, with the number of their log where there are several."""
+    """Findings on samples that were left out because of unmeasured contacts."""
     for k, log in enumerate(evidence.logs):
         for start, end, carries, body in log.left_out:
             yield Finding.of(
@@ -105,7 +105,7 @@ def unmeasured_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def weight_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A weighed mass that is not the model's, or drifts, and forces that are far too small."""
+    """Findings on a measured mass that differs from the model's, or drifts, and on forces that are far too small."""
     weight, largest = evidence.checks.weight, evidence.checks.largest_force
     if weight is None:
         return
@@ -119,7 +119,7 @@ def weight_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def offset_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Constant offsets beyond noise, and those that are large beside the weight."""
+    """Findings on constant offsets beyond noise, doubts if they are large relative to the weight."""
     offsets = evidence.offsets
     large = {
         channel: (value, std)
@@ -138,7 +138,7 @@ def offset_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _references(evidence: Evidence) -> dict[str, float]:
-    """Sizes that offsets of forces, `F` in N, and of moments, `M` in N m, are compared with.
+    """Sizes with which offsets of forces, `F` in N, and of moments, `M` in N m, are compared.
 
     Without gravity that is the weight on Earth; without postures the mechanism's reach is not known.
     """

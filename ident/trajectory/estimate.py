@@ -113,7 +113,7 @@ def _shared(
 def _prior(
     measurement: Measurement, setup: Mapping[int, SetupParameter], number: int, known: Mapping[str, float] | None
 ) -> Prior:
-    """Prior of all parameters, of which there is a number, those of the set-up by index."""
+    """Gaussian prior of all `number` parameters; `setup` has those of the set-up by index."""
     precision = np.diag([1 / setup[k].std ** 2 if k in setup else 0.0 for k in range(number)])
     mean = np.zeros(number)
     if known is not None:

@@ -73,7 +73,7 @@ class FromAngles:
         return Compared(residual, (np.concatenate(by_theta) if columns else none).transpose(2, 0, 1))
 
     def _trajectory(self, T: float, theta: np.ndarray) -> Trajectory:
-        """Smoothed motion without the zeros of the joints, computed once per T: the zeros stay the same."""
+        """Smoothed motion less the zeros of the joints, cached by T because the zeros do not change."""
         if T not in self._trajectories:
             angles = Sampled(self.piece.time, self.piece.states[0])
             self._trajectories[T] = smoothed(without_zeros(angles, self.measurement, theta), T)
@@ -94,7 +94,7 @@ def unexplained(compared: Sequence[Compared]) -> float:
 
 
 def unexplained_anew(compared: Sequence[Compared]) -> float:
-    """`unexplained` after a new fit of the columns, each channel weighted by its residual."""
+    """Value of `unexplained` after the columns are fitted again, each channel weighted by its residual."""
     A = np.concatenate([own.columns for own in compared])
     b = np.concatenate([own.residual for own in compared])
     rms, columns = np.maximum(_rms(b), TINY), A.transpose(1, 2, 0)

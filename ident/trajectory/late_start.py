@@ -52,7 +52,7 @@ def with_long_delays(search: Search, refit: Refit, measurement: Measurement, del
 
 
 def without_idle_delays(search: Search, refit: Refit, delays: Sequence[int]) -> Search:
-    """Search without delays that are no longer significant because a clock error found later explains them."""
+    """Search without delays that are no longer significant because a clock error, fitted later, explains them."""
     fit = search.fit
     idle = [each for each in search.deviations if each.index in delays]
     idle = [

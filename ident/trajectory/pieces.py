@@ -96,7 +96,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
 
 
 def _check(samples: np.ndarray, start: float, end: float) -> None:
-    """Raises an InputError if a coordinate (N, n) has too few samples to determine what the prior does not penalise."""
+    """Raises an InputError if a coordinate (N, n) has too few samples to determine the unpenalised polynomial."""
     samples_of = np.isfinite(samples).sum(axis=0)
     if samples_of.min() < ORDER:
         raise InputError(

@@ -139,7 +139,7 @@ def _predict(fitted: TrajectoryFit, candidates: Sequence[int]) -> list[bool]:
 
 
 def _together(fitted: TrajectoryFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
-    """Groups without fitted parameters whose score exceeds `least`."""
+    """Names of the groups without fitted parameters whose score exceeds `least`."""
     open_ = {name: direction for name, direction in groups.items() if not direction[fitted.free].any()}
     if not open_:
         return ()

@@ -101,7 +101,7 @@ class Stages:
         return np.isin(np.arange(len(self.names)), list(self.setup))
 
     def explored(self, step: float, share: int, finest: float) -> TrajectoryEstimate:
-        """Unconverged fit with white noise and the densest knots that decrease the noise enough.
+        """Exploring fit with white noise and the densest knots that still decrease the noise notably.
 
         Args:
             step: Initial knot spacing, s.
@@ -329,7 +329,7 @@ class Stages:
         prior: Prior | None = None,
         explore: bool = False,
     ) -> Refit:
-        """Function that fits pieces, each with its selection of the parameters."""
+        """Function that fits pieces, each with its own subset of the parameters."""
         solve = partial(
             iteration.fit,
             self._measured(reversals),
@@ -351,7 +351,7 @@ def _next(step: float, finest: float) -> float:
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:
-    """Directions in θ in which all parameters of a kind change alike along one axis, by description (p,) each."""
+    """Directions in θ along which all parameters of one kind and axis change equally, by description (p,) each."""
     groups = defaultdict[str, np.ndarray](lambda: np.zeros(number))
     for at, each in setup.items():
         if each.row.together:

@@ -50,22 +50,22 @@ class _Coordinates:
 
     @property
     def zeros(self) -> dict[int, int]:
-        """No zeros."""
+        """Empty: coordinates have no zeros here."""
         return {}
 
     @property
     def shifts(self) -> dict[int, Shift]:
-        """No shifts of time."""
+        """Empty: no shifts of time."""
         return {}
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """No channels (0, M)."""
+        """Predicted channels, none (0, M)."""
         return np.zeros((0, len(wrenches)))
 
     def derivatives(
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """No channels (0, M), and no derivatives (0, 3, n, M), (0, 0, M)."""
+        """Predicted channels and derivatives, none (0, M), (0, 3, n, M), (0, 0, M)."""
         _, M, n = states.shape
         return np.zeros((0, M)), np.zeros((0, 3, n, M)), np.zeros((0, 0, M))
 

@@ -1,4 +1,4 @@
-"""The table of all findings, by subject: a code, the sentence that it stands for, and whether it is a doubt."""
+"""The table of all findings, by subject: code, sentence, and True for a doubt."""
 
 from collections.abc import Mapping
 

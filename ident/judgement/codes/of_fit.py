@@ -1,4 +1,4 @@
-"""Sentences on the fit: its course, parts of the data that disagree, the prior, and what is taken for granted."""
+"""Sentences on the fit: convergence, parts of the data that disagree, the prior, and assumptions."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Sentences on the prediction of held-out samples: the candidates, and what is left of each channel."""
+"""Sentences on the prediction of held-out samples: the candidates, and the residual of each channel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Sentences on the set-up: what of it is not as stated."""
+"""Sentences on the set-up: its deviations from what is stated."""
 
 from functools import partial
 

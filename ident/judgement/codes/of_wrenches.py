@@ -1,4 +1,4 @@
-"""Sentences on wrenches: their frames, contacts that are not measured, what they weigh, and their offsets."""
+"""Sentences on wrenches: frames, unmeasured contacts, weight and offsets."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""A row of the table of findings, and what its sentences share."""
+"""A row of the table of findings, and phrases that its sentences share."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ class Row:
 
     Attributes:
         template: Format string of the values, or a function of them where grammar depends on them.
-        doubt: Whether it speaks against the estimate; None where that depends on the values, and the judge decides.
+        doubt: True if it speaks against the estimate; None if that depends on the values, and the judge decides.
     """
 
     template: str | Callable[..., str]
@@ -38,5 +38,5 @@ def followed(values: Mapping[str, float], form: str = ".2g") -> str:
 
 
 def in_log(log: int | None) -> str:
-    """A phrase on the log, with a leading space; empty for None."""
+    """Phrase ` in log N`, with a leading space; empty for None."""
     return "" if log is None else f" in log {log}"

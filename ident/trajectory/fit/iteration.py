@@ -295,7 +295,7 @@ class _Problem:
         return sum(each.cost for each in parts) + float(of_theta)
 
     def drifted(self, at: Start, root: np.ndarray) -> bool:
-        """True if θ or the noise has moved away from where the marginal likelihood's terms were computed, or none were.
+        """True if the marginal likelihood's terms are missing, or θ or the noise has moved since they were computed.
 
         Args:
             at: Current point.

@@ -81,7 +81,7 @@ def drawn_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Res
 
 
 def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> NoiseColours:
-    """Noise estimated from a fit's residuals and from those that it leaves of random draws.
+    """Noise spectrum from a fit's residuals, and from its residuals of random draws of noise.
 
     Args:
         fit: The fit.
@@ -131,7 +131,7 @@ class _Draws:
         return cls(fit, chosen, list(responses.values()), np.append(0.0, first * FACTOR ** np.arange(number)))
 
     def left(self) -> list[list[np.ndarray]]:
-        """Residuals that the fit leaves of draws, for each piece and stream (N, s, draws).
+        """Residuals of the draws after the fit, for each piece and stream (N, s, draws).
 
         The draws are the coordinates' noise for each correlation time, the channels' noise, and motions.
         """
