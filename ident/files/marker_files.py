@@ -25,7 +25,7 @@ def read_markers(path: str | Path, unit: str | None = None, *, limit: int = LIMI
 
     Args:
         path: A `.trc` or `.c3d` file, or a table (`.csv`, `.tsv`, `.txt`, `.npz`) with a column `time` in s and the
-            columns LABEL.x, LABEL.y and LABEL.z of every marker; cells are empty or NaN where it was not seen.
+            columns LABEL.x, LABEL.y and LABEL.z of every marker; cells are empty or NaN where it is missing.
         unit: Unit of the lengths in a table, `m` if not given; refused where a file states its own.
         limit: Bytes that the file may take in memory, as for `npz.check_size`.
 

@@ -17,7 +17,7 @@ class Markers:
     Attributes:
         time: Times of the frames, s (N,).
         labels: Names of the markers, each once.
-        positions: Positions in the laboratory's frame, NaN where a marker was not seen, m (N, M, 3).
+        positions: Positions in the laboratory's frame, NaN where a marker is missing, m (N, M, 3).
     """
 
     time: np.ndarray
@@ -48,7 +48,7 @@ class Markers:
 
     @property
     def visible(self) -> np.ndarray:
-        """Mask of the markers seen in each frame (N, M)."""
+        """Mask of the markers present in each frame (N, M)."""
         return np.isfinite(self.positions).all(axis=2)
 
     @property

@@ -32,7 +32,7 @@ AT_THE_END = 0.5
 """Length of a span at an end of the recording, in periods of the cut-off, up to which it counts only if a body fits."""
 
 THROUGH_A_POINT = 0.8
-"""Fraction of the missing moment that a force on a body must explain for it to be named, unless the force passes near."""
+"""Fraction of the missing moment that a force on a body must explain for it to be named, unless it passes near."""
 
 HEAVIEST, AGREEING, CLOSE = 1.6, 0.15, 2.0
 """Largest factor by which a mechanism is heavier or lighter than its model, part of the samples that must agree on it,

@@ -35,7 +35,7 @@ class Posture(NamedTuple):
 
     Attributes:
         qpos: Coordinates (nq,).
-        residual: Measured less fitted positions, NaN where a marker was not seen (M, 3).
+        residual: Measured less fitted positions, NaN where a marker is missing (M, 3).
         cost: Weighted sum of squares, m².
     """
 
@@ -52,8 +52,8 @@ def fitted(
     Args:
         kinematics: Kinematics of the model.
         qpos: Initial guess (nq,).
-        measured: Positions, NaN where a marker was not seen, m (M, 3).
-        weights: Weights of squared distances, zero for markers not seen (M,).
+        measured: Positions, NaN where a marker is missing, m (M, 3).
+        weights: Weights of squared distances, zero for missing markers (M,).
         rounds: Largest number of steps.
     """
     visible, damping = np.flatnonzero(weights > 0), LEAST

@@ -132,7 +132,7 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
 
     Args:
         marked: The unscaled model and its markers.
-        measured: Positions in the model's world, NaN where a marker was not seen, m (N, M, 3).
+        measured: Positions in the model's world, NaN where a marker is missing, m (N, M, 3).
         groups: Names of the bodies that share each factor.
         mass: Factor on all masses.
 

@@ -54,8 +54,8 @@ class Postures:
     Attributes:
         marked: Model and markers.
         qpos: Coordinates (N, nq).
-        residuals: Measured less fitted positions, NaN where a marker was not seen, m (N, M, 3).
-        robust: Factor on each marker's weight, below 1 for distant markers, 0 where one was not seen (N, M).
+        residuals: Measured less fitted positions, NaN where a marker is missing, m (N, M, 3).
+        robust: Factor on each marker's weight, below 1 for distant markers, 0 where one is missing (N, M).
         sigma: Standard deviation of a coordinate of a marker of weight 1, m; NaN if there are too few markers.
         spread: Covariance of the degrees of freedom for sigma = 1 m (N, n, n).
     """
@@ -89,12 +89,12 @@ class Postures:
 
     @property
     def distances(self) -> np.ndarray:
-        """Distances of the markers from the fit, NaN where one was not seen, m (N, M)."""
+        """Distances of the markers from the fit, NaN where one is missing, m (N, M)."""
         return np.linalg.norm(self.residuals, axis=2)
 
     @property
     def outlying(self) -> np.ndarray:
-        """Mask of the markers that were seen, but far from the fit (N, M)."""
+        """Mask of the markers that are present, but far from the fit (N, M)."""
         return np.isfinite(self.distances) & (self.robust < OUTLYING)
 
 
@@ -103,7 +103,7 @@ def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | Non
 
     Args:
         marked: Model and markers.
-        measured: Positions in the model's world, NaN where a marker was not seen, m (N, M, 3).
+        measured: Positions in the model's world, NaN where a marker is missing, m (N, M, 3).
         guess: Initial guess of the coordinates (N, nq), if there is one.
     """
     kinematics, visible = Kinematics(marked), np.isfinite(measured).all(axis=2)
