@@ -92,12 +92,12 @@ def problem(
     moving = _chosen(joints, mechanism.tree, names)
     check_torques(model, mechanism_bodies(model, base), ignore, moving)
     rest = rest_coordinates(model, base)
-    tree = mechanism.tree.fixed({name: q for name, q in rest.items() if name not in moving})
+    locked = mechanism.fixed({name: q for name, q in rest.items() if name not in moving})
     gravity = mechanism.gravity
     if base is not None:
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))
         gravity = still.T[0, :3, :3].T @ gravity_of(model)
-    locked = replace(mechanism, tree=tree, gravity=gravity)
+    locked = replace(locked, gravity=gravity)
     units = {joint: "m" if kinds[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for joint in joints}
     wrench = sensors == "wrench"
     return Problem(

@@ -16,6 +16,7 @@ from ident.estimation.measurement import base_motion, joint_states
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
 from ident.estimation.separable import separable
+from ident.estimation.stated_drives import stated_drive_torques
 from ident.files.table import BASE
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.geometry.se3 import coAd, inverse
@@ -235,7 +236,10 @@ def _channels(mechanism: Mechanism, frame: np.ndarray, wrench: np.ndarray, torqu
 def predicted_channels(
     mechanism: Mechanism, motion: Motion, frame: np.ndarray, *, torques: bool = False
 ) -> dict[str, np.ndarray]:
-    """Components of the total wrench in a frame, and joint torques if requested, predicted by the prior (N,) each."""
+    """Components of the total wrench in a frame, and joint torques if requested, as the model predicts them (N,) each.
+
+    It predicts with its prior and with the drives that it states.
+    """
     in_frame = coAd(inverse(frame))
     wrenches, felt = [], []
     for first in range(0, len(motion), CHUNK):
@@ -244,7 +248,8 @@ def predicted_channels(
         Y = base_wrench_regressor(mechanism.tree, *part.states, **given)
         wrenches.append(Y @ mechanism.known @ in_frame.T)
         if torques:
-            felt.append(joint_torque_regressor(mechanism.tree, *part.states, **given) @ mechanism.known)
+            links = joint_torque_regressor(mechanism.tree, *part.states, **given) @ mechanism.known
+            felt.append(links + stated_drive_torques(mechanism, part) if mechanism.drives else links)
     predicted = dict(zip(COMPONENTS, np.concatenate(wrenches).T, strict=True))
     return predicted | (dict(zip(mechanism.tree.freedoms, np.concatenate(felt).T, strict=True)) if torques else {})
 

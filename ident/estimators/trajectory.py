@@ -156,7 +156,7 @@ def _rivals(
         Ratios of residual to signal by candidate (C,), and the cut-off of least squares, Hz.
     """
     stated = _corrected(problem, trajectory.as_stated())
-    held = stated.held_out([model_as_it_came(replace(fit, equations=equations), stated.samples)])
+    held = model_as_it_came(stated, replace(fit, equations=equations))
     rank, prior = equations.parameters.rank, trajectory.fit.prior
     known = prior.mean[:rank], prior.known[:rank, :rank]
     others = not problem.apart and len(problem.fitted) > 2

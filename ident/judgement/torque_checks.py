@@ -13,6 +13,7 @@ from ident.estimation.equations import Equations
 from ident.estimation.loads import SLIP
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
+from ident.estimation.stated_drives import stated_drive_torques
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -127,7 +128,9 @@ def torque_checks(prepared: Prepared) -> TorqueChecks | None:
     uncertain = _without_drives(
         np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape), motion, felt
     )
-    predicted, size = of_bodies.sum(axis=2), np.linalg.norm(uncertain, axis=(0, 2))
+    # Of the drives that the model states, springs are left.
+    stated = _without_drives(stated_drive_torques(mechanism, motion)[:, felt], motion, felt) if mechanism.drives else 0
+    predicted, size = of_bodies.sum(axis=2) + stated, np.linalg.norm(uncertain, axis=(0, 2))
     each = zip(felt, measured.T, predicted.T, size, strict=True)
     checks = [_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each]
     return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies))

@@ -1,6 +1,6 @@
 """A mechanism with its prior knowledge, before anything is measured."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,12 +9,13 @@ import numpy as np
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import InputError, ModelError
 from ident.mechanism.carrier import Carrier, divided
+from ident.mechanism.drives import Drive, checked_drives
 from ident.mechanism.tree import Tree
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A tree of bodies with gravity, and the prior, sites and ranges of a model.
+    """A tree of bodies with gravity, and the prior, sites, ranges and drives of a model.
 
     Attributes:
         tree: The bodies and their joints.
@@ -29,6 +30,8 @@ class Mechanism:
             carrier's base frame.
         prior_known: Standard deviations of the prior by the bodies' names, as for
             `ident.parameters.prior.body_covariance`; defaults for others.
+        drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
+            freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
     """
 
     tree: Tree
@@ -40,6 +43,7 @@ class Mechanism:
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    drives: Mapping[str, Drive] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -54,6 +58,7 @@ class Mechanism:
             raise ModelError(f"prior_known names '{absent[0]}', which is none of {', '.join(self.bodies)}.")
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
+        object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -77,10 +82,19 @@ class Mechanism:
         rows = [self.tree.inertial.index(i) for i in members if i in self.tree.inertial]
         prior = None if self.prior is None else self.prior.reshape(-1, 10)[rows].ravel()
         sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
-        ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
-        part = Mechanism(tree, self.gravity, prior, sites, ranges, carrier=carrier)
+        part = Mechanism(tree, self.gravity, prior, sites, **self._of_joints(tree), carrier=carrier)
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
         return replace(part, prior_known=known)
+
+    def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":
+        """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
+        tree = self.tree.fixed(coordinates)
+        return replace(self, tree=tree, **self._of_joints(tree))
+
+    def _of_joints(self, tree: Tree) -> dict[str, Any]:
+        """Ranges and drives of the joints that a tree has."""
+        ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
+        return {"ranges": ranges, "drives": {k: drive for k, drive in self.drives.items() if k in tree.freedoms}}
 
     @property
     def known(self) -> np.ndarray:

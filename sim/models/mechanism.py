@@ -1,4 +1,4 @@
-"""Mechanisms from models: tree, gravity, masses, sites and joint ranges."""
+"""Mechanisms from models: tree, gravity, masses, sites, joint ranges and drives."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +12,7 @@ from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from sim.models.drives import drives_of_model
 from sim.models.mujoco_model import (
     BEYOND,
     Source,
@@ -25,6 +26,7 @@ from sim.models.mujoco_model import (
 )
 from sim.models.names import joint_name, name_of
 from sim.models.opensim.mechanism import is_opensim, mechanism_from_opensim
+from sim.models.transmissions import transmissions
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +74,11 @@ def mechanism(
         The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior if all bodies are massless.
 
     Warns:
-        ModelNote: As for `tree_from_model` and `mechanism_from_opensim`.
+        ModelNote: As for `tree_from_model`, `drives_of_model` and `mechanism_from_opensim`.
 
     Raises:
-        ModelError: As for `tree_from_model`, or a body has numbers that are not finite.
+        ModelError: As for `tree_from_model`, a body has numbers that are not finite, or the drive of a joint has
+            negative ones.
     """
     if is_opensim(source):
         arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix)
@@ -88,7 +91,9 @@ def mechanism(
     text = None if isinstance(source, mujoco.MjModel) else source
     origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
-    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose)
+    geared = transmissions(source) if isinstance(source, str | Path) else {}
+    drives = drives_of_model(model, tree.freedoms, geared)
+    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=drives)
     return _with_merged_welds(arm) if merge_welds else arm
 
 

@@ -12,6 +12,7 @@ _STEMS = {
     mujoco.mjtObj.mjOBJ_TENDON: "tendon",
     mujoco.mjtObj.mjOBJ_EQUALITY: "equality",
     mujoco.mjtObj.mjOBJ_SENSOR: "sensor",
+    mujoco.mjtObj.mjOBJ_ACTUATOR: "actuator",
 }
 
 
@@ -20,7 +21,7 @@ def name_of(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
 
     Args:
         model: Compiled model.
-        kind: Its kind: body, joint, site, flex, tendon, equality constraint or sensor.
+        kind: Its kind: body, joint, site, flex, tendon, equality constraint, sensor or actuator.
         index: Its id.
     """
     name = mujoco.mj_id2name(model, kind, index)

@@ -1,7 +1,7 @@
 """Servos and hands of a scene, and the commands with which they follow a desired motion."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -140,10 +140,10 @@ def moved_by(model: mujoco.MjModel, joints: Sequence[int]) -> Servos:
     """Servos on some hinges and slides, by their ids; all other joints stay in the reference configuration."""
     free = mechanism(model, beyond=(), ignore=[coupling.name for coupling in couplings(model)])
     rest, names = rest_coordinates(model, beyond=()), [joint_name(model, j) for j in joints]
-    tree = free.tree.fixed({name: q for name, q in rest.items() if name not in names})
-    order = [names.index(joint) for joint in tree.joints]
+    moved = free.fixed({name: q for name, q in rest.items() if name not in names})
+    order = [names.index(joint) for joint in moved.tree.joints]
     qpos, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-    return Servos(model, qpos, dof, replace(free, tree=tree), order, _held(model))
+    return Servos(model, qpos, dof, moved, order, _held(model))
 
 
 def _held(model: mujoco.MjModel) -> tuple[str, ...]:

@@ -1,0 +1,136 @@
+"""Drives of joints from compiled MuJoCo models: friction, rotor inertia, springs and actuators."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ident.mechanism.drives import NO_DRIVE, Actuator, Drive
+from sim.models.names import joint_name, name_of
+from sim.models.notes import note
+
+_FREE, _BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+_ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+_FIXED_GAIN, _NO_DYNAMICS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtDyn.mjDYN_NONE)
+_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+
+_SWITCHES = {
+    "stiffness": ("SPRING", "PASSIVE"),
+    "viscous": ("DAMPER", "PASSIVE"),
+    "coulomb": ("FRICTIONLOSS", "CONSTRAINT"),
+}
+"""Flags of the option that disable parts of a drive; MuJoCo's versions have some of them each."""
+
+
+def drives_of_model(
+    model: mujoco.MjModel, freedoms: Collection[str], transmissions: Mapping[str, Sequence[Actuator]] | None = None
+) -> dict[str, Drive]:
+    """Drives of those freedoms that have one, as `mj_inverse` takes them, by the freedoms' names.
+
+    Args:
+        model: The compiled model, with defaults and classes in its numbers.
+        freedoms: Names of the freedoms of a tree.
+        transmissions: Further actuators by their joints' names.
+
+    Warns:
+        ModelNote: A spring or a friction is not linear, or an actuator's rotor or friction is not on a hinge or slide.
+    """
+    joints = [j for j in range(model.njnt) if set(freedom_names(model, j)) & set(freedoms)]
+    out: dict[str, Drive] = {}
+    for j in joints:
+        actuators = [*_actuators(model, j), *(transmissions or {}).get(joint_name(model, j), ())]
+        for name, drive in zip(freedom_names(model, j), _drives(model, j, tuple(actuators)), strict=True):
+            if drive != NO_DRIVE and name in freedoms:
+                out[name] = drive
+    _note_left_out(model, joints)
+    return out
+
+
+def freedom_names(model: mujoco.MjModel, j: int) -> tuple[str, ...]:
+    """Names of a joint's freedoms in the tree of the model, in the order of MuJoCo's velocities."""
+    name, kind = joint_name(model, j), model.jnt_type[j]
+    slides = tuple(f"{name}:{axis}" for axis in "xyz") if kind == _FREE else ()
+    return (*slides, *(f"{name}.{axis}" for axis in "xyz")) if kind in (_FREE, _BALL) else (name,)
+
+
+def _drives(model: mujoco.MjModel, j: int, actuators: tuple[Actuator, ...]) -> Iterator[Drive]:
+    """The drives of a joint's freedoms."""
+    first, stiffness = int(model.jnt_dofadr[j]), _unless_disabled(model, "stiffness", model.jnt_stiffness[j])
+    for dof, reference in enumerate(_references(model, j), first):
+        yield Drive(
+            viscous=_unless_disabled(model, "viscous", model.dof_damping[dof]),
+            coulomb=_unless_disabled(model, "coulomb", model.dof_frictionloss[dof]),
+            rotor=float(model.dof_armature[dof]),
+            stiffness=stiffness,
+            springref=float(reference) if stiffness else 0.0,
+            actuators=actuators,
+        )
+
+
+def _references(model: mujoco.MjModel, j: int) -> np.ndarray:
+    """Coordinates of a joint's freedoms at which its spring is at rest."""
+    at, kind = model.qpos_spring[model.jnt_qposadr[j] :], model.jnt_type[j]
+    slides, size = (3, 4) if kind == _FREE else (0, 4) if kind == _BALL else (1, 0)
+    turned = Rotation.from_quat(at[slides : slides + size], scalar_first=True).as_rotvec() if size else []
+    return np.concatenate([at[:slides], turned])
+
+
+def _unless_disabled(model: mujoco.MjModel, part: str, value: float) -> float:
+    """Value of a part of a drive, zero if the model disables all such parts."""
+    flags = [getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0) for name in _SWITCHES[part]]
+    return 0.0 if any(model.opt.disableflags & int(flag) for flag in flags) else float(value)
+
+
+def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
+    """Actuators on a hinge or slide."""
+    if model.jnt_type[j] in (_FREE, _BALL):
+        return
+    for a in _acting_on(model, j):
+        own: dict[str, Any] = {
+            "gear": float(model.actuator_gear[a, 0]),
+            "rotor": float(_values(model, "actuator_armature", a)[0]),
+            "viscous": _unless_disabled(model, "viscous", float(_values(model, "actuator_damping", a)[0])),
+            "forcerange": tuple(model.actuator_forcerange[a].tolist()) if model.actuator_forcelimited[a] else None,
+        }
+        yield Actuator(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a), **own, **_law(model, a))
+
+
+def _law(model: mujoco.MjModel, a: int) -> dict[str, Any]:
+    """Gains of an actuator's force, all zero if it is not linear in command, length and velocity."""
+    linear = model.actuator_gaintype[a] == _FIXED_GAIN and model.actuator_biastype[a] in _BIASES
+    if not linear or model.actuator_dyntype[a] != _NO_DYNAMICS or model.actuator_plugin[a] >= 0:
+        return {"gain": 0.0}
+    bias, kp, kv = model.actuator_biasprm[a, :3].tolist()
+    return {"gain": float(model.actuator_gainprm[a, 0]), "kp": 0.0 - kp, "kv": 0.0 - kv, "bias": bias}
+
+
+def _acting_on(model: mujoco.MjModel, j: int) -> list[int]:
+    """Ids of the actuators on a joint."""
+    on_joints = np.isin(model.actuator_trntype, _ON_JOINTS)
+    return np.flatnonzero(on_joints & (model.actuator_trnid[:, 0] == j)).tolist()
+
+
+def _values(model: mujoco.MjModel, key: str, at: int) -> np.ndarray:
+    """Numbers of one element in an array of the model, zero where MuJoCo's version has no such array."""
+    return np.atleast_1d(getattr(model, key)[at]) if hasattr(model, key) else np.zeros(1)
+
+
+def _note_left_out(model: mujoco.MjModel, joints: Sequence[int]) -> None:
+    """Notes joints with springs, friction or rotors that their drives leave out."""
+    if odd := [joint_name(model, j) for j in joints if _has_more(model, j)]:
+        note(
+            f"The drives of {', '.join(odd)} are more than a spring, friction and a rotor with one number each; "
+            "predicted joint torques leave the rest out."
+        )
+
+
+def _has_more(model: mujoco.MjModel, j: int) -> bool:
+    """True if a joint has a spring, friction or a rotor that its drive leaves out."""
+    acting, dof = _acting_on(model, j), int(model.jnt_dofadr[j])
+    places = [("jnt_stiffnesspoly", j), ("jnt_springyield", j), ("dof_dampingpoly", dof)]
+    places += [("actuator_dampingpoly", a) for a in acting]
+    if model.jnt_type[j] in (_FREE, _BALL):
+        places += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in acting]
+    return any(_values(model, *place).any() for place in places)
