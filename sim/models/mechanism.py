@@ -10,6 +10,7 @@ import numpy as np
 from ident.errors import ModelError
 from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
+from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from sim.models.drives import drives_of_model
@@ -57,6 +58,7 @@ def mechanism(
     ignore: Collection[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
     packages: Sequence[str | Path] = (),
+    drives: bool = True,
 ) -> Mechanism:
     """Mechanism of a body and all its descendants in a model.
 
@@ -69,6 +71,7 @@ def mechanism(
         fix: Names of the tree's joints that do not move, with their coordinates.
         packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
             and in `ROS_PACKAGE_PATH` are searched as well.
+        drives: False to leave out the drives of the joints.
 
     Returns:
         The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior if all bodies are massless.
@@ -81,7 +84,7 @@ def mechanism(
             negative ones.
     """
     if is_opensim(source):
-        arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix)
+        arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix, drives=drives)
         return _with_merged_welds(arm) if merge_welds else arm
     model = compiled(source, packages)
     members = mechanism_bodies(model, base, beyond)
@@ -91,10 +94,15 @@ def mechanism(
     text = None if isinstance(source, mujoco.MjModel) else source
     origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
-    geared = transmissions(source) if isinstance(source, str | Path) else {}
-    drives = drives_of_model(model, tree.freedoms, geared)
-    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=drives)
+    stated = _drives(source, model, tree) if drives else {}
+    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=stated)
     return _with_merged_welds(arm) if merge_welds else arm
+
+
+def _drives(source: Source, model: mujoco.MjModel, tree: Tree) -> dict[str, Drive]:
+    """Drives of a tree's freedoms, with the transmissions of a URDF file."""
+    geared = transmissions(source) if isinstance(source, str | Path) else {}
+    return drives_of_model(model, tree.freedoms, geared)
 
 
 def mujoco_origin(arm: Mechanism) -> Origin:

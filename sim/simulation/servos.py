@@ -138,7 +138,7 @@ def servos(model: mujoco.MjModel, joints: int) -> Servos:
 
 def moved_by(model: mujoco.MjModel, joints: Sequence[int]) -> Servos:
     """Servos on some hinges and slides, by their ids; all other joints stay in the reference configuration."""
-    free = mechanism(model, beyond=(), ignore=[coupling.name for coupling in couplings(model)])
+    free = mechanism(model, beyond=(), ignore=[coupling.name for coupling in couplings(model)], drives=False)
     rest, names = rest_coordinates(model, beyond=()), [joint_name(model, j) for j in joints]
     moved = free.fixed({name: q for name, q in rest.items() if name not in names})
     order = [names.index(joint) for joint in moved.tree.joints]

@@ -17,6 +17,7 @@ from sim.models.notes import note
 from sim.models.opensim.document import label, model_element, number, numbers, text
 from sim.models.opensim.frames import Frames, markers
 from sim.models.opensim.skeleton import Skeleton
+from sim.models.opensim.springs import drives_of_coordinates
 
 STANDARD_GRAVITY = "0 -9.80665 0"
 """Default gravity, m/s²; y points up."""
@@ -52,12 +53,14 @@ def mechanism_from_opensim(
     *,
     ignore: Collection[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
+    drives: bool = True,
 ) -> Mechanism:
     """Mechanism of an OpenSim file.
 
     Coordinates become hinges and slides of their names. Locked ones stay at their default. Joints that are moved by
     functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, become followers.
-    Markers become sites. Axes are the file's, with y up in most; muscles, geometry and contacts are left out.
+    Markers become sites, springs and dampers of coordinates drives. Axes are the file's, with y up in most; muscles,
+    geometry and contacts are left out.
 
     Args:
         path: The file, of OpenSim 3 or 4.
@@ -65,12 +68,14 @@ def mechanism_from_opensim(
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         ignore: Names of constraints to leave out.
         fix: Coordinates that do not move, each with its value, or empty for its default.
+        drives: False to leave out springs and dampers.
 
     Returns:
         The mechanism, with `OpenSimOrigin` as its source.
 
     Warns:
-        ModelNote: Tabulated functions were replaced by polynomials, or an inertia is impossible for a rigid body.
+        ModelNote: Tabulated functions were replaced by polynomials, an inertia is impossible for a rigid body, or as
+            for `drives_of_coordinates`.
 
     Raises:
         ModelError: Something in the file cannot be read; the message names it.
@@ -78,13 +83,18 @@ def mechanism_from_opensim(
     path = Path(path)
     model = model_element(path)
     try:
-        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix or {})
+        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix or {}, drives=drives)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
 
 
 def _mechanism(
-    model: ET.Element, origin: OpenSimOrigin, ignore: Collection[str], fix: Mapping[str, Sequence[float]]
+    model: ET.Element,
+    origin: OpenSimOrigin,
+    ignore: Collection[str],
+    fix: Mapping[str, Sequence[float]],
+    *,
+    drives: bool,
 ) -> Mechanism:
     base = origin.base
     frames = Frames(model)
@@ -101,7 +111,8 @@ def _mechanism(
     _note_inertias(frames, bodies)
     ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
     sites = {name: (place.body, place.pose) for name, place in markers(model, frames).items() if place.body in bodies}
-    return Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin)
+    stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
+    return Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
 
 
 def _without(tree: Tree, beyond: Sequence[str]) -> Tree:
