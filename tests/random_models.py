@@ -26,24 +26,57 @@ ARM = """
 CHAINS = ([], ["hinge"], ["slide"], ["ball"], ["hinge", "hinge"], ["slide", "hinge"], ["slide", "slide", "ball"])
 """Joints of one body, the first next to its parent; MuJoCo allows no hinge beside a ball."""
 
+CLASSES = """
+<default><joint damping=".4" armature=".2"/>
+  <default class="dry"><joint frictionloss=".3"/>
+    <default class="sprung"><joint stiffness="2" springref="-.4"/></default>
+  </default>
+  <default class="tuned"><joint springdamper=".3 .7" armature="1.5"/></default>
+</default>
+"""
+"""Classes of driven joints."""
+
 
 def numbers(x):
     return " ".join(map(repr, np.asarray(x).tolist()))
 
 
-def random_model(rng, bodies, floating=False):
-    """Random axes, anchors and references, turned body and inertial frames, branches, welded bodies."""
+def drive_attributes(rng, kind):
+    """A class, numbers of its own, or both, for a joint."""
+    stated = {
+        "class": str(rng.choice(["dry", "sprung", "tuned"])),
+        "damping": f"{rng.uniform(0, 1):.3f}",
+        "frictionloss": f"{rng.uniform(0, 1):.3f}",
+        "armature": f"{rng.uniform(0.1, 1):.3f}",
+        "stiffness": f"{rng.uniform(0, 5):.3f}",
+        **({"springref": f"{rng.normal():.3f}"} if kind in ("hinge", "slide") else {}),
+    }
+    return "".join(f' {key}="{value}"' for key, value in stated.items() if rng.random() < 0.5)
+
+
+def random_model(rng, bodies, floating=False, drives=None):
+    """Random axes, anchors and references, turned body and inertial frames, branches, welded bodies.
+
+    Args:
+        rng: Random numbers.
+        bodies: Number of bodies.
+        floating: True for a free joint under the first one.
+        drives: Random numbers for drives of the joints, None without drives.
+    """
+
+    def driven(kind):
+        return drive_attributes(drives, kind) if drives else ""
 
     def joint(name, kind):
         axis = f' axis="{numbers(unit_vector(rng))}" ref="{rng.normal():.3f}"' if kind != "ball" else ""
         position = f' pos="{numbers(rng.normal(size=3))}"'
-        return f'<joint name="{name}" type="{kind}"{position}{axis}/>'
+        return f'<joint name="{name}" type="{kind}"{position}{axis}{driven(kind)}/>'
 
     def body(i):
         chain = CHAINS[rng.choice(len(CHAINS), p=[0.15, 0.3, 0.15, 0.1, 0.1, 0.1, 0.1])] if i else []
         joints = "".join(joint(f"j{i}{'abc'[k]}", kind) for k, kind in enumerate(chain))
         if i == 0:
-            joints = '<freejoint name="root"/>' if floating else '<site name="ground"/>'
+            joints = f'<joint type="free" name="root"{driven("free")}/>' if floating else '<site name="ground"/>'
         principal = np.sort(rng.uniform(0.1, 1, 3))
         principal[2] = min(principal[2], 0.9 * (principal[0] + principal[1]))
         children = "".join(body(k) for k in range(1, bodies) if parents[k] == i)
@@ -56,7 +89,7 @@ def random_model(rng, bodies, floating=False):
     parents = [-1] + [int(rng.integers(0, k)) for k in range(1, bodies)]
     sensors = "" if floating else '<force site="ground"/><torque site="ground"/>'
     return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><option gravity="{numbers(3 * rng.normal(size=3))}"/>'
+        f'<mujoco><compiler angle="radian"/>{CLASSES if drives else ""}<option gravity="{numbers(3 * rng.normal(size=3))}"/>'
         f"<worldbody>{body(0)}</worldbody><sensor>{sensors}</sensor></mujoco>"
     )
 
