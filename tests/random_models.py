@@ -88,8 +88,9 @@ def random_model(rng, bodies, floating=False, drives=None):
 
     parents = [-1] + [int(rng.integers(0, k)) for k in range(1, bodies)]
     sensors = "" if floating else '<force site="ground"/><torque site="ground"/>'
+    classes = CLASSES if drives else ""
     return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/>{CLASSES if drives else ""}<option gravity="{numbers(3 * rng.normal(size=3))}"/>'
+        f'<mujoco><compiler angle="radian"/>{classes}<option gravity="{numbers(3 * rng.normal(size=3))}"/>'
         f"<worldbody>{body(0)}</worldbody><sensor>{sensors}</sensor></mujoco>"
     )
 

@@ -73,4 +73,6 @@ def test_friction_of_a_joint_at_rest_is_zero_and_has_its_sign_beyond():
     friction = stated_drive_torques(arm, Motion(q, dq, q)) - 1.5 * dq
     np.testing.assert_allclose(friction[:, 1], [0, 2, -2], atol=1e-3)
     assert not friction[:, [0, 2, 3]].any()
-    assert arm.drives["shoulder"] == Drive(viscous=1.5, coulomb=2.0, rotor=0.25, actuators=arm.drives["shoulder"].actuators)
+    assert arm.drives["shoulder"] == Drive(
+        viscous=1.5, coulomb=2.0, rotor=0.25, actuators=arm.drives["shoulder"].actuators
+    )

@@ -1,1 +1,258 @@
-"""Drives of joints as models state them, and the torques that they add, against MuJoCo's inverse dynamics."""
+"""Drives of joints as MJCF, URDF and OpenSim files state them."""
+
+import pickle
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from opensim_files import Joint, coordinate, coupler, document, linear
+
+import sim
+from ident.errors import ModelError
+from ident.mechanism.drives import Actuator, Drive
+from sim.models.mechanism import mechanism
+from sim.models.notes import ModelNote
+
+ARM = """
+<mujoco><compiler angle="radian"/>
+  <default><joint damping=".5"/>
+    <default class="geared"><joint armature=".2" frictionloss=".1"/><motor gear="50"/></default>
+  </default>
+  <worldbody><body name="base"><geom size=".1"/>
+    <body name="upper"><joint name="shoulder"/><geom size=".1"/>
+      <body name="lower" childclass="geared"><joint name="elbow" {elbow}/><geom size=".1"/></body>
+    </body>
+  </body></worldbody>
+  <actuator>{actuators}</actuator>
+</mujoco>
+"""
+
+
+def arm(elbow="", actuators="", **options):
+    return mechanism(mujoco.MjModel.from_xml_string(ARM.format(elbow=elbow, actuators=actuators)), **options)
+
+
+def test_defaults_and_classes_count():
+    assert arm().drives == {"shoulder": Drive(viscous=0.5), "elbow": Drive(viscous=0.5, coulomb=0.1, rotor=0.2)}
+    own = arm('damping="0" stiffness="3" springref=".7"').drives["elbow"]
+    assert own == Drive(coulomb=0.1, rotor=0.2, stiffness=3, springref=0.7)
+
+
+def test_a_spring_with_a_time_constant_is_what_the_compiler_makes_of_it():
+    model = mujoco.MjModel.from_xml_string(ARM.format(elbow='springdamper=".1 1"', actuators=""))
+    drive = mechanism(model).drives["elbow"]
+    assert drive.stiffness == model.jnt_stiffness[1] > 0
+    assert drive.viscous == model.dof_damping[1] > 0.5
+
+
+def test_what_a_model_disables_is_no_drive():
+    spec = mujoco.MjSpec.from_string(ARM.format(elbow='stiffness="2"', actuators=""))
+    names = [name for name in ("SPRING", "DAMPER", "PASSIVE") if hasattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")]
+    for name in (*names, "FRICTIONLOSS"):
+        spec.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}"))
+    assert mechanism(spec).drives == {"elbow": Drive(rotor=0.2)}
+
+
+def test_actuators_have_their_gear_and_gains():
+    actuators = """
+    <motor name="m" class="geared" joint="elbow" forcerange="-2 3"/>
+    <position name="p" joint="elbow" kp="10" kv="2" gear="5"/>
+    <velocity name="v" joint="elbow" kv="3"/>
+    <general joint="elbow" gaintype="fixed" gainprm="2" biastype="affine" biasprm="1 -4 -5"/>
+    <damper name="d" joint="elbow" kv="1" ctrlrange="0 1"/>
+    """
+    found = arm(actuators=actuators).drives["elbow"].actuators
+    assert found == (
+        Actuator("m", gear=50, forcerange=(-2, 3)),
+        Actuator("p", gear=5, gain=10, kp=10, kv=2),
+        Actuator("v", gain=3, kv=3),
+        Actuator("actuator3", gain=2, kp=4, kv=5, bias=1),
+        Actuator("d", gain=0),
+    )
+    assert [each.kind for each in found] == ["motor", "position", "velocity", "general", "general"]
+
+
+@pytest.mark.skipif(not hasattr(mujoco.MjModel, "actuator_armature"), reason="this MuJoCo's actuators have no rotors")
+def test_rotors_of_actuators_count_with_the_square_of_their_gear():
+    actuators = '<motor name="m" joint="shoulder" gear="-10" armature=".02" damping=".003"/>'
+    drive = arm(actuators=actuators).drives["shoulder"]
+    assert (drive.viscous, drive.rotor) == (0.5, 0.0)
+    assert (drive.all_viscous, drive.all_rotor) == pytest.approx((0.8, 2.0))
+
+
+@pytest.mark.skipif(not hasattr(mujoco.MjModel, "dof_dampingpoly"), reason="this MuJoCo's dampers are linear")
+@pytest.mark.parametrize("elbow", ['damping="1 .5"', 'stiffness="1 .5"'])
+def test_what_is_not_linear_is_noted(elbow):
+    with pytest.warns(ModelNote, match="The drives of elbow are more than a spring"):
+        arm(elbow)
+
+
+@pytest.mark.parametrize(
+    ("elbow", "message"),
+    [
+        ('damping="-.3"', "Joint 'elbow' needs a damping of at least 0, got -0.3."),
+        ('frictionloss="-1"', "Joint 'elbow' needs a Coulomb friction of at least 0, got -1."),
+        ('armature="-2"', "Joint 'elbow' needs a rotor inertia of at least 0, got -2."),
+        ('stiffness="-2"', "Joint 'elbow' needs a stiffness of at least 0, got -2."),
+    ],
+)
+def test_impossible_numbers_are_refused(elbow, message):
+    with pytest.raises(ModelError) as error:
+        arm(elbow)
+    assert str(error.value) == message
+    assert arm(elbow, drives=False).drives == {}
+
+
+@pytest.mark.parametrize(
+    ("drives", "message"),
+    [
+        ({"knee": Drive()}, "drives names 'knee', which is none of shoulder, elbow."),
+        ({"elbow": 3}, "drives needs a Drive by the name of each driven freedom"),
+        ([Drive()], "drives needs a Drive by the name of each driven freedom"),
+        ({"elbow": Drive(viscous=np.nan)}, "Joint 'elbow' needs a finite damping, got nan."),
+        ({"elbow": Drive(springref="low")}, "Joint 'elbow' needs a finite spring reference, got low."),
+        (
+            {"elbow": Drive(actuators=(Actuator("m", gear=np.inf),))},
+            "Actuator 'm' of joint 'elbow' needs a finite gear",
+        ),
+        (
+            {"elbow": Drive(actuators=(Actuator("m", rotor=-1),))},
+            "'elbow' needs a rotor inertia of at least 0, got -1.",
+        ),
+    ],
+)
+def test_drives_given_in_python_are_checked(drives, message):
+    with pytest.raises(ModelError) as error:
+        replace(arm(), drives=drives)
+    assert message in str(error.value)
+
+
+def test_drives_stay_with_their_joints():
+    whole = arm()
+    assert whole.beyond("lower").drives == {}
+    assert arm(fix={"elbow": []}).drives.keys() == {"shoulder"}
+    assert whole.fixed({"shoulder": [0.3]}).drives.keys() == {"elbow"}
+    assert arm(merge_welds=True).drives == arm(base="base").drives == whole.drives
+    assert arm(base="upper").drives.keys() == {"elbow"}
+    assert pickle.loads(pickle.dumps(replace(whole, source=None))).drives == whole.drives
+
+
+def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():
+    text = """<mujoco><worldbody><body><joint type="free" name="root" damping="2" stiffness="3"/><geom size=".1"/>
+    </body></worldbody></mujoco>"""
+    found = mechanism(mujoco.MjModel.from_xml_string(text))
+    assert tuple(found.drives) == found.tree.freedoms
+    assert set(found.drives.values()) == {Drive(viscous=2, stiffness=3)}
+
+
+URDF = """<robot name="r"><link name="base"/>
+<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="elbow" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/>{dynamics}</joint>{transmission}</robot>"""
+
+
+def urdf(tmp_path, dynamics="", transmission=""):
+    path = tmp_path / "r.urdf"
+    path.write_text(URDF.format(dynamics=dynamics, transmission=transmission))
+    return mechanism(path)
+
+
+def test_a_urdf_file_states_damping_and_friction(tmp_path):
+    drives = urdf(tmp_path, '<dynamics damping=".3" friction=".4"/>').drives
+    assert drives == {"elbow": Drive(viscous=0.3, coulomb=0.4)}
+    assert not urdf(tmp_path).drives
+    with pytest.raises(ModelError, match=r"^Joint 'elbow' needs a damping of at least 0, got -0.3.$"):
+        urdf(tmp_path, '<dynamics damping="-.3"/>')
+
+
+@pytest.mark.parametrize(
+    ("inside", "actuator"),
+    [
+        ('<joint name="elbow"/><actuator name="m"><mechanicalReduction>50</mechanicalReduction></actuator>', ("m", 50)),
+        ('<joint name="elbow"/><actuator name="m"/><mechanicalReduction>-2</mechanicalReduction>', ("m", -2)),
+        ('<joint name="elbow"><mechanical_reduction>3.5</mechanical_reduction></joint>', ("t", 3.5)),
+        ('<joint name="elbow"/><actuator name="m"/>', ("m", 1)),
+    ],
+)
+def test_a_transmission_is_an_actuator_with_its_reduction_as_gear(tmp_path, inside, actuator):
+    drives = urdf(tmp_path, transmission=f'<transmission name="t">{inside}</transmission>').drives
+    assert drives == {"elbow": Drive(actuators=(Actuator(*actuator),))}
+
+
+def test_transmissions_of_several_or_unknown_joints_are_left_out(tmp_path):
+    for joints in ('<joint name="elbow"/><joint name="wrist"/>', '<joint name="wrist"/>', ""):
+        assert not urdf(tmp_path, transmission=f'<transmission name="t">{joints}</transmission>').drives
+
+
+@pytest.mark.parametrize("stated", ["fifty", "0", "inf"])
+def test_a_reduction_is_a_number(tmp_path, stated):
+    inside = f'<joint name="elbow"/><actuator name="m"><mechanicalReduction>{stated}</mechanicalReduction></actuator>'
+    with pytest.raises(ModelError, match=rf"transmission 't' needs a reduction that is .* got '{stated}'\.$"):
+        urdf(tmp_path, transmission=f'<transmission name="t">{inside}</transmission>')
+
+
+def leg(tmp_path, *forces, **options):
+    """A leg in OpenSim's format: a hip, a locked ankle, and a kneecap that follows the knee."""
+    joints = [
+        Joint("PinJoint", "a", "ground", "thigh", [coordinate("hip")]),
+        Joint("PinJoint", "b", "thigh", "shank", [coordinate("knee")]),
+        Joint("PinJoint", "c", "shank", "patella", [coordinate("kneecap")]),
+        Joint("PinJoint", "d", "shank", "foot", [coordinate("ankle", locked=True)]),
+    ]
+    phi = {joint.child: np.array([1.0, 0, 0, 0, 1, 1, 1, 0, 0, 0]) for joint in joints}
+    text = document(joints, phi, constraints=coupler("knee", "kneecap", linear(0.5)))
+    path = tmp_path / "leg.osim"
+    path.write_text(text.replace("<ForceSet><objects>", f"<ForceSet><objects>{''.join(forces)}"))
+    return sim.mechanism(path, **options)
+
+
+def force(kind, name, on, **numbers):
+    inside = "".join(f"<{key}>{x}</{key}>" for key, x in numbers.items())
+    return f'<{kind} name="{name}"><coordinate>{on}</coordinate>{inside}</{kind}>'
+
+
+def spring(name, on, **numbers):
+    return force("SpringGeneralizedForce", name, on, **numbers)
+
+
+def test_springs_and_dampers_of_coordinates_are_drives(tmp_path):
+    forces = (
+        spring("s", "hip", stiffness=3, rest_length=0.25, viscosity=0.4),
+        spring("u", "/jointset/a/hip", stiffness=1, rest_length=-0.75, viscosity=0.1),
+        spring("d", "knee", viscosity=0.7),
+        spring("off", "knee", viscosity=1, appliesForce="false"),
+        spring("old", "knee", viscosity=1, isDisabled="true"),
+        spring("locked", "ankle", stiffness=9),
+    )
+    drives = leg(tmp_path, *forces).drives
+    assert drives == {"hip": Drive(viscous=0.5, stiffness=4, springref=0.0), "knee": Drive(viscous=0.7)}
+    assert leg(tmp_path, *forces, fix={"hip": []}).drives.keys() == {"knee"}
+    assert not leg(tmp_path, *forces, drives=False).drives
+    assert not leg(tmp_path).drives
+
+
+def test_forces_of_coordinates_that_are_left_out_are_noted(tmp_path):
+    with pytest.warns(ModelNote, match="The springs s of coordinates that follow others are left out"):
+        assert not leg(tmp_path, spring("s", "kneecap", stiffness=1)).drives
+    limit = {"upper_stiffness": 20, "lower_stiffness": 20, "damping": 1, "transition": 2}
+    with pytest.warns(ModelNote, match="The forces stop begin inside their coordinates' ranges"):
+        leg(tmp_path, force("CoordinateLimitForce", "stop", "hip", upper_limit=60, lower_limit=-90, **limit))
+    assert not leg(
+        tmp_path, force("CoordinateLimitForce", "stop", "hip", upper_limit=86, lower_limit=-86, **limit)
+    ).drives
+
+
+@pytest.mark.parametrize(
+    ("force", "message"),
+    [
+        (spring("s", "hip", stiffness=-1), "Joint 'hip' needs a stiffness of at least 0, got -1."),
+        (spring("s", "hip", viscosity="x"), '<SpringGeneralizedForce name="s"> needs a finite number in <viscosity>'),
+        (spring("s", "toe"), "<SpringGeneralizedForce name=\"s\"> needs a coordinate of the model, got 'toe'."),
+    ],
+)
+def test_bad_springs_are_refused(tmp_path, force, message):
+    with pytest.raises(ModelError) as error:
+        leg(tmp_path, force)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
