@@ -42,10 +42,10 @@ class Actuator:
     @property
     def kind(self) -> str:
         """One of `motor`, `position`, `velocity` and, for any other feedback, `general`."""
-        if not (self.kp or self.kv or self.bias):
-            return "motor"
         if self.bias or not self.gain:
             return "general"
+        if not (self.kp or self.kv):
+            return "motor"
         return "position" if self.gain == self.kp else "velocity" if not self.kp and self.gain == self.kv else "general"
 
 
