@@ -1,12 +1,17 @@
 """Joint torques by the model as it came, its drives among them, against MuJoCo's inverse dynamics."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
-from random_models import random_model, random_model_states
+from random_models import ARM, random_model, random_model_states
 
+import ident
 import sim
+from ident.estimation.preparation import predicted_channels, prepared
 from ident.estimation.stated_drives import stated_drive_torques
+from ident.judgement.torque_checks import torque_checks
 from ident.mechanism.drives import Drive
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
@@ -76,3 +81,58 @@ def test_friction_of_a_joint_at_rest_is_zero_and_has_its_sign_beyond():
     assert arm.drives["shoulder"] == Drive(
         viscous=1.5, coulomb=2.0, rotor=0.25, actuators=arm.drives["shoulder"].actuators
     )
+
+
+SPRUNG = ARM.replace('name="shoulder"', 'name="shoulder" stiffness="80" springref="40"').replace(
+    'name="elbow"', 'name="elbow" frictionloss=".3"'
+)
+
+
+def recorded(text, rates=True):
+    """Angles and torques of an arm by MuJoCo, with little noise."""
+    model, rng, time = mujoco.MjModel.from_xml_string(text), np.random.default_rng(0), np.arange(0, 12, 0.02)
+    size, rate, phase = rng.uniform(0.2, 0.4, (2, 3)), np.array([1.1, 2.3, 3.7]), rng.uniform(0, 6, (2, 3))
+    angle = time[:, None, None] * rate + phase
+    q, dq, ddq = ((size * x).sum(axis=2) for x in (np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle)))
+    torques = by_mujoco(model, q, dq, ddq)[0] + 0.01 * rng.normal(size=q.shape)
+    states = {"position": q + (0 if rates else 1e-4) * rng.normal(size=q.shape)}
+    states |= {"velocity": dq, "acceleration": ddq} if rates else {}
+    channels = {
+        f"{joint}_{kind}": x[:, k]
+        for k, joint in enumerate(("shoulder", "elbow"))
+        for kind, x in {**states, "torque": torques}.items()
+    }
+    return sim.mechanism(model, base="base"), ident.Recording(time, channels)
+
+
+@pytest.mark.parametrize("estimator", ["ordinary", "weighted", "trajectory"])
+def test_the_model_as_it_came_predicts_with_its_drives_and_the_estimate_is_the_same(estimator):
+    arm, recording = recorded(SPRUNG, rates=estimator != "trajectory")
+    drive = ("viscous", "coulomb", "rotor")
+    driven, bare = (
+        ident.identify(each, recording, estimator=estimator, drive=drive) for each in (arm, replace(arm, drives={}))
+    )
+    np.testing.assert_array_equal(driven.fit.values, bare.fit.values)
+    np.testing.assert_array_equal(driven.held_out.residual, bare.held_out.residual)
+    # Near its reversals MuJoCo's friction follows the acceleration.
+    assert (driven.rivals["model"] < [0.01, 0.15]).all()
+    assert (driven.rivals["model"] < 0.2 * bare.rivals["model"]).all()
+
+
+def test_a_spring_that_the_model_states_is_part_of_the_torque_that_is_checked():
+    arm, recording = recorded(SPRUNG)
+    with_spring, without = (torque_checks(prepared(each, recording)) for each in (arm, replace(arm, drives={})))
+    assert with_spring.joints[0].gain == pytest.approx(1, abs=0.01)
+    assert with_spring.joints[0].error < 0.01 < without.joints[0].error
+
+
+def test_predicted_channels_have_drives_in_torques_only():
+    arm, recording = recorded(SPRUNG)
+    motion = prepared(arm, recording).samples.motion
+    driven, bare = (
+        predicted_channels(each, motion, np.eye(4), torques=True) for each in (arm, replace(arm, drives={}))
+    )
+    for k, joint in enumerate(arm.tree.freedoms):
+        own = stated_drive_torques(arm, motion)[:, k]
+        np.testing.assert_allclose(driven.pop(joint) - bare.pop(joint), own, atol=1e-12 * abs(own).max())
+    assert all((driven[name] == bare[name]).all() for name in bare)
