@@ -3,7 +3,7 @@
     identify(mechanism, recording)                       base parameters from a recording, judged: an `Estimate`
     identify_payload(robot, recording, …)                parameters of a load beyond a wrist sensor
     Estimate                                             ψ and covariance; predict, compare, consistent, verdict
-    Mechanism                                            a tree with gravity, prior φ, sites and ranges
+    Mechanism                                            a tree with gravity, prior φ, sites, ranges, drives
     Motion                                               joint states over time, and motion of the base
     BaseMotion                                           poses, twists and accelerations of a base
     Tree                                                 bodies and their joints
