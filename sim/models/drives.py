@@ -40,8 +40,9 @@ def drives_of_model(
     joints = [j for j in range(model.njnt) if set(freedom_names(model, j)) & set(freedoms)]
     out: dict[str, Drive] = {}
     for j in joints:
-        actuators = [*_actuators(model, j), *(transmissions or {}).get(joint_name(model, j), ())]
-        for name, drive in zip(freedom_names(model, j), _drives(model, j, tuple(actuators)), strict=True):
+        names, geared = freedom_names(model, j), (transmissions or {}).get(joint_name(model, j), ())
+        actuators = (*_actuators(model, j), *geared) if len(names) == 1 else ()
+        for name, drive in zip(names, _drives(model, j, actuators), strict=True):
             if drive != NO_DRIVE and name in freedoms:
                 out[name] = drive
     _note_left_out(model, joints)
@@ -85,8 +86,6 @@ def _unless_disabled(model: mujoco.MjModel, part: str, value: float) -> float:
 
 def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
     """Actuators on a hinge or slide."""
-    if model.jnt_type[j] in (_FREE, _BALL):
-        return
     for a in _acting_on(model, j):
         own: dict[str, Any] = {
             "gear": float(model.actuator_gear[a, 0]),

@@ -119,7 +119,7 @@ def named_replay(names):
     arm = mechanism(scenes.load("double_pendulum"), "base")
     tree, body = arm.tree, arm.tree.bodies[0]
     bodies = tuple(replace(body, name=name) for name in names)
-    arm = replace(arm, tree=replace(tree, bodies=bodies), prior=None, source=None)
+    arm = replace(arm, tree=replace(tree, bodies=bodies), prior=None, source=None, drives={})
     still = Motion(*np.zeros((3, 2, 0)))
     recording = Recording(np.arange(2.0), {"ground_force": np.ones((2, 3)), "ground_torque": np.zeros((2, 3))})
     return Replay(arm, recording, still, [(names[0], "N")], np.arange(2), {"measured": np.ones((2, 1))})

@@ -76,7 +76,7 @@ def test_no_name_of_a_joint_hides_that_it_is_absent(tmp_path, name):
         replace(body, joint={"joint1": "first", "joint2": name}.get(body.joint, body.joint))
         for body in mechanism.tree.bodies
     ]
-    renamed = replace(mechanism, tree=replace(mechanism.tree, bodies=tuple(bodies)))
+    renamed = replace(mechanism, tree=replace(mechanism.tree, bodies=tuple(bodies)), drives={})
     r = recording()
     columns = {"time": r.time, "first_motor": r["joint1_position"], "first_load": r["joint1_position"]}
     _, belief = believed_of(tmp_path, None, columns | {"room": np.sin(r.time)}, renamed)
