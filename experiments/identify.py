@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from experiments.cli import options, own_model, print_options, running
 from ident.errors import InputError
 from ident.setup import OWN
-from ident.tolerances import DRIVE, HOLDOUT
+from ident.tolerances import HOLDOUT
 
 if TYPE_CHECKING:
     from ident.estimation.preparation import Prepared
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> None:
     folder = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"filters": args.estimator != "trajectory"}
-    read |= {"drive": tuple(args.drive), "leave_out": tuple(args.leave_out)}
+    read |= {"drive": options.drives(args.drive), "leave_out": tuple(args.leave_out)}
     read |= {"ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
     read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args), "packages": args.packages}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
@@ -136,7 +136,7 @@ def parser() -> argparse.ArgumentParser:
     options.add_film(out)
     otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
-    out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
+    options.add_drive(out)
     out.add_argument(
         "--leave-out",
         nargs="*",

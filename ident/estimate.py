@@ -22,7 +22,9 @@ from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.summary import summary
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Precision, Verdict
+from ident.mechanism.drives import Drive
 from ident.mechanism.motion import Motion
+from ident.model.stated import with_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
@@ -168,7 +170,24 @@ class Estimate:
         mechanism = self.prepared.mechanism
         known = {**KNOWN, **self.prepared.recording.known}
         std = np.sqrt(np.diag(known_covariance(mechanism, self.base, known)))
-        return (self.psi - self.base.regroup(mechanism.known)) / std
+        return (self.psi - self.fit.equations.from_model[: self.base.rank]) / std
+
+    @property
+    def drives(self) -> dict[str, Drive]:
+        """Friction, rotor inertia and springs by joint: fitted ones, else the model's."""
+        fitted = slice(self.base.rank, self.base.rank + len(self.fit.equations.drives))
+        values = dict(zip(self.fit.equations.drives, self.fit.values[fitted].tolist(), strict=True))
+        return with_values(self.prepared.mechanism, values)
+
+    @property
+    def psi_of_links(self) -> np.ndarray:
+        """Base parameters less what the model's rotors and friction without a column of their own add to them (r,)."""
+        return self.psi - self.fit.equations.from_drives[: self.base.rank]
+
+    @property
+    def psi_updated(self) -> np.ndarray:
+        """Base parameters of the physical bodies with the same rotors and friction, as of the updated model (r,)."""
+        return self.consistent().psi + self.fit.equations.from_drives[: self.base.rank]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -278,7 +297,7 @@ class Estimate:
         arm = self.prepared.mechanism
         known = {**KNOWN, **self.prepared.recording.known}
         return consistent_parameters(
-            self.psi, self.covariance, self.base, arm.known, bodies=arm.bodies, masses=known["mass"]
+            self.psi_of_links, self.covariance, self.base, arm.known, bodies=arm.bodies, masses=known["mass"]
         )
 
     def consistent(self) -> ConsistentParameters:
@@ -366,9 +385,9 @@ class Estimate:
         return {"correlated": self.trajectory.coloured, "left_out_errors": errors}
 
     def __str__(self) -> str:
-        prior, rank = self.base.regroup(self.prepared.mechanism.known), self.base.rank
+        prior, rank = self.fit.equations.from_model, self.base.rank
         expressions = self.base.expressions(4)
-        rows = zip(self.base.names, self.psi, self.std, self.std_setup, prior, expressions, strict=True)
+        rows = zip(self.base.names, self.psi, self.std, self.std_setup, prior[:rank], expressions, strict=True)
         lines = [
             f"{name:<8} {value:12.4f} ± {std:<9.2g} {wider:<9.2g} {before:10.4f}  {regrouping:.56}"
             for name, value, std, wider, before, regrouping in rows

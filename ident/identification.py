@@ -64,7 +64,7 @@ def identify(
     *,
     estimator: str = "trajectory",
     cutoff: str | float | None = None,
-    drive: Sequence[str] = (),
+    drive: Sequence[str] | None = None,
     leave_out: Sequence[str] = (),
     offsets: bool = True,
     holdout: float = HOLDOUT,
@@ -83,7 +83,9 @@ def identify(
         estimator: As for `identified`; so are `offsets`, `holdout`, `own`, `setup`, `known` and `physical`.
         cutoff: Cut-off of the low-pass for least squares in Hz, `auto`, or None for the recording's own velocities and
             accelerations. The trajectory estimate has none, and uses joint coordinates alone.
-        drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`, `stribeck`.
+        drive: Columns of drives for joint torques, out of `rotor`, `viscous`, `coulomb`, `stribeck` and `spring`; by
+            default rotor inertia, viscous and Coulomb friction of all joints, and the springs that the model has. The
+            model's values are a prior where its bodies are one.
         leave_out: Channels that are neither fitted nor judged, as `Fz`, `Mx` and `My` of a model that moves in the
             plane normal to z; joints' names for joint torques.
         held_out: Other recordings to judge by.

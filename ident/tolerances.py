@@ -31,10 +31,23 @@ KILONEWTONS = 500.0
 HOLDOUT = 0.4
 """Fraction of a recording, its end, that is held out."""
 
-DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc", "stribeck": "Fs"}
+DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc", "stribeck": "Fs", "spring": "K"}
 """Column names of the drives' torques: rotor inertia (kg m²) times acceleration, viscous friction (N m s) times
-velocity, Coulomb friction (N m) times the sign of velocity, and Stribeck friction (N m), additional at low velocity,
-times the sign over `1 + (q̇ / STRIBECK)²` (Hess and Soom, J. Tribology 112, 1990)."""
+velocity, Coulomb friction (N m) times the sign of velocity, Stribeck friction (N m), additional at low velocity,
+times the sign over `1 + (q̇ / STRIBECK)²` (Hess and Soom, J. Tribology 112, 1990), and stiffness (N m/rad) times the
+coordinate less the model's spring reference."""
+
+DRIVE_UNITS = {
+    "Ia": ("kg m²", "kg"),
+    "Fv": ("N m s", "N s/m"),
+    "Fc": ("N m", "N"),
+    "Fs": ("N m", "N"),
+    "K": ("N m/rad", "N/m"),
+}
+"""Units of drives by their columns, of joints that turn and of those that slide."""
+
+USUAL_DRIVE = ("rotor", "viscous", "coulomb")
+"""Kinds that every driven joint has: fitted by default where its torque is measured."""
 
 STRIBECK = 0.1
 """Velocity at which the Stribeck friction has halved, rad/s or m/s."""

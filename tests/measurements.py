@@ -6,6 +6,7 @@ from mechanisms import JOINTS, random_phi, random_pose, random_tree
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.measurement import Measurement
 from ident.estimation.setup import setup_parameters
+from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import drive_names
 from ident.parameters.base_parameters import find_base_parameters
@@ -19,7 +20,8 @@ def random_measurement(
 ):
     """Measurement with all kinds of channels, set-up parameters, drives and offsets that are asked for."""
     tree, gravity = random_tree(rng, bodies, kinds), 5 * rng.normal(size=3)
-    mechanism = Mechanism(tree, gravity, random_phi(rng, len(tree.inertial)))
+    springs = {name: Drive(springref=rng.normal()) for name in tree.freedoms if name in tree.joints}
+    mechanism = Mechanism(tree, gravity, random_phi(rng, len(tree.inertial)), drives=springs)
     n, components = len(tree.freedoms) if torques else 0, tuple(components) if wrench else ()
     sensors = Sensors(base_wrench=wrench, joint_torques=n > 0, moving_base=moving)
     parameters = find_base_parameters(tree, gravity=gravity, sensors=sensors)

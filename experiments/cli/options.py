@@ -11,6 +11,7 @@ import scenes
 from experiments.cli.print_options import add_print
 from experiments.data.defaults import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from ident.errors import InputError
+from ident.tolerances import DRIVE
 
 if TYPE_CHECKING:
     from experiments.runs.workers import Workers
@@ -197,6 +198,25 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
         except ValueError:
             raise InputError(f"--fix takes a joint and where it stands, got {' '.join((joint, *values))}.") from None
     return coordinates
+
+
+def add_drive(parser: argparse.ArgumentParser, default: str = "auto") -> None:
+    """Adds the choice of drives; `drives` returns it."""
+    parser.add_argument(
+        "--drive",
+        nargs="*",
+        choices=("auto", "none", *DRIVE),
+        default=[default],
+        help="drives to determine from joint torques; auto: rotor inertia, viscous and Coulomb friction of all joints, "
+        "and the model's springs",
+    )
+
+
+def drives(given: Sequence[str]) -> tuple[str, ...] | None:
+    """Kinds of drives to fit, as for `ident.identify`; None for the default."""
+    if len(given) > 1 and (alone := {"auto", "none"}.intersection(given)):
+        raise InputError(f"--drive takes {alone.pop()} alone, or a list out of {', '.join(DRIVE)}.")
+    return None if list(given) == ["auto"] else tuple(kind for kind in given if kind != "none")
 
 
 def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:

@@ -70,7 +70,7 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
     """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
     arm, shown = result.prepared.mechanism, _shown(result, layout)
     value, std = result.psi[shown], result.std_setup[shown]
-    prior = result.base.regroup(arm.known)[shown]
+    prior = result.fit.equations.from_model[shown]
     size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
     size = np.where(size > 0, size, 1)
     names = [symbols.named_symbol(result.base.names[k], arm.bodies) for k in shown]
@@ -102,7 +102,7 @@ def _wanted(result: Estimate, layout: Layout) -> list[int]:
 
 def _shown(result: Estimate, layout: Layout) -> list[int]:
     """Indices of the wanted parameters; if too many for a page, those with the narrowest relative intervals."""
-    prior = result.base.regroup(result.prepared.mechanism.known)
+    prior = result.fit.equations.from_model[: result.base.rank]
     relative = result.std_setup / np.maximum(np.maximum(np.abs(result.psi), np.abs(prior)), 1e-300)
     narrowest = sorted(_wanted(result, layout), key=relative.__getitem__)
     return sorted(narrowest[: row_panels.most_rows()])

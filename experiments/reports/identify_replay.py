@@ -24,8 +24,8 @@ def replay(result: Estimate) -> Replay:
     arm, samples, time = log.mechanism, log.samples, log.recording.time
     fits = {
         "predicted": result.fit,
-        "with the model's own bodies": result.fit.with_psi(result.base.regroup(arm.known)),
-        "with the updated model's": result.fit.with_psi(result.consistent().psi),
+        "with the model's own bodies": result.fit.with_psi(result.fit.equations.from_model[: result.base.rank]),
+        "with the updated model's": result.fit.with_psi(result.psi_updated),
     }
     drawn = every_nth(len(time), len(result.channels) * (1 + len(fits)))
     motion = samples.motion[drawn]
@@ -68,7 +68,7 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {own}".rstrip()
     text += f", 95 % interval {value - HALF_WIDTH * std:.4g} to {value + HALF_WIDTH * std:.4g}"
     if k < base.rank:
-        text += f"; the model as it came has {float(base.regroup(arm.known)[k]):.4g}"
+        text += f"; the model as it came has {float(result.fit.equations.from_model[k]):.4g}"
     body = body_index(name) if k < base.rank else None
     return {
         "name": name,

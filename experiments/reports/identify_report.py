@@ -25,7 +25,7 @@ from ident.estimate import Estimate
 from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.several_files import name_of
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE_UNITS
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
@@ -36,8 +36,9 @@ OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim")
 def parameters_table(result: Estimate) -> tabular.Table:
     """Base parameters with their uncertainty beside the model's own."""
     base, fit = result.base, result.fit
-    prior = base.regroup(result.prepared.mechanism.known)
-    priors = [*prior.tolist(), *[None] * (len(result.names) - base.rank)]
+    model = fit.equations.from_model.tolist()
+    priors = [*model[: base.rank], *(x or None for x in model[base.rank :])]
+    priors += [None] * (len(result.names) - len(priors))
     regroupings = [*base.expressions(digits=4), *[""] * (len(result.names) - base.rank)]
     wider = np.sqrt(np.diag(result.covariance_setup))
     columns = {
@@ -76,9 +77,7 @@ def coefficient_unit(result: Estimate, name: str) -> str:
         return own
     kind, _, of = name.removesuffix(")").partition("(")
     unit = channel_unit(result, of)
-    turns = {DRIVE["rotor"]: "kg m²", DRIVE["viscous"]: "N m s"}
-    slides = {DRIVE["rotor"]: "kg", DRIVE["viscous"]: "N s/m"}
-    return (slides if unit == "N" else turns).get(kind, unit)
+    return DRIVE_UNITS[kind][unit == "N"] if kind in DRIVE_UNITS else unit
 
 
 def _relative(value: float, std: float) -> str:
@@ -99,7 +98,7 @@ def quality_table(result: Estimate) -> tabular.Table:
             held.ratio,
             held.relative_rms,
             *rivals,
-            held.ratio_with(result.consistent().psi),
+            held.ratio_with(result.psi_updated),
             result.correlation,
             ["not explained by this motion" if c in result.unexplained else "" for c in result.channels],
             strict=True,

@@ -26,7 +26,7 @@ def prepare(
     columns: Path | None = None,
     cutoff: str | float | None = None,
     filters: bool = True,
-    drive: Sequence[str] = (),
+    drive: Sequence[str] | None = None,
     leave_out: Sequence[str] = (),
     ignore: Sequence[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
@@ -43,7 +43,7 @@ def prepare(
         base: Body whose frame is {0}, by default the world.
         columns: Mapping of the log's columns.
         cutoff: As for `prepared`, also `filters` and `leave_out`.
-        drive: Friction and rotor columns for joint torques.
+        drive: As for `prepared`.
         ignore: Equality constraints and tendons to leave out.
         fix: Joints that do not move and are not in the log, as for `tree_from_model`.
         limit: Bytes that an archive may take in memory.

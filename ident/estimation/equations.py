@@ -12,6 +12,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.plane import out_of_plane
 from ident.model.compiled import zeros
 from ident.model.regressor import chunk, drive_columns, drive_names, program_inputs, regressor_program
+from ident.model.stated import stated_values
 from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
@@ -41,6 +42,8 @@ class Equations:
         offsets: Indices of the channels that have a constant offset.
         slips: Velocities over which Coulomb friction changes sign, rad/s or m/s, as `Fc tanh(q̇ / slip)` (n,); None for
             a jump.
+        absorbed: What drives that the model states add to the coefficients of base parameters and drives, because
+            their own columns depend on those (r + d,); None for nothing.
     """
 
     mechanism: Mechanism
@@ -51,6 +54,7 @@ class Equations:
     drives: tuple[str, ...] = ()
     offsets: tuple[int, ...] = ()
     slips: np.ndarray | None = None
+    absorbed: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         expected, bodies = len(self.parameters.parameters), len(self.mechanism.tree.inertial)
@@ -76,6 +80,19 @@ class Equations:
     def names(self) -> tuple[str, ...]:
         """Names of the columns."""
         return (*self.parameters.names, *self.drives, *(f"offset({self.channels[k]})" for k in self.offsets))
+
+    @property
+    def from_drives(self) -> np.ndarray:
+        """Coefficients of base parameters and drives due to the drives that the model states (r + d,)."""
+        own = np.r_[np.zeros(self.parameters.rank), stated_values(self.mechanism, self.drives)]
+        return own if self.absorbed is None else own + self.absorbed
+
+    @property
+    def from_model(self) -> np.ndarray:
+        """Coefficients of base parameters and drives by the model: its prior φ and its drives (r + d,)."""
+        out = self.from_drives
+        out[: self.parameters.rank] += self.parameters.regroup(self.mechanism.known)
+        return out
 
     def with_offsets(self, offsets: Sequence[int]) -> "Equations":
         """Equations with constant offsets of some channels."""
@@ -191,6 +208,12 @@ class Equations:
                 rows = whitened(rows, part.covariance)
             yield rows if factors is None else rows * factors[first : first + size].T
 
+    @property
+    def springrefs(self) -> np.ndarray:
+        """Coordinates at which the model's springs are at rest (n,)."""
+        drives = self.mechanism.drives
+        return np.array([drives[name].springref if name in drives else 0.0 for name in self.mechanism.tree.freedoms])
+
     def _parts(self) -> tuple[range, range]:
         """Indices of the channels of the wrench and of the torques."""
         wrenches = len(self.channels) - len(self.torques)
@@ -198,7 +221,8 @@ class Equations:
 
     def _drives(self, samples: Samples) -> np.ndarray:
         """Columns of rotor inertia and friction (d, torques, chunk)."""
-        columns = np.concatenate(drive_columns(samples.motion, tuple(DRIVE), self.slips), axis=2)
-        every = drive_names(self.mechanism.tree, tuple(DRIVE))
+        tree, kinds = self.mechanism.tree, tuple(DRIVE)
+        columns = np.concatenate(drive_columns(tree, samples.motion, kinds, self.slips, self.springrefs), axis=2)
+        every = drive_names(tree, kinds)
         chosen = columns[:, list(self.torques)][..., [every.index(name) for name in self.drives]]
         return chosen.transpose(2, 1, 0)

@@ -1,6 +1,6 @@
 """Wrenches on the bodies of a mechanism and joint torques, for numbers or for signals of a tape.
 
-Γ_i = Y_i φ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + …
+Γ_i = Y_i φ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + K (q - q_0) + …
 """
 
 import numpy as np
@@ -10,6 +10,7 @@ from ident.geometry.se3 import Ad, pose
 from ident.mechanism.tree import Tree
 from ident.model.adjoint import Value
 from ident.model.closed_form import BodyMotion, body_wrench
+from ident.model.regressor import spring_lengths
 from ident.tolerances import DRIVE, STRIBECK
 
 SLIP = 0.003
@@ -52,19 +53,22 @@ def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches
 
 
 def drive_torques(
-    equations: Equations, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray, slips: np.ndarray
+    equations: Equations, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray, slips: np.ndarray
 ) -> list[Value]:
-    """Torques of rotor inertia and friction of the n freedoms, zero without a column for them.
+    """Torques of rotor inertia, friction and springs of the n freedoms, zero without a column for them.
 
     Args:
         equations: Equations with the drives' columns.
+        q: Joint coordinates (n_q,).
         dq: Joint velocities (n,); `ddq` accelerations.
         theta: Parameters, those of the drives after ψ.
         slips: Velocities over which Coulomb friction changes sign (n,).
     """
     sign, relative = np.tanh(dq / slips), dq / STRIBECK
+    tree = equations.mechanism.tree
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
-    freedoms = equations.mechanism.tree.freedoms
+    signals["spring"] = spring_lengths(tree, q, equations.springrefs)
+    freedoms = tree.freedoms
     at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
     torques: list[Value] = [0.0] * len(freedoms)
     for kind, signal in signals.items():

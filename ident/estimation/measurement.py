@@ -194,7 +194,7 @@ class Measurement:
         motions, gains = closed_form.body_motions(tree, root, q, dq, ddq), self.gains(theta)
         inertial, drives = loads.inertial_wrenches(equations, motions, theta), list[Value]()
         if equations.torques:
-            drives = loads.drive_torques(equations, dq, ddq, theta, slips)
+            drives = loads.drive_torques(equations, q, dq, ddq, theta, slips)
         own = self._read(tree, motions, q, inertial, drives, base, theta)
         out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]

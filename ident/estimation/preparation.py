@@ -23,7 +23,8 @@ from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import CHUNK, base_wrench_regressor, drive_kinds, drive_names, joint_torque_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joint_torque_regressor
+from ident.model.stated import stated_values
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
@@ -31,6 +32,7 @@ from ident.recordings.recording import Recording
 from ident.recordings.smoothing import PADDING, chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import GROUND
+from ident.tolerances import DRIVE, USUAL_DRIVE
 
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
@@ -127,7 +129,7 @@ def prepared(
     recording: Recording,
     *,
     cutoff: str | float | None = None,
-    drive: Sequence[str] = (),
+    drive: Sequence[str] | None = (),
     leave_out: Sequence[str] = (),
     name: str = "The recording",
     filters: bool = True,
@@ -138,7 +140,7 @@ def prepared(
         mechanism: The mechanism, with a prior.
         recording: The recording.
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
-        drive: Friction and rotor columns for joint torques.
+        drive: Columns of friction, rotor inertia and springs for joint torques; None for `usual_drives`.
         leave_out: Channels that are not fitted, though they may be measured: components of the total wrench in the
             ground sensor's axes, without a ground in those of the base, or joint torques by the joints' names.
         name: Name of the recording in messages.
@@ -148,7 +150,8 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    tree, rate, drive = mechanism.tree, recording.rate, drive_kinds(drive)
+    tree, rate = mechanism.tree, recording.rate
+    asked = () if drive is None else drive_names(tree, drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(recording, tree, leave_out)
     steps = repairs.steps(recording, tree)
@@ -167,8 +170,8 @@ def prepared(
     torques = recording.torques(tree.joints)
     torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
-    if drive and not channels.torques:
-        notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
+    if asked and not channels.torques:
+        notes.append(f"The log has no joint torques for the drive columns {', '.join(drive or ())}.")
     if not channels.names and leave_out and (recording.wrenches or torques is not None):
         raise LogError(f"{name} has nothing to fit: all that it measures is left out, {', '.join(leave_out)}.")
     if not channels.names and constant:
@@ -183,12 +186,12 @@ def prepared(
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     notes += _hidden(mechanism, sensors, parameters, channels.names)
     notes += [parameters.remark] if parameters.remark else []
-    drives = drive_names(tree, drive) if channels.torques else ()
+    drives = usual_drives(mechanism, channels.torques) if drive is None else asked if channels.torques else ()
     equations = Equations(mechanism, parameters, rows, channels.torques, channels.names, drives)
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
-    if lost := [drive for drive in drives if drive not in fitted.drives]:
-        notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
+    if lost := [name for name in drives if name not in fitted.drives]:
+        notes.append(_absorbed(mechanism, lost))
     all_notes = (*recording.notes, *notes)
     return Prepared(
         mechanism,
@@ -205,6 +208,27 @@ def prepared(
         steps=steps,
         rests=rests,
     )
+
+
+def usual_drives(mechanism: Mechanism, torques: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns that are fitted by default: rotor inertia and friction, and springs that the model has.
+
+    Args:
+        mechanism: The mechanism.
+        torques: Indices of the freedoms whose torques are measured.
+    """
+    freedoms = [mechanism.tree.freedoms[k] for k in torques]
+    springs = [name for name in freedoms if name in mechanism.drives and mechanism.drives[name].stiffness]
+    usual = [f"{DRIVE[kind]}({name})" for kind in USUAL_DRIVE for name in freedoms]
+    return (*usual, *(f"{DRIVE['spring']}({name})" for name in springs))
+
+
+def _absorbed(mechanism: Mechanism, lost: Sequence[str]) -> str:
+    """Note on drives whose columns depend on those of the links."""
+    note = f"{', '.join(lost)} cannot be told from the links' inertias, which take them up"
+    if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
+        return f"{note}."
+    return f"{note}; bodies are computed with the model's {', '.join(stated)}."
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,16 +16,40 @@ INDEPENDENT = 1e-6
 def separable(equations: Equations, samples: Samples) -> Equations:
     """Equations without the drives and offsets whose columns depend on those before them.
 
+    Drives that are left out but stated by the model add to the coefficients that take them up (`absorbed`).
+
     Raises:
         InputError: Samples do not fit the equations.
     """
     columns = accumulate(equations, samples).root[:, : len(equations.names)]
-    kept = dict(zip(equations.names, independent(columns), strict=True))
-    return replace(
+    mask = independent(columns)
+    kept = dict(zip(equations.names, mask, strict=True))
+    without = replace(
         equations,
         drives=tuple(name for name in equations.drives if kept[name]),
         offsets=tuple(k for k in equations.offsets if kept[f"offset({equations.channels[k]})"]),
     )
+    count = equations.parameters.rank + len(equations.drives)
+    absorbed = _absorbed(columns[:, :count], mask[:count], equations, without)
+    return without if absorbed is without.absorbed else replace(without, absorbed=absorbed)
+
+
+def _absorbed(columns: np.ndarray, kept: np.ndarray, before: Equations, after: Equations) -> np.ndarray | None:
+    """`absorbed` of equations that lack some of the columns of base parameters and drives that others had before.
+
+    Args:
+        columns: Those columns (m, r + d).
+        kept: Mask of the independent ones (r + d,); base parameters are kept in any case.
+        before: Equations with all drives.
+        after: Equations without the dependent ones.
+    """
+    kept, values = kept | (np.arange(len(kept)) < before.parameters.rank), before.from_drives
+    if not values[~kept].any():
+        return None if before.absorbed is None else before.absorbed[kept]
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    combined = np.linalg.lstsq(columns[:, kept] / sizes[kept], columns[:, ~kept], rcond=INDEPENDENT)[0]
+    total = values[kept] + combined @ values[~kept] / sizes[kept]
+    return total - replace(after, absorbed=None).from_drives
 
 
 def independent(columns: np.ndarray) -> np.ndarray:

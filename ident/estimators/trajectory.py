@@ -16,7 +16,7 @@ from ident.estimators.least_squares import model_as_it_came
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
 from ident.judgement.torque_checks import torque_checks
-from ident.parameters.prior import known_covariance
+from ident.parameters.prior import drive_precision, known_covariance
 from ident.problem import Problem
 from ident.regression.filtered import filtered_least_squares
 from ident.regression.ordinary import Fit
@@ -112,7 +112,8 @@ def _known_enough(
         return trajectory
     equations = trajectory.measurement.equations
     beforehand = np.diag(known_covariance(equations.mechanism, equations.parameters, prior))
-    far_less = np.diag(trajectory.fit.covariance)[: equations.parameters.rank] > FAR_LESS**2 * beforehand
+    least = np.r_[1 / beforehand, drive_precision(equations.mechanism, equations.drives)] / FAR_LESS**2
+    far_less = np.diag(trajectory.fit.covariance)[: len(least)] * least > 1
     return _solvable(estimate, prior) if far_less.any() else trajectory
 
 
@@ -157,8 +158,8 @@ def _rivals(
     """
     stated = _corrected(problem, trajectory.as_stated())
     held = model_as_it_came(stated, replace(fit, equations=equations))
-    rank, prior = equations.parameters.rank, trajectory.fit.prior
-    known = prior.mean[:rank], prior.known[:rank, :rank]
+    count, prior = equations.parameters.rank + len(equations.drives), trajectory.fit.prior
+    known = prior.mean[:count], prior.known[:count, :count]
     others = not problem.apart and len(problem.fitted) > 2
     filtered = filtered_least_squares(problem.fitted, problem.judged, equations, known, others=others)
     left = replace(held, residual=held.samples.measured - np.concatenate(filtered.predicted))

@@ -111,7 +111,7 @@ def _heavier(evidence: Evidence) -> set[str]:
     heavier ones are likelier.
     """
     mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
-    psi, covariance = evidence.fit.psi, evidence.covariance
+    psi, covariance = evidence.fit.psi - evidence.fit.equations.from_drives[: base.rank], evidence.covariance
     if evidence.trajectory is None or not evidence.trajectory.known:
         psi, covariance = updated(mechanism, base, psi, covariance, known)
     after = conditioned(mechanism, base, psi, covariance, known)

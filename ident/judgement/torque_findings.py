@@ -9,7 +9,7 @@ from ident.judgement.finding import Finding
 from ident.judgement.place import Place
 from ident.judgement.torque_checks import SLOW, lacking_drive
 from ident.mechanism.mechanism import Mechanism
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE, DRIVE_UNITS
 from ident.trajectory.reversals import rubbing
 
 FOLLOWS, WORTH_IT = 0.2, 0.02
@@ -19,9 +19,6 @@ that."""
 
 SMOOTH = 0.02
 """Slip above which friction does not change its sign in a jump, rad/s or m/s."""
-
-UNITS = {"Ia": ("kg m²", "kg"), "Fv": ("N m s", "N s/m"), "Fc": ("N m", "N"), "Fs": ("N m", "N")}
-"""Units of drives by their columns, of joints that turn and of those that slide."""
 
 
 def bound_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -67,7 +64,7 @@ def _unit(mechanism: Mechanism, drive: str) -> str:
     slides = {
         body.joint for body in mechanism.tree.bodies if not body.is_ball and body.moves and not body.twist[3:].any()
     }
-    turns, along = UNITS[drive.partition("(")[0]]
+    turns, along = DRIVE_UNITS[drive.partition("(")[0]]
     return along if _joint(drive) in slides else turns
 
 

@@ -1,7 +1,7 @@
 """Drives of joints as a model states them: friction, rotor inertia, springs and actuators."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -82,6 +82,23 @@ class Drive:
     def all_rotor(self) -> float:
         """Rotor inertia with those of the actuators."""
         return self.rotor + sum(each.gear**2 * each.rotor for each in self.actuators)
+
+    def value(self, kind: str) -> float:
+        """The value that it states for a column of a kind, out of `ident.tolerances.DRIVE`."""
+        values = {"rotor": self.all_rotor, "viscous": self.all_viscous, "coulomb": self.coulomb}
+        return float((values | {"spring": self.stiffness}).get(kind, 0.0))
+
+    def with_value(self, kind: str, value: float) -> "Drive":
+        """The drive with another value of a kind, less its actuators' share; unchanged for kinds that it lacks."""
+        if kind not in FIELDS:
+            return self
+        field = FIELDS[kind]
+        of_actuators = self.value(kind) - getattr(self, field)
+        return replace(self, **{field: max(0.0, value - of_actuators)})
+
+
+FIELDS = {"rotor": "rotor", "viscous": "viscous", "coulomb": "coulomb", "spring": "stiffness"}
+"""Attributes of a drive by the kinds of columns, out of `ident.tolerances.DRIVE`."""
 
 
 NO_DRIVE = Drive()

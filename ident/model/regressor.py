@@ -96,7 +96,7 @@ def joint_torque_regressor(
         InputError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
     drive, motion = drive_kinds(drive), Motion(q, dq, ddq, base).checked(tree)
-    Y, own = _regressor(True, Mechanism(tree, gravity), motion, columns), drive_columns(motion, drive)
+    Y, own = _regressor(True, Mechanism(tree, gravity), motion, columns), drive_columns(tree, motion, drive)
     return np.concatenate([Y, *own], axis=2) if own else Y
 
 
@@ -105,19 +105,37 @@ def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive_kinds(drive) for freedom in tree.freedoms)
 
 
-def drive_columns(motion: Motion, drive: Sequence[str], slips: np.ndarray | None = None) -> list[np.ndarray]:
-    """Columns of rotor inertia and friction, one diagonal block (N, n, n) for each kind.
+def drive_columns(
+    tree: Tree,
+    motion: Motion,
+    drive: Sequence[str],
+    slips: np.ndarray | None = None,
+    references: np.ndarray | float = 0.0,
+) -> list[np.ndarray]:
+    """Columns of rotor inertia, friction and springs, one diagonal block (N, n, n) for each kind.
 
     Args:
+        tree: The mechanism's tree.
         motion: The motion.
         drive: Kinds of columns.
         slips: Velocity scales of the smoothed sign of friction (n,), by default none: it jumps.
+        references: Coordinates at which springs are at rest (n,), by default zero.
     """
     kinds = drive_kinds(drive)
     sign = np.sign(motion.dq) if slips is None else np.tanh(motion.dq / slips)
     low = sign / (1 + (motion.dq / STRIBECK) ** 2)
     signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": sign, "stribeck": low}
+    if "spring" in kinds:
+        signal["spring"] = spring_lengths(tree, motion.q, references)
     return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in kinds]
+
+
+def spring_lengths(tree: Tree, q: np.ndarray, references: np.ndarray | float) -> np.ndarray:
+    """Coordinates of the n freedoms less their springs' references (…, n); zero for balls, whose springs have none."""
+    own = zip(tree.bodies, tree.body_coordinates(q), strict=True)
+    lengths = [0 * x[..., 1:] if body.is_ball else x[..., : body.freedoms] for body, x in own]
+    has_one = np.concatenate([np.zeros(0, bool), *(np.full(body.freedoms, not body.is_ball) for body in tree.bodies)])
+    return np.concatenate([q[..., :0], *lengths], axis=-1) - references * has_one
 
 
 def drive_kinds(drive: Sequence[str]) -> tuple[str, ...]:

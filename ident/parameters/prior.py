@@ -9,17 +9,21 @@ beside it, so that the moment of inertia about every axis through the centre of 
 Deviations of φ follow: first moments and inertia about the frame's origin both depend on the centre of mass.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
+from ident.model.stated import stated_values
 from ident.parameters.base_parameters import BaseParameters
 
 KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
 """Default standard deviations of a model's bodies: masses 20 %, centres of mass 50 mm, inertias 30 %."""
+
+DRIVE_KNOWN = 0.5
+"""Relative standard deviation of the friction, rotor inertias and stiffnesses that a model states."""
 
 LEAST_KNOWN = 1e-6
 """Standard deviation, relative to the largest, that is added to all of ψ to keep the covariance regular."""
@@ -114,6 +118,12 @@ def known_covariance(
     rows = known_rows(mechanism, parameters, known)
     covariance = rows.T @ rows
     return covariance + np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))
+
+
+def drive_precision(mechanism: Mechanism, names: Sequence[str]) -> np.ndarray:
+    """Prior precision of the drives of some columns, zero where the model states none (d,)."""
+    values = stated_values(mechanism, names)
+    return np.where(values > 0, 1 / (DRIVE_KNOWN * np.where(values > 0, values, 1)) ** 2, 0.0)
 
 
 def conditioned(

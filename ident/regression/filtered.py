@@ -109,7 +109,7 @@ def filtered_least_squares(
         fitted: Parts of recordings to fit.
         judged: Parts of recordings to predict.
         equations: Channels and columns.
-        prior: Mean of ψ and its precision, zero where nothing is known (r,), (r, r).
+        prior: Mean of ψ and drives and its precision, zero where nothing is known (r + d,), (r + d, r + d).
         others: True if the recordings to predict are the fitted ones, each predicted from the others.
     """
     cutoffs = _cutoffs([part.log for part in (*fitted, *judged)])

@@ -12,7 +12,7 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.part import Part, length
 from ident.estimation.preparation import Prepared
 from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
-from ident.parameters.prior import known_covariance
+from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND
 from ident.setup import OFFSET, OWN
 from ident.trajectory.fit.fitted import Prior
@@ -117,9 +117,12 @@ def _prior(
     precision = np.diag([1 / setup[k].std ** 2 if k in setup else 0.0 for k in range(number)])
     mean = np.zeros(number)
     if known is not None:
-        parameters, mechanism = measurement.equations.parameters, measurement.equations.mechanism
-        mean[: parameters.rank] = parameters.regroup(mechanism.known)
-        beforehand = known_covariance(mechanism, parameters, known)
+        equations = measurement.equations
+        count, rank = equations.parameters.rank + len(equations.drives), equations.parameters.rank
+        mean[:count] = equations.from_model
+        beforehand = known_covariance(equations.mechanism, equations.parameters, known)
         # A plain inverse may be asymmetric by more than the smallest eigenvalue.
-        precision[: parameters.rank, : parameters.rank] = inverse_of_precision(beforehand)
+        precision[:rank, :rank] = inverse_of_precision(beforehand)
+        drives = range(rank, count)
+        precision[drives, drives] = drive_precision(equations.mechanism, equations.drives)
     return Prior(mean, precision)

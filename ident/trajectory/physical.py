@@ -36,6 +36,7 @@ def physical_fit(fit: TrajectoryFit, refit: Refit, equations: Equations, rounds:
         violates it.
     """
     mechanism, rank = equations.mechanism, equations.parameters.rank
+    absorbed = equations.from_drives[:rank]
     is_psi = np.arange(len(fit.theta)) < rank
     held = fit
     if fit.status == "interrupted":
@@ -43,12 +44,16 @@ def physical_fit(fit: TrajectoryFit, refit: Refit, equations: Equations, rounds:
     for _ in range(TURNS):
         inverse = inverse_of_precision(held.precision[np.ix_(fit.free, fit.free)])
         wanted = held.theta[fit.free] + inverse @ held.gradient[fit.free]
-        known = mechanism.known
         bodies = consistent_parameters(
-            wanted[:rank], inverse[:rank, :rank], equations.parameters, known, bodies=mechanism.bodies
+            wanted[:rank] - absorbed,
+            inverse[:rank, :rank],
+            equations.parameters,
+            mechanism.known,
+            bodies=mechanism.bodies,
         )
-        step = np.abs(bodies.psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])
-        theta = np.r_[bodies.psi, held.theta[rank:]]
+        psi = bodies.psi + absorbed
+        step = np.abs(psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])
+        theta = np.r_[psi, held.theta[rank:]]
         held = refit(replace(held.end, theta=theta), fit.free & ~is_psi, rounds)
         if step.max() < RESTS or held.status == "interrupted":
             break

@@ -12,7 +12,6 @@ from ident.estimation.measurement import base_motion, joint_states
 from ident.estimation.setup import setup_parameters
 from ident.geometry.se3 import Ad, coAd, inverse, pose
 from ident.mechanism.body import BASE
-from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.wrench import Sensor
 from ident.setup import PRIORS
@@ -20,6 +19,11 @@ from ident.tolerances import STRIBECK
 
 SMALL = 1e-4
 """Size of rotations whose third order is negligible."""
+
+
+def joint_body(tree, joint):
+    """Index of the body that a joint moves."""
+    return next(i for i, body in enumerate(tree.bodies) if body.joint == joint)
 
 
 def stated(measurement, states, wrenches, theta):
@@ -46,9 +50,14 @@ def stated(measurement, states, wrenches, theta):
             Y_tau[:, np.flatnonzero(columns)] -= ((Ad(poses[:, i]) @ body.motions).swapaxes(1, 2) @ contact)[..., 0]
             i = body.parent
     if drives.size:
-        Ia, Fv, Fc, Fs = np.split(drives, 4)
+        Ia, Fv, Fc, Fs, K = np.split(drives, 5)
         sign = np.tanh(dq / SLIP)
         Y_tau = Y_tau + Ia * ddq + Fv * dq + (Fc + Fs / (1 + (dq / STRIBECK) ** 2)) * sign
+        for k, freedom in enumerate(tree.freedoms):
+            if freedom in tree.joints:
+                at = sum(body.coordinates for body in tree.bodies[: joint_body(tree, freedom)])
+                drive = equations.mechanism.drives.get(freedom)
+                Y_tau[:, k] += K[k] * (q[:, at] - (drive.springref if drive else 0.0))
     wrench = Y @ coAd(inverse(measurement.frame)).T
     out = np.hstack([wrench[:, list(measurement.components)], Y_tau[:, list(equations.torques)]])
     out[:, list(equations.offsets)] += offsets
@@ -240,7 +249,7 @@ def test_gains_gravity_and_axes_are_those_of_another_laboratory(seed):
         turn = Rotation.from_rotvec(SMALL * np.eye(3)[s.axis]).as_matrix()
         bodies = [_turned(body, turn) if body.joint == s.of else body for body in m.tree.bodies]
         tree = replace(m.tree, bodies=tuple(bodies))
-        expected = with_mechanism(Mechanism(tree, mechanism.gravity, mechanism.prior))
+        expected = with_mechanism(replace(mechanism, tree=tree))
         assert abs(expected - before).max() > 0
         np.testing.assert_allclose(own - before, expected - before, atol=1e-6 * abs(expected - before).max())
 

@@ -18,7 +18,7 @@ from ident.judgement.torque_findings import friction_findings
 
 @cache
 def fitted():
-    return ident.identify(arm(), log(seconds=6, rate=50), estimator="weighted", cutoff=8.0)
+    return ident.identify(arm(), log(seconds=6, rate=50), drive=(), estimator="weighted", cutoff=8.0)
 
 
 def shares_of(residual):

@@ -1,4 +1,5 @@
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,6 +28,15 @@ class Columns:
         return samples
 
     straight = False
+    absorbed = None
+
+    @property
+    def parameters(self):
+        return SimpleNamespace(rank=len(self.names) - len(self.drives) - len(self.offsets))
+
+    @property
+    def from_drives(self):
+        return np.zeros(len(self.names) - len(self.offsets))
 
     def order(self, samples):
         return np.arange(len(self.names) + 1), (0,) * len(self.channels)

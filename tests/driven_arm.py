@@ -1,0 +1,66 @@
+"""An arm of three joints with friction, rotors and a spring: models, and logs by MuJoCo's inverse dynamics."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+
+import ident
+import sim
+
+JOINTS = ("turn", "lift", "bend")
+TRUE = {
+    "armature": (0.20, 0.15, 0.05),
+    "damping": (0.8, 0.6, 0.3),
+    "frictionloss": (0.9, 0.7, 0.4),
+    "stiffness": (0.0, 8.0, 0.0),
+    "springref": (0.0, 0.4, 0.0),
+}
+"""Drives of the joints, by MJCF's attributes."""
+
+
+def text(**drives):
+    """MJCF of the arm, with drives by attribute, or those of `TRUE` where none are given."""
+    own = TRUE | drives
+    attributes = [" ".join(f'{key}="{own[key][k]}"' for key in own) for k in range(3)]
+    return f"""<mujoco><compiler angle="radian"/><worldbody><body name="column"><joint name="turn" axis="0 0 1"
+      {attributes[0]}/><inertial mass="4" pos="0 0.02 0.1" diaginertia="0.03 0.03 0.02"/>
+      <body name="upper" pos="0 0 0.3"><joint name="lift" axis="0 1 0" {attributes[1]}/>
+      <inertial mass="3" pos="0.2 0 0.01" diaginertia="0.01 0.05 0.05"/>
+      <body name="fore" pos="0.4 0 0"><joint name="bend" axis="0 1 0" {attributes[2]}/>
+      <inertial mass="1.5" pos="0.15 0.01 0" diaginertia="0.003 0.02 0.02"/></body></body></body></worldbody>
+      </mujoco>"""
+
+
+NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))
+"""Drives of a model that states none."""
+
+
+@cache
+def mechanism(**drives):
+    """The arm as a model states it."""
+    return sim.mechanism(mujoco.MjSpec.from_string(text(**drives)))
+
+
+@cache
+def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0):
+    """Angles and torques of the true arm under sums of sinusoids of a size, with white noise."""
+    t, rng = np.arange(round(seconds * rate)) / rate, np.random.default_rng(seed)
+    pulsation = 2 * np.pi * 0.15 * np.arange(1, 6)
+    amplitude, phase = size * rng.uniform(0.08, 0.3, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
+    angle = pulsation * t[:, None, None] + phase
+    q, dq, ddq = (
+        (amplitude * pulsation**k * wave(angle)).sum(axis=2)
+        for k, wave in enumerate((np.sin, np.cos, lambda x: -np.sin(x)))
+    )
+    # MuJoCo's own friction is another law at low velocity.
+    model = mujoco.MjModel.from_xml_string(text(frictionloss=(0, 0, 0)))
+    data, torques = mujoco.MjData(model), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
+        mujoco.mj_inverse(model, data)
+        torques.append(data.qfrc_inverse.copy())
+    torque = np.array(torques) + np.array(TRUE["frictionloss"]) * np.tanh(dq / 0.003)
+    torque += noise * 0.02 * rng.normal(size=q.shape)
+    q = q + noise * 1e-4 * rng.normal(size=q.shape)
+    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
+    return ident.Recording(t, channels | {f"{joint}_torque": x for joint, x in zip(JOINTS, torque.T, strict=True)})

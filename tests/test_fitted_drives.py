@@ -1,0 +1,132 @@
+"""Drives that are fitted by default: rotors, friction and springs, with the model's values where data do not tell."""
+
+from dataclasses import replace
+from functools import cache
+
+import driven_arm
+import numpy as np
+import pytest
+from coded import coded
+
+import ident
+from experiments.cli import options
+from ident.errors import InputError
+from ident.estimation.preparation import prepared
+from ident.mechanism.drives import Actuator, Drive
+from ident.parameters.prior import DRIVE_KNOWN
+from ident.setup import PRIORS
+
+TRUE = {
+    "Ia(bend)": 0.05,
+    **{f"Fv({joint})": x for joint, x in zip(driven_arm.JOINTS, driven_arm.TRUE["damping"], strict=True)},
+    **{f"Fc({joint})": x for joint, x in zip(driven_arm.JOINTS, driven_arm.TRUE["frictionloss"], strict=True)},
+    "K(lift)": 8.0,
+}
+"""Drives that the links do not absorb."""
+
+
+@cache
+def weighted(*, stated=True, **options):
+    arm = driven_arm.mechanism(**({} if stated else driven_arm.NONE))
+    return ident.identify(arm, driven_arm.log(), estimator="weighted", cutoff=8.0, **options)
+
+
+def values(estimate):
+    return dict(zip(estimate.names, estimate.fit.values, strict=True))
+
+
+def test_rotors_friction_and_the_model_s_springs_are_fitted_by_default():
+    estimate = weighted()
+    drives = estimate.names[estimate.base.rank : -3]
+    assert set(drives) == set(TRUE) and len(drives) == len(TRUE)
+    assert not any(name.startswith("K(") for name in weighted(stated=False).names)
+    for name, value in TRUE.items():
+        assert values(estimate)[name] == pytest.approx(value, rel=0.06), name
+
+
+def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
+    exact = dict.fromkeys(PRIORS, 0.0)
+    estimate = ident.identify(driven_arm.mechanism(), driven_arm.log(8.0, 50.0), setup=exact, known=False)
+    std = dict(zip(estimate.names, estimate.fit.std, strict=True))
+    z = {name: (values(estimate)[name] - value) / std[name] for name, value in TRUE.items()}
+    assert max(map(abs, z.values())) < 3.5, z
+    assert all(std[name] < 0.1 * value for name, value in TRUE.items())
+    model = estimate.fit.equations.from_model
+    z = (estimate.psi - model[: estimate.base.rank]) / estimate.std
+    assert np.abs(z).max() < 3.5
+
+
+def test_what_the_links_absorb_of_the_model_s_rotors_is_taken_out_of_the_bodies():
+    estimate = weighted()
+    arm, rank = driven_arm.mechanism(), estimate.base.rank
+    # MuJoCo's armature of a joint about a fixed axis acts as inertia of the link about it.
+    k = estimate.base.names.index("Izz1")
+    absorbed = estimate.fit.equations.from_drives[:rank]
+    assert absorbed[k] == pytest.approx(0.2, abs=1e-6)
+    np.testing.assert_allclose(estimate.psi_of_links, estimate.psi - absorbed)
+    np.testing.assert_allclose(estimate.psi_updated, estimate.base.regroup(estimate.consistent().phi) + absorbed)
+    np.testing.assert_allclose(estimate.consistent().phi, arm.known, rtol=1e-6, atol=1e-9)
+    (note,) = [note for note in estimate.prepared.notes if "take them up" in note]
+    assert "Ia(turn), Ia(lift) cannot be told" in note and "with the model's Ia(turn), Ia(lift)" in note
+    ignorant = weighted(stated=False)
+    np.testing.assert_allclose(ignorant.fit.equations.from_drives, 0)
+    np.testing.assert_allclose(ignorant.psi_of_links, ignorant.psi)
+
+
+def test_the_model_with_its_drives_predicts_as_well_as_the_estimate_of_the_same_bodies():
+    estimate = weighted()
+    np.testing.assert_allclose(estimate.rivals["model"], estimate.held_out.ratio, rtol=0.1)
+    assert (weighted(stated=False).rivals["model"] > 5 * estimate.rivals["model"]).all()
+
+
+def test_the_model_s_values_are_a_prior_where_the_motion_tells_little():
+    short, exact = driven_arm.log(3.0, 50.0, size=0.05), dict.fromkeys(PRIORS, 0.0)
+    estimate = ident.identify(driven_arm.mechanism(), short, setup=exact, known=True)
+    model = dict(zip(estimate.names, estimate.fit.equations.from_model, strict=False))
+    std = dict(zip(estimate.names, estimate.fit.std, strict=True))
+    for name, value in TRUE.items():
+        assert model[name] == pytest.approx(value)
+        assert std[name] < 1.01 * DRIVE_KNOWN * value
+        assert abs(values(estimate)[name] - value) < 4 * std[name], name
+    assert std["Ia(bend)"] > 0.2 * DRIVE_KNOWN * 0.05
+
+
+def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():
+    estimate = weighted()
+    drives, stated = estimate.drives, driven_arm.mechanism().drives
+    assert drives["turn"].rotor == stated["turn"].rotor == 0.2
+    assert drives["bend"].rotor == values(estimate)["Ia(bend)"] != stated["bend"].rotor
+    assert drives["lift"].stiffness == values(estimate)["K(lift)"] and drives["lift"].springref == 0.4
+    assert {name: drive.coulomb for name, drive in drives.items()} == {
+        name: values(estimate)[f"Fc({name})"] for name in driven_arm.JOINTS
+    }
+    geared = Drive(rotor=0.1, actuators=(Actuator("motor", gear=10.0, rotor=2e-3, viscous=0.01),))
+    assert geared.with_value("rotor", 0.5).rotor == pytest.approx(0.3)
+    assert geared.with_value("viscous", 0.5).viscous == 0 and geared.with_value("stribeck", 1.0) == geared
+
+
+def test_nothing_is_fitted_beyond_what_is_asked_for():
+    assert not weighted(drive=()).fit.equations.drives
+    assert weighted(drive=("viscous",)).fit.equations.drives == ("Fv(turn)", "Fv(lift)", "Fv(bend)")
+    assert coded(weighted(drive=()), "friction_not_fitted") and not coded(weighted(), "friction_not_fitted")
+
+
+def test_only_joints_with_a_measured_torque_have_drives():
+    recording = driven_arm.log()
+    measured = {name: x for name, x in recording.measured.items() if name != "bend_torque"}
+    ready = prepared(driven_arm.mechanism(), replace(recording, measured=measured), cutoff=8.0, drive=None)
+    assert ready.equations.drives and not any("bend" in name for name in ready.equations.drives)
+
+
+@pytest.mark.parametrize(
+    ("given", "drive"),
+    [(["auto"], None), (["none"], ()), ([], ()), (["viscous", "spring"], ("viscous", "spring"))],
+)
+def test_the_option_takes_auto_none_or_a_list(given, drive):
+    assert options.drives(given) == drive
+
+
+@pytest.mark.parametrize("alone", ["auto", "none"])
+def test_auto_and_none_stand_alone(alone):
+    with pytest.raises(InputError, match=f"--drive takes {alone} alone, or a list out of rotor, viscous"):
+        options.drives([alone, "viscous"])
