@@ -23,6 +23,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies.designed_excitation import Bounds, designed, problem_of
 
     kinds = {key: getattr(args, key) for key in ("base", "joints", "sensors", "noise", "ignore", "packages")}
+    kinds |= {"drive": options.drives(args.drive)}
     search = {key: getattr(args, key) for key in ("seconds", "harmonics", "criterion", "starts", "iterations", "seed")}
     search |= {"bounds": Bounds(args.position, args.velocity, args.acceleration)}
     search |= {"clearance": None if args.collisions == "ignore" else args.clearance}
@@ -42,6 +43,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--position", nargs=2, type=_number, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
     )
+    options.add_drive(out, default="none")
     limits = "for every joint; {:g} or the peak of the paper's if not given"
     out.add_argument("--velocity", type=_positive, help=f"largest, rad/s or m/s, {limits.format(VELOCITY)}")
     out.add_argument("--acceleration", type=_positive, help=f"largest, rad/s² or m/s², {limits.format(ACCELERATION)}")

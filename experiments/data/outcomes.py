@@ -98,8 +98,9 @@ class Design:
         joints: Names of the joints that move.
         units: Units of the hinges and slides, `rad` or `m`.
         names: Names of the base parameters.
+        drives: Names of the drives.
         bodies: Names of the bodies.
-        known: Standard deviations of the prior (r,); None without one.
+        known: Standard deviations of the prior (r + d,); None without one.
         limits: Limits of the joints.
         time: Times of the samples, s (N,).
         start: Name of the motion before, in words.
@@ -113,6 +114,7 @@ class Design:
     joints: tuple[str, ...]
     units: Mapping[str, str]
     names: tuple[str, ...]
+    drives: tuple[str, ...]
     bodies: tuple[str, ...]
     known: np.ndarray | None
     limits: Limits

@@ -39,7 +39,7 @@ def table_deviations(design: Design) -> tabular.Table:
     )
     std = {} if design.known is None else {"std_known": design.known}
     std |= {"std_before": design.before.std, "std_after": design.after.std}
-    names = (*design.names, "geometric mean")
+    names = (*design.names, *design.drives, "geometric mean")
     means = {name: np.append(values, geometric_mean(values)) for name, values in std.items()}
     heads, rows = tabular.columns(parameter=names, **means)
     decimals = max(3, 1 - math.floor(math.log10(std["std_after"].min())))
@@ -114,7 +114,8 @@ def lines(design: Design) -> list[str]:
     first, last = (each.quality["condition_number"] for each in (design.before, design.after))
     return [
         f"{len(design.names)} base parameters: {with_bodies(design.names, design.bodies)}.",
-        f"Predicted standard deviations (kg, kg m, kg m²), geometric mean before, {design.start}: {before:.2e}; after: "
+        *([f"{len(design.drives)} drives: {', '.join(design.drives)}."] if design.drives else []),
+        f"Predicted standard deviations (SI units), geometric mean before, {design.start}: {before:.2e}; after: "
         f"{after:.2e}, {after / before - 1:+.0%}.",
         f"Condition number before: {first:.1f}; after: {last:.1f}.",
         f"Collisions: {design.collisions}.",

@@ -8,8 +8,9 @@ Noise is white, and joint states are exact.
 """
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 
+from experiments.studies.driven_excitation import drive_deviations
 from experiments.studies.excitation import Problem
 from ident.errors import ModelError
 from ident.mechanism.motion import Motion
@@ -21,7 +22,7 @@ INVISIBLE = 1e-14
 
 
 def known_root(problem: Problem) -> np.ndarray:
-    """Root L of the prior covariance of ψ, `P = Lᵀ L` (r, r); norms of its columns are standard deviations.
+    """Root L of the prior covariance of ψ and drives, `P = Lᵀ L`; norms of its columns are standard deviations.
 
     Raises:
         ModelError: No body has a mass.
@@ -31,20 +32,23 @@ def known_root(problem: Problem) -> np.ndarray:
             "Deviations relative to what the model knows need a mass, and no body has one; choose --criterion "
             "determinant or condition."
         )
-    return np.linalg.qr(known_rows(problem.mechanism, problem.parameters))[1]
+    root = np.linalg.qr(known_rows(problem.mechanism, problem.parameters))[1]
+    if not problem.drives:
+        return root
+    return block_diag(root, np.diag(drive_deviations(problem.mechanism, problem.drives)))
 
 
 def predicted_deviations(problem: Problem, motion: Motion) -> np.ndarray:
-    """Standard deviations σ of ψ from a motion, by weighted least squares without a prior.
+    """Standard deviations σ of ψ and drives from a motion, by weighted least squares without a prior.
 
     Args:
         problem: The problem.
         motion: A sampled motion.
 
     Returns:
-        σ in kg, kg m and kg m² (r,).
+        σ in SI units (r + d,).
     """
-    rows = (problem.whitening @ problem.regressor(*motion.states)).reshape(-1, problem.parameters.rank)
+    rows = (problem.whitening @ problem.regressor(*motion.states)).reshape(-1, len(problem.names))
     _, s, Vt = np.linalg.svd(rows, full_matrices=False)
     return np.linalg.norm(Vt.T / np.maximum(s, np.finfo(float).eps * s[0]), axis=1)
 

@@ -108,19 +108,20 @@ def problem_of(
     noise: tuple[float, float] | None = None,
     ignore: Sequence[str] = (),
     packages: Sequence[Path] = (),
+    drive: Sequence[str] | None = (),
 ) -> Problem:
     """Problem of exciting a model or a scene.
 
     Args:
         model: Model file, or name of a scene.
         base: Body whose frame is {0}, by default the scene's or the world's.
-        joints: As for `excitation.problem`, also `sensors`, `noise` and `ignore`.
+        joints: As for `excitation.problem`, also `sensors`, `noise`, `ignore` and `drive`.
         packages: Folders of ROS packages, for meshes.
     """
     scene = model in scenes.NAMES
     base = base or scenes.BASES.get(model) if scene else base
     arm = mechanism(scenes.load(model) if scene else model, base, ignore=ignore, packages=packages)
-    return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore)
+    return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore, drive=drive)
 
 
 def designed(
@@ -172,6 +173,7 @@ def designed(
         joints=problem.joints,
         units=problem.units,
         names=problem.parameters.names,
+        drives=problem.drives,
         bodies=problem.mechanism.bodies,
         known=known,
         limits=limits,

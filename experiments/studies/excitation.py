@@ -9,6 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from experiments.data.defaults import NOISE
+from experiments.studies.driven_excitation import determined, drive_signals, drives_pulled_back
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -38,6 +39,7 @@ class Problem:
         sensors: One of `defaults.SENSORS`.
         whitening: W that makes the noise on the rows of a sample white and of unit size, 1/N and 1/(N m) (rows, rows).
         parameters: Base parameters identifiable by motions of these joints.
+        drives: Names of the drives' columns to determine as well.
     """
 
     mechanism: Mechanism
@@ -46,6 +48,12 @@ class Problem:
     sensors: str
     whitening: np.ndarray
     parameters: BaseParameters
+    drives: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the r base parameters and d drives."""
+        return (*self.parameters.names, *self.drives)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -53,15 +61,23 @@ class Problem:
         return self.mechanism.tree.joints
 
     def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        """Base regressor Y_b of N samples (N, rows, r)."""
+        """Base regressor Y_b of N samples, with the columns of the drives (N, rows, r + d)."""
         function = base_wrench_regressor if self.sensors == "wrench" else joint_torque_regressor
         tree, gravity = self.mechanism.tree, self.mechanism.gravity
-        return function(tree, q, dq, ddq, gravity=gravity, columns=self.parameters.kept)
+        Y = function(tree, q, dq, ddq, gravity=gravity, columns=self.parameters.kept)
+        if not self.drives:
+            return Y
+        return np.concatenate([Y, drive_signals(self.mechanism, self.drives, Motion(q, dq, ddq))], axis=2)
 
     def pulled_back(self, motion: Motion, adjoints: np.ndarray) -> States:
-        """Derivatives by a motion, from derivatives by its base regressor (N, rows, r)."""
-        torques = self.sensors == "torque"
-        return pulled_back(self.mechanism, motion, self.parameters.kept, adjoints, torques=torques)
+        """Derivatives by a motion, from derivatives by its base regressor (N, rows, r + d)."""
+        rank, torques = self.parameters.rank, self.sensors == "torque"
+        by_links = pulled_back(self.mechanism, motion, self.parameters.kept, adjoints[..., :rank], torques=torques)
+        if not self.drives:
+            return by_links
+        by_drives = drives_pulled_back(self.mechanism, self.drives, motion, adjoints[..., rank:])
+        q, dq, ddq = (a + b for a, b in zip(by_links, by_drives, strict=True))
+        return q, dq, ddq
 
 
 def problem(
@@ -71,6 +87,7 @@ def problem(
     sensors: str,
     noise: tuple[float, float] | None = None,
     ignore: Sequence[str] = (),
+    drive: Sequence[str] | None = (),
 ) -> Problem:
     """Problem of exciting some joints of a mechanism on a fixed base.
 
@@ -81,10 +98,14 @@ def problem(
         noise: Standard deviations of the noise on forces in N, and on moments and torques in N m; by default those
             that the model's sensors state, and `NOISE` for channels without.
         ignore: Names of equality constraints and tendons to leave out.
+        drive: Drives to determine as well, as for `ident.identify`; they need torques.
 
     Raises:
         ModelError: A joint does not exist, or is neither hinge nor slide; or the mechanism has none.
+        InputError: Drives are to be determined from a wrench.
     """
+    if sensors == "wrench" and drive != ():
+        raise InputError("The wrench at the base contains no drives: --drive needs --sensors torque.")
     origin = mujoco_origin(mechanism)
     model, base = origin.model, origin.base
     kinds = {joint_name(model, j): model.jnt_type[j] for j in range(model.njnt)}
@@ -100,13 +121,15 @@ def problem(
     locked = replace(locked, gravity=gravity)
     units = {joint: "m" if kinds[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for joint in joints}
     wrench = sensors == "wrench"
+    parameters = find_base_parameters(locked, sensors=Sensors(base_wrench=wrench, joint_torques=not wrench))
     return Problem(
         locked,
         {joint: float(rest[joint][0]) for joint in joints},
         units,
         sensors,
         _whitening(model, base, {} if wrench else {joint: units[joint] for joint in moving}, noise),
-        find_base_parameters(locked, sensors=Sensors(base_wrench=wrench, joint_torques=not wrench)),
+        parameters,
+        () if wrench else determined(locked, parameters, drive),
     )
 
 
