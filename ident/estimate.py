@@ -174,9 +174,17 @@ class Estimate:
 
     @property
     def drives(self) -> dict[str, Drive]:
-        """Friction, rotor inertia and springs by joint: fitted ones, else the model's."""
-        fitted = slice(self.base.rank, self.base.rank + len(self.fit.equations.drives))
-        values = dict(zip(self.fit.equations.drives, self.fit.values[fitted].tolist(), strict=True))
+        """Drives of the joints of which some are fitted, by name; other kinds have the model's values."""
+        return self._drives_of(self.fit)
+
+    @property
+    def drives_updated(self) -> dict[str, Drive]:
+        """The likeliest drives beside the physical bodies, as of the updated model, by name."""
+        return self._drives_of(self.fit.with_psi(self.psi_updated))
+
+    def _drives_of(self, fit: Fit) -> dict[str, Drive]:
+        fitted = slice(self.base.rank, self.base.rank + len(fit.equations.drives))
+        values = dict(zip(fit.equations.drives, fit.values[fitted].tolist(), strict=True))
         return with_values(self.prepared.mechanism, values)
 
     @property

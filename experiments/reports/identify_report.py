@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from ident.estimate import Estimate
 from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.several_files import name_of
-from ident.tolerances import DRIVE_UNITS
+from ident.tolerances import DRIVE, DRIVE_UNITS
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
@@ -197,7 +198,7 @@ def document(
         f"{model.name}, identified from {', '.join(map(name_of, logs))}",
         verdict=str(result.verdict()),
         findings=[(finding.text, finding.doubt) for finding in result.findings],
-        lines=data_lines(result),
+        lines=[*data_lines(result), *_left_out_of(updated, result)],
         heading="The recording",
         tables={
             "table_base_parameters": parameters_table(result),
@@ -207,11 +208,24 @@ def document(
         figures=_figures(result, PAPER),
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
-        files={updated: lambda path: write_model(path, result.prepared.mechanism, result.consistent())},
+        files={updated: partial(_write_updated, result)},
         screen=text(result),
     )
     chosen, _ = made.chosen(layout)
     return replace(made, figures=_figures(result, chosen)) if chosen.parameters else made
+
+
+def _write_updated(result: Estimate, path: Path) -> None:
+    """Writes the model with the physical bodies and the drives of an estimate."""
+    write_model(path, result.prepared.mechanism, result.consistent(), result.drives_updated)
+
+
+def _left_out_of(updated: str, result: Estimate) -> list[str]:
+    """Line on the fitted drives that the updated model's format cannot hold."""
+    kinds = {"model.urdf": ("rotor", "spring", "stribeck"), "model.osim": tuple(DRIVE)}.get(updated, ("stribeck",))
+    columns = tuple(f"{DRIVE[kind]}(" for kind in kinds)
+    names = [name for name in result.fit.equations.drives if name.startswith(columns)]
+    return [f"{updated} cannot hold {', '.join(names)}."] if names else []
 
 
 def _figures(result: Estimate, layout: Layout) -> dict[str, tuple[Figure, str]]:

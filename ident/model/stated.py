@@ -16,11 +16,12 @@ def stated_values(mechanism: Mechanism, names: Sequence[str]) -> np.ndarray:
 
 
 def with_values(mechanism: Mechanism, values: Mapping[str, float]) -> dict[str, Drive]:
-    """Drives of a mechanism with other values of some columns, by the names of the freedoms."""
-    drives = dict(mechanism.drives)
+    """Drives with other values of some columns, of the freedoms that these are of, by name."""
+    drives = dict[str, Drive]()
     for name, value in values.items():
         kind, freedom = column_place(name)
-        drives[freedom] = drives.get(freedom, NO_DRIVE).with_value(kind, value)
+        before = drives.get(freedom, mechanism.drives.get(freedom, NO_DRIVE))
+        drives[freedom] = before.with_value(kind, value)
     return drives
 
 

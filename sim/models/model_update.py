@@ -1,7 +1,7 @@
 """Models with other inertial parameters: φ written into MJCF, URDF and OpenSim files, with all else unchanged."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
@@ -11,7 +11,9 @@ import numpy as np
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
+from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
+from sim.models.drives_update import changed_drives, state_drives, urdf_dynamics
 from sim.models.inertials import (
     OVERRIDING,
     Inertial,
@@ -70,21 +72,25 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
     return spec
 
 
-def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies) -> None:
+def write_model(
+    path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies, drives: Mapping[str, Drive] | None = None
+) -> None:
     """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim by the suffix, else MJCF.
 
     In a URDF or an OpenSim file only numbers with another value change, missing elements are added, and every other
-    byte stays. In an MJCF file only inertias change (and, in another folder, the folders of meshes and textures). Files
-    with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds numbers other than
-    inertias to six digits.
+    byte stays. In an MJCF file only inertias and drives change (and, in another folder, the folders of meshes and
+    textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds
+    numbers other than these to six digits.
 
     Args:
         path: File to write; its folder must exist.
         mechanism: The mechanism, from a URDF or an OpenSim file if that is to be written.
         phi: φ of its bodies, with welds not merged (10 b,), or an object with a φ.
+        drives: Friction, rotor inertias and stiffnesses by joint, as `Estimate.drives_updated`; by default they stay
+            as they are. URDF has no rotor inertias and springs, and of OpenSim's files drives stay as they are.
 
     Raises:
-        ModelError: As for `updated_spec`, or the file does not read back as φ.
+        ModelError: As for `updated_spec`, the file does not read back as φ, or a drive is negative or of no joint.
         InputError: As for `updated_spec`, or a URDF or OpenSim file is requested for a model in another format.
     """
     if isinstance(mechanism.source, OpenSimOrigin):
@@ -96,7 +102,8 @@ def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
-    data = _urdf(origin, phi) if urdf else _mjcf(origin, phi, path.parent)
+    changed = changed_drives(origin.model, drives or {})
+    data = _urdf(origin, phi, changed) if urdf else _mjcf(origin, phi, path.parent, changed)
     with replacing(path) as temporary:
         temporary.write_bytes(data)
         spec = model_from_urdf(temporary, meshes=False) if urdf else specification(temporary)
@@ -166,8 +173,8 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
     set_inertials(spec, inertials)
 
 
-def _mjcf(origin: Origin, phi: np.ndarray, folder: Path) -> bytes:
-    """Content of an MJCF file in a folder, with φ of a mechanism's bodies."""
+def _mjcf(origin: Origin, phi: np.ndarray, folder: Path, changed: Mapping[int, Mapping[str, float]]) -> bytes:
+    """Content of an MJCF file in a folder, with φ of a mechanism's bodies and attributes of joints by their ids."""
     source = origin.text
     assert source is not None
     spec = specification(source, origin.packages)
@@ -178,6 +185,7 @@ def _mjcf(origin: Origin, phi: np.ndarray, folder: Path) -> bytes:
     if root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
         root = ET.fromstring(spec.to_xml())
     _state(root, inertials)
+    state_drives(root, changed)
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
         set_asset_folders(root, spec, home)
@@ -212,7 +220,7 @@ def set_asset_folders(root: ET.Element, spec: mujoco.MjSpec, home: Path) -> None
     root.insert(0, ET.Element("compiler", folders))
 
 
-def _urdf(origin: Origin, phi: np.ndarray) -> bytes:
+def _urdf(origin: Origin, phi: np.ndarray, drives: Mapping[int, Mapping[str, float]]) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
     changed = {}
     for b, own in _members(origin, phi).items():
@@ -220,7 +228,7 @@ def _urdf(origin: Origin, phi: np.ndarray) -> bytes:
         if abs(own - before).max() > SAME * abs(before).max():
             _check_physical(origin, b, own)
             changed[body_name(origin.model, b)] = own
-    return updated_urdf(Path(str(origin.text)), changed)
+    return updated_urdf(Path(str(origin.text)), changed, urdf_dynamics(origin.model, drives))
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin) -> None:

@@ -19,23 +19,44 @@ ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1
 _WORD = re.compile(rb"\S+")
 
 
-def updated_urdf(path: Path, links: Mapping[str, np.ndarray]) -> bytes:
-    """Bytes of a URDF file with other inertias of some links.
+def updated_urdf(
+    path: Path, links: Mapping[str, np.ndarray], dynamics: Mapping[str, Mapping[str, float]] | None = None
+) -> bytes:
+    """Bytes of a URDF file with other inertias of some links, and other friction of some joints.
 
     An inertia stays in the axes in which the file states it. A massless link keeps its centre of mass.
 
     Args:
         path: The file, which has already been read as a model.
         links: φ (10,) of the links, about their frames, by name.
+        dynamics: Attributes of the joints' `<dynamics>`, by name.
 
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
     """
     data = path.read_bytes()
+    root = root_of(path, data)
+    of_links, of_joints = (_first_of_each_name(root, tag) for tag in ("link", "joint"))
+    edits = [edit for name, phi in links.items() for edit in _edits(data, of_links[name], phi)]
+    for name, attributes in (dynamics or {}).items():
+        edits += _dynamics_edits(data, of_joints[name], {key: [value] for key, value in attributes.items()})
+    return edited(data, edits)
+
+
+def _first_of_each_name(root: Place, tag: str) -> dict[str, Place]:
     places: dict[str, Place] = {}
-    for link in root_of(path, data).below("link"):
-        places.setdefault(link.attributes.get("name", ""), link)
-    return edited(data, (edit for name, phi in links.items() for edit in _edits(data, places[name], phi)))
+    for place in root.below(tag):
+        places.setdefault(place.attributes.get("name", ""), place)
+    return places
+
+
+def _dynamics_edits(data: bytes, joint: Place, attributes: Mapping[str, Sequence[float]]) -> Iterator[Edit]:
+    """Edits that set attributes of a joint's `<dynamics>`."""
+    if (dynamics := joint.child("dynamics")) is not None:
+        yield from _attribute_edits(data, dynamics, attributes, max(abs(values[0]) for values in attributes.values()))
+    elif any(values[0] for values in attributes.values()):
+        text = b"".join(_attribute(key, values) for key, values in attributes.items())
+        yield joint.with_first(data, b"<dynamics" + text + b"/>")
 
 
 def _edits(data: bytes, link: Place, phi: np.ndarray) -> Iterator[Edit]:

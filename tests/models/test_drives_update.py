@@ -1,0 +1,125 @@
+"""Drives that are written into models, and what the written models predict."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import driven_arm
+import mujoco
+import numpy as np
+import pytest
+
+import ident
+import sim
+from ident.errors import ModelError
+from ident.estimation.preparation import predicted_channels
+from ident.mechanism.drives import Drive
+from sim.models.model_update import write_model
+
+CLASSES = driven_arm.text(**{key: (2.0, 2.0, 2.0) for key in ("damping", "frictionloss", "armature")}).replace(
+    "<worldbody>", '<default><joint damping="9" armature="1" stiffness="5"/></default><worldbody>'
+)
+
+URDF = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="base"/>
+  <joint name="turn" type="revolute"><!-- geared -->
+    <parent link="base"/><child link="one"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="9"/>
+    <dynamics friction="0.5"   damping="1.0"/>
+  </joint>
+  <link name="one"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="bend" type="revolute">
+    <parent link="one"/><child link="two"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/>
+  </joint>
+  <link name="two"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>
+"""
+
+NEW = {"turn": Drive(1.25, 0.75, 0.5), "bend": Drive(0.125, 0.0625, 0.03125, 3.0)}
+
+
+def test_numbers_are_set_on_the_joint_whatever_its_class_has(tmp_path):
+    (tmp_path / "arm.xml").write_text(CLASSES, encoding="utf-8")
+    arm = sim.mechanism(tmp_path / "arm.xml")
+    write_model(tmp_path / "new.xml", arm, arm.known, NEW)
+    written = sim.mechanism(tmp_path / "new.xml")
+    assert written.drives["turn"] == NEW["turn"]
+    assert written.drives["bend"] == replace(NEW["bend"], springref=written.drives["bend"].springref)
+    assert written.drives["lift"] == arm.drives["lift"]
+    np.testing.assert_allclose(written.known, arm.known, rtol=1e-12, atol=1e-15)
+    joints = {joint.get("name"): joint for joint in ET.parse(tmp_path / "new.xml").iter("joint") if joint.get("name")}
+    assert joints["turn"].get("damping") == "1.25" and joints["bend"].get("stiffness") == "3.0"
+    # What does not change is not stated anew.
+    assert joints["turn"].get("stiffness") == "0.0" and joints["lift"].get("damping") == "2.0"
+
+
+def test_specifications_and_urdf_as_mjcf_are_written_as_well(tmp_path):
+    arm = driven_arm.mechanism()
+    write_model(tmp_path / "new.xml", arm, arm.known, NEW)
+    assert sim.mechanism(tmp_path / "new.xml").drives["turn"] == NEW["turn"]
+    (tmp_path / "arm.urdf").write_text(URDF, encoding="utf-8")
+    arm = sim.mechanism(tmp_path / "arm.urdf")
+    write_model(tmp_path / "of_urdf.xml", arm, arm.known, NEW)
+    assert sim.mechanism(tmp_path / "of_urdf.xml").drives["bend"].rotor == 0.03125
+
+
+def test_of_urdf_only_the_numbers_of_dynamics_change(tmp_path):
+    (tmp_path / "arm.urdf").write_text(URDF, encoding="utf-8")
+    arm = sim.mechanism(tmp_path / "arm.urdf")
+    write_model(tmp_path / "new.urdf", arm, arm.known, NEW)
+    expected = URDF.replace('friction="0.5"   damping="1.0"', 'friction="0.75"   damping="1.25"')
+    expected = expected.replace(
+        '<joint name="bend" type="revolute">\n    ',
+        '<joint name="bend" type="revolute">\n    <dynamics damping="0.125" friction="0.0625"/>\n    ',
+    )
+    assert (tmp_path / "new.urdf").read_text(encoding="utf-8") == expected
+    write_model(tmp_path / "same.urdf", arm, arm.known, arm.drives)
+    assert (tmp_path / "same.urdf").read_text(encoding="utf-8") == URDF
+
+
+@pytest.mark.parametrize(
+    ("drives", "message"),
+    [
+        ({"turn": Drive(viscous=-1.0)}, "Joint 'turn' needs a damping of at least 0, got -1"),
+        ({"knee": Drive()}, "drives names 'knee', which is none of turn, lift, bend"),
+        ({"turn": Drive(rotor=np.nan)}, "Joint 'turn' needs a finite rotor inertia, got nan"),
+    ],
+)
+def test_bad_drives_are_one_sentence_and_nothing_is_written(tmp_path, drives, message):
+    arm = driven_arm.mechanism()
+    with pytest.raises(ModelError, match=message):
+        write_model(tmp_path / "new.xml", arm, arm.known, drives)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_the_written_model_predicts_as_well_as_the_estimate(tmp_path, stated):
+    """MuJoCo's inverse dynamics of the updated model on the held-out part, where joints do not reverse."""
+    arm = driven_arm.mechanism(**({} if stated else driven_arm.NONE))
+    recording = driven_arm.log()
+    if not stated:
+        # Without a spring in the model none is fitted.
+        k = driven_arm.JOINTS.index("lift")
+        spring = driven_arm.TRUE["stiffness"][k] * (recording["lift_position"] - driven_arm.TRUE["springref"][k])
+        recording = replace(
+            recording, measured={**recording.measured, "lift_torque": recording["lift_torque"] - spring}
+        )
+    estimate = ident.identify(arm, recording, estimator="weighted", cutoff=8.0)
+    write_model(tmp_path / "new.xml", arm, estimate.consistent(), estimate.drives_updated)
+    held = estimate.held_out
+    motion = held.samples.motion
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "new.xml"))
+    data, torques = mujoco.MjData(model), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*motion.states, strict=True):
+        mujoco.mj_inverse(model, data)
+        torques.append(data.qfrc_inverse.copy())
+    error = held.samples.measured - np.array(torques)
+    error -= error.mean(axis=0)
+    moving = np.abs(motion.dq) > 0.1
+    for k in range(3):
+        rms, own = (np.sqrt((x[moving[:, k], k] ** 2).mean()) for x in (error, held.residual))
+        assert rms < 1.02 * own, driven_arm.JOINTS[k]
+    predicted = predicted_channels(sim.mechanism(tmp_path / "new.xml"), motion, np.eye(4), torques=True)
+    of_ident = np.column_stack([predicted[joint] for joint in driven_arm.JOINTS])
+    np.testing.assert_allclose(of_ident[moving.all(axis=1)], np.array(torques)[moving.all(axis=1)], atol=1e-6)
