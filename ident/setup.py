@@ -83,6 +83,11 @@ def _later(elapsed: "np.ndarray") -> "np.ndarray":
     return 0.0 * elapsed - 1.0
 
 
+def _acting_later(elapsed: "np.ndarray") -> "np.ndarray":
+    """Shift by commands that act a second after they are logged."""
+    return 0.0 * elapsed + 1.0
+
+
 def _slower(elapsed: "np.ndarray") -> "np.ndarray":
     """Shift by a clock whose unit is twice as long."""
     return elapsed
@@ -100,6 +105,17 @@ SETUP: Mapping[str, SetupKind] = {
         shift=_later,
         own=True,
         far=True,
+    ),
+    "lag": SetupKind(
+        std=0.02,
+        unit=TIME,
+        of="commands",
+        sentence="Commands act {size} {sign} than they are logged",
+        signs=("later", "earlier"),
+        short="a lag of the commands",
+        label="lag of the commands",
+        shift=_acting_later,
+        own=True,
     ),
     "clock": SetupKind(
         std=0.003,

@@ -19,8 +19,16 @@ TRUE = {
 """Drives of the joints, by MJCF's attributes."""
 
 
-def text(**drives):
-    """MJCF of the arm, with drives by attribute, or those of `TRUE` where none are given."""
+KP, KV = (60.0, 80.0, 30.0), (4.0, 5.0, 2.0)
+"""Stiffness and damping of the joints' servos."""
+
+ACTUATORS = "<actuator>{}</actuator>".format(
+    "".join(f'<position joint="{j}" kp="{kp}" kv="{kv}"/>' for j, kp, kv in zip(JOINTS, KP, KV, strict=True))
+)
+
+
+def text(*, more="", **drives):
+    """MJCF of the arm, with drives by attribute, or those of `TRUE` where none are given, and more elements."""
     own = TRUE | drives
     attributes = [" ".join(f'{key}="{own[key][k]}"' for key in own) for k in range(3)]
     return f"""<mujoco><compiler angle="radian"/><worldbody><body name="column"><joint name="turn" axis="0 0 1"
@@ -29,7 +37,7 @@ def text(**drives):
       <inertial mass="3" pos="0.2 0 0.01" diaginertia="0.01 0.05 0.05"/>
       <body name="fore" pos="0.4 0 0"><joint name="bend" axis="0 1 0" {attributes[2]}/>
       <inertial mass="1.5" pos="0.15 0.01 0" diaginertia="0.003 0.02 0.02"/></body></body></body></worldbody>
-      </mujoco>"""
+      {more}</mujoco>"""
 
 
 NONE = dict.fromkeys(TRUE, (0.0, 0.0, 0.0))
@@ -64,3 +72,27 @@ def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0):
     q = q + noise * 1e-4 * rng.normal(size=q.shape)
     channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
     return ident.Recording(t, channels | {f"{joint}_torque": x for joint, x in zip(JOINTS, torque.T, strict=True)})
+
+
+@cache
+def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0):
+    """Angles and commands of the arm under its servos, simulated; commands act `lag` samples later than logged."""
+    model = mujoco.MjModel.from_xml_string(text(more=ACTUATORS))
+    model.opt.timestep, per = 1e-3, round(1000 / rate)
+    data, rng = mujoco.MjData(model), np.random.default_rng(seed)
+    count = round(seconds * rate)
+    t = np.arange(count + lag) / rate
+    pulsation = 2 * np.pi * 0.25 * np.arange(1, 6)
+    amplitude, phase = rng.uniform(0.08, 0.25, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
+    u = (amplitude * np.sin(pulsation * t[:, None, None] + phase)).sum(axis=2)
+    u = u[lag:], u[: len(u) - lag]
+    data.qpos[:], positions = u[1][0], []
+    for logged, acting in zip(*u, strict=True):
+        positions.append((logged, data.qpos.copy()))
+        data.ctrl[:] = acting
+        mujoco.mj_step(model, data, per)
+    commands, q = (np.array(x) for x in zip(*positions, strict=True))
+    q += noise * 1e-4 * rng.normal(size=q.shape)
+    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
+    channels |= {f"{joint}_command": x for joint, x in zip(JOINTS, commands.T, strict=True)}
+    return np.arange(count) / rate, channels

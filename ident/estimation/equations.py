@@ -42,6 +42,8 @@ class Equations:
         offsets: Indices of the channels that have a constant offset.
         slips: Velocities over which Coulomb friction changes sign, rad/s or m/s, as `Fc tanh(q̇ / slip)` (n,); None for
             a jump.
+        servos: Stiffness, damping, and relative standard deviation of the stiffness, of the servos of joints whose
+            commands are the channels, zero for measured torques (3, torques); None for none.
         absorbed: What drives that the model states add to the coefficients of base parameters and drives, because
             their own columns depend on those (r + d,); None for nothing.
     """
@@ -54,6 +56,7 @@ class Equations:
     drives: tuple[str, ...] = ()
     offsets: tuple[int, ...] = ()
     slips: np.ndarray | None = None
+    servos: np.ndarray | None = None
     absorbed: np.ndarray | None = None
 
     def __post_init__(self) -> None:

@@ -200,6 +200,7 @@ class Measurement:
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):
             out[k] = out[k] + offset
+        out = self._with_servos(out, q, dq, theta)
         if not self.contacts:
             return out
         touch = self._less_contacts(motions, base, wrenches[0], theta)
@@ -222,6 +223,23 @@ class Measurement:
         wrench = self._in_sensor(np.sum(felt, axis=0), base, theta)
         torques = loads.joint_torques(tree, motions, q, felt) if self.equations.torques else []
         return [*wrench, *(torques[k] + drives[k] if drives else torques[k] for k in self.equations.torques)]
+
+    def encoders(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Readings of the encoders of hinges and slides by freedom, zero for balls (…, n), at coordinates (…, n_q)."""
+        zeros = [self.of_kind("zero", freedom).get(None) for freedom in self.tree.freedoms]
+        off = np.array([0.0 if at is None else theta[at] for at in zeros])
+        return self.tree.freedom_coordinates(q) + off
+
+    def _with_servos(self, channels: list[Value], q: np.ndarray, dq: np.ndarray, theta: np.ndarray) -> list[Value]:
+        """Channels of commanded joints in terms of their commands, `kp u = τ + kp q + kv q̇`."""
+        servos, torques = self.equations.servos, self.equations.torques
+        if servos is None:
+            return channels
+        lengths, out = self.encoders(q, theta), list(channels)
+        for at, (k, kp, kv) in enumerate(zip(torques, *servos[:2], strict=True), len(channels) - len(torques)):
+            if kp:
+                out[at] = out[at] + kp * lengths[k] + kv * dq[k]
+        return out
 
     def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
         """Set-up parameters of a kind as a vector, zeros where there are none (3,)."""

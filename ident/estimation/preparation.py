@@ -167,7 +167,7 @@ def prepared(
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
     constant |= _constant_together(recording, wrench)
     wrench = np.where(np.isin(COMPONENTS, (*constant, *leave_out)), np.nan, wrench)
-    torques = recording.torques(tree.joints)
+    torques = recording.torques_at(tree, motion)
     torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
     if asked and not channels.torques:
@@ -187,7 +187,8 @@ def prepared(
     notes += _hidden(mechanism, sensors, parameters, channels.names)
     notes += [parameters.remark] if parameters.remark else []
     drives = usual_drives(mechanism, channels.torques) if drive is None else asked if channels.torques else ()
-    equations = Equations(mechanism, parameters, rows, channels.torques, channels.names, drives)
+    servos = servo_gains(recording, tree, channels.torques)
+    equations = Equations(mechanism, parameters, rows, channels.torques, channels.names, drives, servos=servos)
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
     if lost := [name for name in drives if name not in fitted.drives]:
@@ -229,6 +230,14 @@ def _absorbed(mechanism: Mechanism, lost: Sequence[str]) -> str:
     if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
         return f"{note}."
     return f"{note}; bodies are computed with the model's {', '.join(stated)}."
+
+
+def servo_gains(recording: Recording, tree: Tree, torques: Sequence[int]) -> np.ndarray | None:
+    """`Equations.servos` of a recording, for the torques of some freedoms."""
+    if not recording.servos:
+        return None
+    servos = [recording.servos.get(tree.freedoms[k]) for k in torques]
+    return np.array([(each.kp, each.kv, each.kp_std) if each else (0.0, 0.0, 0.0) for each in servos]).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,7 +415,7 @@ def filtered(prepared: Prepared, cutoff: float | None) -> Filtered:
     tree, rate = mechanism.tree, recording.rate
     motion = prepared.samples.motion if cutoff is None else _motion(mechanism, recording, cutoff)
     _, wrench = _wrench(tree, recording, motion, None, [])
-    torques = recording.torques(tree.joints)
+    torques = recording.torques_at(tree, motion)
     known, felt = np.isfinite(prepared.wrench).all(axis=0), list(prepared.equations.torques)
     raw = np.hstack([wrench[:, known], np.empty((len(wrench), 0)) if torques is None else torques[:, felt]])
     return Filtered(motion, raw if cutoff is None else low_pass(raw, rate, cutoff), raw)

@@ -63,11 +63,13 @@ class Subject(NamedTuple):
         name: Its name, "" for gravity.
         axes: Axes along which it may; one None if it has no axes.
         place: As for `SetupParameter`.
+        std: Standard deviation of its own, by default the kind's.
     """
 
     name: str
     axes: Sequence[int | None]
     place: Mapping[str, tuple[str, ...]]
+    std: float | None = None
 
 
 def setup_parameters(
@@ -84,11 +86,11 @@ def setup_parameters(
     """
     std, every = PRIORS | (priors or {}), objects(equations, contacts, held=held)
     return tuple(
-        SetupParameter(kind, subject.name, axis, std[kind], place=subject.place)
+        SetupParameter(kind, subject.name, axis, own, place=subject.place)
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
         for kind, row in SETUP.items()
-        if row.of == group and std[kind] > 0
+        if row.of == group and (own := std[kind] if subject.std is None else subject.std) > 0
         for axis in subject.axes
     )
 
@@ -97,24 +99,35 @@ def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dic
     """Objects of the kinds of set-up errors, by `SetupKind.of`; arguments as for `setup_parameters`.
 
     Returns:
-        `clocks` of the wrenches, one for all that share it; `frames` of the wrenches; `channels`, and those of the
-        contacts; `gravity`, about the axes across it; `angles` of the hinges, and their `axes`, about those across.
+        `clocks` of the wrenches, one for all that share it; `commands` of servos, if there are no other channels;
+        `frames` of the wrenches; `channels`, and those of the contacts; `gravity`, about the axes across it; `angles`
+        of the hinges, and their `axes`, about those across.
     """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
     wrench = len(equations.channels) > len(equations.torques)
     ground = (GROUND,) if wrench and held else ()
     together = ground if held else tuple(contacts) if wrench else ()
     channels = equations.channels[0 if held else len(equations.channels) - len(equations.torques) :]
+    servos = _kp_deviations(equations)
     hinges = [(body, {"joints": (body.joint,)}) for body in tree.bodies if body.coordinates and body.turns]
     return {
         "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
+        "commands": [Subject("", (None,), {})] if not wrench and len(servos) == len(equations.channels) > 0 else [],
         "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)],
-        "channels": [Subject(name, (None,), {"channels": (name,)}) for name in channels]
+        "channels": [Subject(name, (None,), {"channels": (name,)}, servos.get(name)) for name in channels]
         + [Subject(f"{name} {x}", (None,), {"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
         "gravity": [Subject("", across(gravity), {})] if np.any(gravity) else [],
         "angles": [Subject(body.joint, (None,), place) for body, place in hinges],
         "axes": [Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges],
     }
+
+
+def _kp_deviations(equations: Equations) -> dict[str, float]:
+    """Relative standard deviations of the stiffnesses of servos, by channel."""
+    if equations.servos is None:
+        return {}
+    channels = equations.channels[len(equations.channels) - len(equations.torques) :]
+    return {name: std for name, (kp, _, std) in zip(channels, equations.servos.T.tolist(), strict=True) if kp}
 
 
 def across(direction: np.ndarray) -> list[int]:

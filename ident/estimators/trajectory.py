@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ident.errors import ExcitationError
-from ident.estimate import Estimate
+from ident.estimate import Estimate, HeldOut
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import excited
 from ident.estimation.preparation import Prepared
@@ -67,12 +67,13 @@ def trajectory(problem: Problem) -> Estimate:
     if not problem.apart and len(problem.fitted) > 2:
         values = (without(result, k) for k in range(len(problem.fitted)))
         fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
-    rivals, filtered_at = _rivals(problem, with_offsets, result, fit)
+    held_out = mended.held_out(fits)
+    rivals, filtered_at = _rivals(problem, with_offsets, result, fit, held_out)
     return Estimate(
         logs=mended.fitted,
         fit=fit,
         offsets=fit.offsets,
-        held_out=mended.held_out(fits),
+        held_out=held_out,
         singular_values=singular_values,
         trajectory=result,
         rivals=rivals,
@@ -143,7 +144,7 @@ def _corrected(problem: Problem, trajectory: TrajectoryEstimate) -> Problem:
 
 
 def _rivals(
-    problem: Problem, equations: Equations, trajectory: TrajectoryEstimate, fit: Fit
+    problem: Problem, equations: Equations, trajectory: TrajectoryEstimate, fit: Fit, held_out: HeldOut
 ) -> tuple[dict[str, np.ndarray], float | None]:
     """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
 
@@ -152,6 +153,7 @@ def _rivals(
         equations: Their columns, with offsets.
         trajectory: The trajectory estimate.
         fit: The trajectory estimate as a fit.
+        held_out: Its residuals.
 
     Returns:
         Ratios of residual to signal by candidate (C,), and the cut-off of least squares, Hz.
@@ -162,5 +164,10 @@ def _rivals(
     known = prior.mean[:count], prior.known[:count, :count]
     others = not problem.apart and len(problem.fitted) > 2
     filtered = filtered_least_squares(problem.fitted, problem.judged, equations, known, others=others)
-    left = replace(held, residual=held.samples.measured - np.concatenate(filtered.predicted))
-    return {"model": held.ratio, "least squares": left.ratio}, filtered.cutoffs[0]
+    residuals = {
+        "model": held.residual,
+        "least squares": held.samples.measured - np.concatenate(filtered.predicted),
+    }
+    # A lag of commands changes the torques that they make; all candidates are held against the same ones.
+    signal = held if equations.servos is None else held_out
+    return {name: replace(signal, residual=x).ratio for name, x in residuals.items()}, filtered.cutoffs[0]

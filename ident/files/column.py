@@ -15,6 +15,9 @@ KINDS = {
 }
 """Quantities of a joint and the names of their columns; for a ball, before the suffixes `.w`, `.x` and so on."""
 
+COMMAND = "{}_command"
+"""Name of the column of a hinge's or slide's commanded position."""
+
 BALL = {"position": "wxyz", "velocity": "xyz", "acceleration": "xyz", "torque": "xyz"}
 """Suffixes of a ball's columns: a quaternion, and vectors in the body's frame."""
 
@@ -32,6 +35,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "hinge velocity": _RATE | {"rpm": np.pi / 30},
     "hinge acceleration": _ACCELERATION,
     "hinge torque": _MOMENT,
+    "hinge command": _ANGLE,
     "ball position": {"1": 1.0},
     "ball velocity": _RATE,
     "ball acceleration": _ACCELERATION,
@@ -40,6 +44,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "slide velocity": {f"{u}/s": f for u, f in _LENGTH.items()},
     "slide acceleration": {f"{u}/s{s}": f for u, f in _LENGTH.items() for s in _SQUARED},
     "slide torque": _FORCE,
+    "slide command": _LENGTH,
     "force": _FORCE,
     "torque": _MOMENT,
     "length": _LENGTH,

@@ -208,6 +208,12 @@ class Tree:
         """Joint coordinates (…, n_q) by body: each (…, 0), (…, 1) or (…, 4), followers (…, 0)."""
         return self._dealt("coordinates", q, [body.coordinates for body in self.bodies])
 
+    def freedom_coordinates(self, q: np.ndarray) -> np.ndarray:
+        """Coordinates of hinges and slides by freedom, zero for those of balls (…, n), from all of them (…, n_q)."""
+        own = zip(self.bodies, self.body_coordinates(q), strict=True)
+        each = [0 * x[..., 1:] if body.is_ball else x[..., : body.freedoms] for body, x in own]
+        return np.concatenate([q[..., :0], *each], axis=-1)
+
     def body_velocities(self, dq: np.ndarray) -> list[np.ndarray]:
         """Joint velocities or accelerations (…, n) by body: each (…, 0), (…, 1) or (…, 3)."""
         return self._dealt("velocities", dq, [body.freedoms for body in self.bodies])

@@ -132,10 +132,8 @@ def drive_columns(
 
 def spring_lengths(tree: Tree, q: np.ndarray, references: np.ndarray | float) -> np.ndarray:
     """Coordinates of the n freedoms less their springs' references (…, n); zero for balls, whose springs have none."""
-    own = zip(tree.bodies, tree.body_coordinates(q), strict=True)
-    lengths = [0 * x[..., 1:] if body.is_ball else x[..., : body.freedoms] for body, x in own]
     has_one = np.concatenate([np.zeros(0, bool), *(np.full(body.freedoms, not body.is_ball) for body in tree.bodies)])
-    return np.concatenate([q[..., :0], *lengths], axis=-1) - references * has_one
+    return tree.freedom_coordinates(q) - references * has_one
 
 
 def drive_kinds(drive: Sequence[str]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.column import BALL, KINDS, UNITS, Columns
+from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
 from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
@@ -43,6 +43,8 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
         for kind in KINDS:
             if f"joints.{joint}.{kind}" not in columns:
                 columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
+        if joint_kind != "ball" and (command := COMMAND.format(joint)) in table.cells:
+            columns.setdefault(f"joints.{joint}.command", Columns((command,)))
         if not all(columns[f"joints.{joint}.position"].names):
             names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"
             raise NoPositionError(

@@ -16,6 +16,7 @@ from ident.files.table import BASE, TRUE, Table, in_pieces
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping
+from ident.recordings.commands import with_servos
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
@@ -114,6 +115,7 @@ def _pieces(
                 continue
             unused = [name for name in table.cells if name not in mapping.used]
             recording = _without_incomplete(_recording(repaired, mapping), joints, notes if first else [])
+            recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
             recording = placed(recording, mechanism, mapping.plates, notes if first else [])
             if first:
                 _check(recording, mapping, mechanism, kinds, notes)
@@ -163,6 +165,7 @@ def _of_several_clocks(
     streams = read_streams(tables, mapping, notes, gaps=gaps if len(files) > 1 else None)
     recording = _recording(streams, mapping)
     recording = _without_incomplete(recording, mechanism.tree.joints, notes)
+    recording = with_servos(recording, mapping.servos, mechanism, notes)
     recording = placed(recording, mechanism, mapping.plates, notes)
     _check(recording, mapping, mechanism, kinds, notes)
     unused = [name for table in tables for name in table.cells if name not in mapping.used]

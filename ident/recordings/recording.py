@@ -18,6 +18,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings import saved
 from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
+from ident.recordings.servo import Servo
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 STATES = ("position", "velocity", "acceleration")
@@ -28,7 +29,8 @@ STATES = ("position", "velocity", "acceleration")
 class Recording:
     """Channels at common sample times, simulated or measured, and streams at times of their own.
 
-    Joint channels are named `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`; for a ball the
+    Joint channels are named `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`, or
+    `JOINT_command` for the commanded position of a joint with a servo; for a ball the
     position is a quaternion `w, x, y, z` (N, 4), the others have three components in the body's frame (N, 3). Wrenches
     are `NAME_force` and `NAME_torque`, poses of bodies in the base frame `BODY_position` and `BODY_orientation` (a
     quaternion). Values are finite, or NaN throughout a column that was not measured.
@@ -49,6 +51,7 @@ class Recording:
             kinds of `ident.setup.SETUP`; zero for what is exactly as stated.
         known: Standard deviations of the model's body parameters that differ from the defaults, by the kinds of
             `ident.parameters.prior.KNOWN`.
+        servos: Servos of the joints whose torques follow from their commands, by name.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -66,6 +69,7 @@ class Recording:
     base: np.ndarray | None = None
     setup: Mapping[str, float] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
+    servos: Mapping[str, Servo] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
@@ -161,8 +165,25 @@ class Recording:
         samples = len(self.time)
         return np.hstack([np.empty((samples, 0)), *(self[f"{j}_{kind}"].reshape(samples, -1) for j in joints)])
 
+    def torques_at(self, tree: Tree, motion: Motion) -> np.ndarray | None:
+        """Torques of a tree's joints, measured or of servos, NaN for joints without (N, n); None if no joint has any.
+
+        Args:
+            tree: The mechanism's tree.
+            motion: Its motion, at which servos of commanded joints act (N samples).
+        """
+        out = self.torques(tree.joints)
+        if commanded := [joint for joint in tree.joints if joint in self.servos]:
+            out = np.full((len(self.time), len(tree.freedoms)), np.nan) if out is None else out
+            coordinates = tree.freedom_coordinates(motion.q)
+            for joint in commanded:
+                servo, k = self.servos[joint], tree.freedoms.index(joint)
+                lag = self[f"{joint}_command"] - coordinates[:, k]
+                out[:, k] = servo.kp * lag - servo.kv * motion.dq[:, k]
+        return out
+
     def torques(self, joints: Sequence[str]) -> np.ndarray | None:
-        """Torques of the named joints, NaN for joints without (N, n); None if no joint has any."""
+        """Measured torques of the named joints, NaN for joints without (N, n); None if no joint has any."""
         if not any(f"{joint}_torque" in self.measured for joint in joints):
             return None
         columns = []

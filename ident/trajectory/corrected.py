@@ -112,11 +112,19 @@ def _rows(measurement: Measurement, theta: np.ndarray) -> np.ndarray:
 
 
 def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Channels without the contribution of contacts, torques without their gain; wrenches keep theirs (N, C)."""
+    """Channels without the contribution of contacts, torques without their gain; wrenches keep theirs (N, C).
+
+    Commands become the torques that they make.
+    """
     measured = piece.measured
     if measurement.contacts:
         without = measurement.values(states, np.zeros_like(piece.wrenches), theta)
         measured = measured + (without - measurement.values(states, piece.wrenches, theta)).T
+    if (servos := measurement.equations.servos) is not None:
+        motion, which = measurement.motion(states), list(measurement.equations.torques)
+        lengths = measurement.encoders(motion.q, theta)[:, which]
+        measured = measured.copy()
+        measured[:, -len(which) :] -= servos[0] * lengths + servos[1] * motion.dq[:, which]
     gains = np.array(measurement.gains(theta), float)
     gains[: len(measurement.components)] = 1
     offsets = measurement.constants(theta)

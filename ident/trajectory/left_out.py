@@ -67,7 +67,7 @@ def prediction_errors(measurement: Measurement, fit: TrajectoryFit, least: np.nd
         fit: The estimate.
         least: Slack above which samples are left out (C,).
     """
-    measured = np.concatenate([piece.measured for piece in fit.pieces])
+    measured = np.concatenate([piece.signal for piece in fit.pieces])
     spread = np.maximum(np.nan_to_num(np.nanstd(measured, axis=0)), 1e-300)
     try:
         thetas = [without(fit, slice(k, k + 1))[0][own] for k, own in enumerate(fit.selections)]

@@ -1,5 +1,6 @@
 """Pieces of a recording for the trajectory estimate: coordinates, channels, contacts and a spline for each piece."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -77,6 +78,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
     recording = prepared.recording
     states, time = coordinates(recording, prepared.mechanism.joints), recording.time
     channels, wrenches = _channels(prepared, measurement)
+    echo = _echo(prepared, measurement, states, channels.time)
     first, last = part.start, part.stop
     number = max(least, int(np.ceil(max((time[last - 1] - time[first]) / LONGEST, (last - first) / MOST))))
     borders = np.linspace(first, last, number + 1).round().astype(int)
@@ -89,9 +91,10 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
         spline = Spline.over(time[a] - MARGIN, end + MARGIN, step)
         coordinate_samples = states.time[x], (states.values[x], None, None)
         late = None if measurement.frame is None else len(measurement.components)
-        pieces.append(
-            Piece(spline, *coordinate_samples, channels.time[y], channels.values[y], wrenches[y], float(time[0]), late)
+        piece = Piece(
+            spline, *coordinate_samples, channels.time[y], channels.values[y], wrenches[y], float(time[0]), late
         )
+        pieces.append(piece if echo is None else replace(piece, echo=echo[y]))
     return pieces
 
 
@@ -119,8 +122,9 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
         parts = [Sampled(time, np.zeros((len(time), len(measurement.components))))]
     freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(body.freedoms)]
     for joint, component in (freedoms[k] for k in measurement.equations.torques):
-        stream = recording.as_measured(f"{joint}_torque")
-        parts.append(Sampled(stream.time, stream.columns[:, component]))
+        servo = recording.servos.get(joint)
+        stream = recording.as_measured(f"{joint}_command" if servo else f"{joint}_torque")
+        parts.append(Sampled(stream.time, stream.columns[:, component] * (servo.kp if servo else 1.0)))
     time, values = side_by_side(parts)
     there = [between_samples(contact, time, _reach(contact)) for contact in contacts]
     values = np.where(np.all([prepared.usable(time), *there], axis=0)[:, None], values, np.nan)
@@ -128,6 +132,18 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     rate = (len(time) - 1) / (time[-1] - time[0])
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
     return Sampled(time, values), np.stack([averages, wrenches - averages], axis=1)
+
+
+def _echo(prepared: Prepared, measurement: Measurement, states: Sampled, time: np.ndarray) -> np.ndarray | None:
+    """`Piece.echo` at the times of the channels (M, C), from the measured coordinates."""
+    equations, first = measurement.equations, measurement.of_base
+    if equations.servos is None:
+        return None
+    q = interpolated(states, time)[:, first:]
+    lengths = prepared.mechanism.tree.freedom_coordinates(q)[:, list(equations.torques)]
+    out = np.zeros((len(time), len(equations.channels)))
+    out[:, len(equations.channels) - len(equations.torques) :] = equations.servos[0] * lengths
+    return out
 
 
 def _on_mechanism(recording: Recording, name: str) -> Sampled:

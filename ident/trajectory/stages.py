@@ -131,7 +131,7 @@ class Stages:
         reversals = None
         if rubbing(self.measurement):
             rates = [speeds(self.measurement, *pair, theta) for pair in zip(pieces, alone.coefficients, strict=True)]
-            reversals = at_first([piece.measured for piece in pieces], rates)
+            reversals = at_first([piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
         fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup, EXPLORED)

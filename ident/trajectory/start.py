@@ -89,7 +89,7 @@ def start(
         free: Mask of the entries of θ to fit (p,).
     """
     theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
-    floor = least_noise([piece.measured for piece in pieces], measurement.equations.channels)
+    floor = least_noise([piece.signal for piece in pieces], measurement.equations.channels)
     rho = np.zeros(len(channels))
     channels = np.maximum(channels, floor)
     noise = replace(alone.noise, channels=channels, channels_rho=rho, floor_channels=floor, alike=_alike(measurement))
@@ -206,7 +206,7 @@ def _regressed(
     """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
     A, b = _linear(measurement, pieces, coefficients, theta, free)
     there = np.isfinite(b) & ~_loose(pieces)
-    std = np.maximum(np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0), TINY[1])
+    std = np.maximum(np.nanstd(np.concatenate([piece.signal for piece in pieces]), axis=0), TINY[1])
     A, b = np.where(there[..., None], A, 0), np.where(there, b, 0)
     mean, precision = prior
     pull = -(precision @ (theta - mean))[free]
@@ -226,7 +226,7 @@ def _regressed(
 
 def _loose(pieces: Sequence[Piece]) -> np.ndarray:
     """Mask of the channels' samples whose slack is not small relative to the signal (N, C)."""
-    spread = np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0)
+    spread = np.nanstd(np.concatenate([piece.signal for piece in pieces]), axis=0)
     nothing = (np.zeros(piece.measured.shape) if piece.slack is None else piece.slack for piece in pieces)
     return np.asarray(np.concatenate(list(nothing)) > LOOSE * spread)
 

@@ -31,6 +31,7 @@ class Piece:
         late: Number of channels on that clock, the first ones, those of a wrench; by default all. Others are on the
             coordinates' clock.
         slack: Standard deviation of the channels' error in addition to noise (M, C), None for none.
+        echo: What the measured coordinates make of commands, `kp q`, zero for other channels (M, C); None for none.
     """
 
     spline: Spline
@@ -42,6 +43,12 @@ class Piece:
     origin: float = 0.0
     late: int | None = None
     slack: np.ndarray | None = None
+    echo: np.ndarray | None = None
+
+    @property
+    def signal(self) -> np.ndarray:
+        """Measured channels, commands as the torques that they make without damping (M, C)."""
+        return self.measured if self.echo is None else self.measured - self.echo
 
     @cached_property
     def at_coordinates(self) -> Sampling:

@@ -1,0 +1,57 @@
+"""Servos of position-controlled joints: the torque that a command makes, by gains of the log's mapping or the model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ident.errors import LogError
+from ident.files.table import short
+from ident.mechanism.drives import NO_DRIVE
+from ident.mechanism.mechanism import Mechanism
+from ident.tolerances import HUGE
+
+GAINS = ("kp", "kv", "kp_std")
+"""Keys of a joint's entry in a mapping that state the gains of its servo."""
+
+
+@dataclass(frozen=True)
+class Servo:
+    """Law of a position-controlled joint, `τ = kp (u - q) - kv q̇`, with the recorded command u.
+
+    Attributes:
+        kp: Stiffness, N m/rad or N/m.
+        kv: Damping, N m s/rad or N s/m.
+        kp_std: Relative standard deviation of kp, zero if it is exact; kv has the same relative error.
+    """
+
+    kp: float
+    kv: float = 0.0
+    kp_std: float = 0.0
+
+
+def servo_of(joint: str, entry: Mapping[str, Any]) -> dict[str, Servo]:
+    """Servo that a joint's entry in a mapping states, by the joint's name; empty if it states none.
+
+    Raises:
+        LogError: A gain is not a number in its range, there is no command, or the torque is mapped as well.
+    """
+    given = {key: entry[key] for key in GAINS if key in entry}
+    if "command" in entry and "torque" in entry:
+        raise LogError(f"joints.{joint} maps a torque and a command, from which the torque would follow; map one.")
+    if given and "command" not in entry:
+        raise LogError(f"joints.{joint} states {', '.join(given)} of a servo; that needs its command as well.")
+    for key, value in given.items():
+        least = "more than 0" if key == "kp" else "at least 0"
+        if type(value) not in (int, float) or not 0 <= value < HUGE or (key == "kp" and not value):
+            raise LogError(f"joints.{joint}.{key} needs a number of {least}, got {short(value)}.")
+    if given and "kp" not in given:
+        raise LogError(f"joints.{joint} states {', '.join(given)}; a servo needs its kp as well.")
+    return {joint: Servo(**{key: float(value) for key, value in given.items()})} if given else {}
+
+
+def model_servo(mechanism: Mechanism, joint: str) -> Servo | None:
+    """Servo of a joint by the model's position actuator; None without one, or if it acts through a gear."""
+    actuators = [each for each in mechanism.drives.get(joint, NO_DRIVE).actuators if each.kind == "position"]
+    if len(actuators) != 1 or actuators[0].gear != 1:
+        return None
+    return Servo(actuators[0].kp, actuators[0].kv)

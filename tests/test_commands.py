@@ -1,0 +1,136 @@
+"""Joints with servos, whose commands stand in for torques: how they are read, and what they identify."""
+
+from functools import cache
+
+import driven_arm
+import mujoco
+import numpy as np
+import pytest
+from coded import coded
+
+import ident
+import sim
+from ident.errors import LogError
+from ident.recordings.commands import with_servos
+from ident.recordings.servo import Servo
+from ident.setup import PRIORS
+
+MAPPING = 'time = "time"\n' + "".join(
+    f'[joints.{joint}]\nposition = "q{k}"\ncommand = "u{k}"\nkp = {kp}\nkv = {kv}\n'
+    for k, (joint, kp, kv) in enumerate(zip(driven_arm.JOINTS, driven_arm.KP, driven_arm.KV, strict=True))
+)
+
+
+@cache
+def mechanism(*, actuators=False):
+    more = driven_arm.ACTUATORS if actuators else ""
+    return sim.mechanism(mujoco.MjSpec.from_string(driven_arm.text(more=more)))
+
+
+@cache
+def recording(lag=0):
+    time, channels = driven_arm.commanded(lag=lag)
+    return with_servos(ident.Recording(time, channels), {}, mechanism(actuators=True), [])
+
+
+def write_log(folder, *, scale=1.0):
+    """CSV file of the arm's angles q and commands u."""
+    time, channels = driven_arm.commanded(seconds=2.0)
+    columns = {"time": time}
+    for k, joint in enumerate(driven_arm.JOINTS):
+        columns |= {f"q{k}": channels[f"{joint}_position"], f"u{k}": scale * channels[f"{joint}_command"]}
+    path = folder / "log.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    return path
+
+
+def read(folder, mapping=MAPPING, *, arm=None, scale=1.0):
+    (folder / "columns.toml").write_text(mapping, encoding="utf-8")
+    return ident.read_log(write_log(folder, scale=scale), arm or mechanism(), folder / "columns.toml")
+
+
+def test_gains_are_read_from_the_mapping_or_else_from_the_model_s_actuators(tmp_path):
+    stated = {
+        joint: Servo(kp, kv) for joint, kp, kv in zip(driven_arm.JOINTS, driven_arm.KP, driven_arm.KV, strict=True)
+    }
+    log = read(tmp_path)
+    assert log.servos == stated and not log.unused
+    assert recording().servos == stated
+    without = "\n".join(line for line in MAPPING.splitlines() if not line.startswith(("kp", "kv")))
+    assert read(tmp_path, without, arm=mechanism(actuators=True)).servos == stated
+    none = read(tmp_path, without)
+    assert not none.servos and "turn_command" not in none.measured
+    assert any("Commands of turn, lift, bend are not used" in note for note in none.notes)
+
+
+def test_torques_follow_from_commands():
+    log, arm = recording(), mechanism()
+    q = log.of_joints(arm.tree.joints, "position")
+    motion = ident.Motion(q, np.gradient(q, log.time, axis=0), 0 * q)
+    command = log["lift_command"]
+    expected = 80.0 * (command - q[:, 1]) - 5.0 * motion.dq[:, 1]
+    np.testing.assert_allclose(log.torques_at(arm.tree, motion)[:, 1], expected)
+    assert log.torques(arm.tree.joints) is None
+
+
+@pytest.mark.parametrize("lag", [0, 1])
+def test_links_drives_and_the_lag_of_commands_are_identified(lag):
+    arm = mechanism(actuators=True)
+    estimate = ident.identify(arm, recording(lag))
+    drives = dict(zip(estimate.names, estimate.fit.values, strict=True))
+    for k, joint in enumerate(driven_arm.JOINTS):
+        assert drives[f"Fv({joint})"] == pytest.approx(driven_arm.TRUE["damping"][k], rel=0.15)
+        assert drives[f"Fc({joint})"] == pytest.approx(driven_arm.TRUE["frictionloss"][k], rel=0.15)
+    assert drives["Ia(bend)"] == pytest.approx(0.05, rel=0.1)
+    model = estimate.fit.equations.from_model[: estimate.base.rank]
+    z = (estimate.psi - model) / estimate.std_setup
+    assert np.sqrt((z**2).mean()) < 3
+    # A command acts until the next one, on average half a sample later than it is logged.
+    (finding,) = coded(estimate, "setup_lag")
+    assert finding.values["value"] == pytest.approx((lag + 0.5) / 100, abs=2e-3)
+    assert (estimate.held_out.ratio < 0.05).all() and estimate.verdict().usable
+
+
+def test_least_squares_takes_commands_as_well():
+    exact = dict.fromkeys(PRIORS, 0.0)
+    arm = mechanism(actuators=True)
+    estimate = ident.identify(arm, recording(), estimator="weighted", cutoff=6.0, setup=exact)
+    drives = dict(zip(estimate.names, estimate.fit.values, strict=True))
+    # The low-pass smears reversals, and nothing takes the half sample of lag out.
+    assert 0.3 < drives["Fc(lift)"] < 0.9
+    assert (estimate.held_out.ratio < 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("kp = 60.0", "kp = -60.0", "joints.turn.kp needs a number of more than 0, got -60.0"),
+        ("kp = 60.0", 'kp = "stiff"', "joints.turn.kp needs a number of more than 0, got stiff"),
+        ("kv = 4.0", "kv = -4.0", "joints.turn.kv needs a number of at least 0, got -4.0"),
+        ("kp = 60.0\n", "", "joints.turn states kv; a servo needs its kp as well"),
+        ('command = "u0"\n', "", "joints.turn states kp, kv of a servo; that needs its command as well"),
+        ("kp = 60.0", 'kp = 60.0\ntorque = "q0"', "joints.turn maps a torque and a command"),
+        ("kp = 60.0", "kp = 60.0\nstiffness = 3", "joints.turn. has no entry 'stiffness'"),
+    ],
+)
+def test_bad_gains_are_one_sentence(tmp_path, before, after, message):
+    assert before in MAPPING
+    with pytest.raises(LogError, match=message):
+        read(tmp_path, MAPPING.replace(before, after, 1))
+
+
+def test_commands_in_degrees_are_named(tmp_path):
+    with pytest.raises(LogError, match=r"the commands of joint 'turn' reach .*, its positions .*; both need one unit"):
+        read(tmp_path, scale=180 / np.pi)
+    stated = MAPPING
+    for k in range(3):
+        stated = stated.replace(f'command = "u{k}"', f'command = {{ column = "u{k}", unit = "deg" }}')
+    log = read(tmp_path, stated, scale=180 / np.pi)
+    np.testing.assert_allclose(log["turn_command"], driven_arm.commanded(seconds=2.0)[1]["turn_command"], atol=1e-9)
+
+
+def test_a_ball_has_no_command(tmp_path):
+    body = '<body name="b"><joint name="hip" type="ball"/><geom size="0.1"/></body>'
+    arm = sim.mechanism(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>"))
+    with pytest.raises(LogError, match=r"hip. has no entry 'command'; valid are position, velocity"):
+        read(tmp_path, '[joints.hip]\ncommand = "u0"\nkp = 1\n', arm=arm)
