@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ident.errors import InputError
-from ident.estimate import HeldOut
 from ident.estimation import repairs
 from ident.estimation.equations import Equations
 from ident.estimation.flat_channels import flat_channels, without_channels
@@ -18,6 +17,7 @@ from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
 from ident.recordings.gaps import stretches
 from ident.recordings.wrench import GROUND
+from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 from ident.trajectory.fit.iteration import Report

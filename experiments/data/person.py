@@ -13,7 +13,8 @@ from experiments.data.laboratory import Laboratory
 from ident.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import conditioned, known_covariance
-from ident.trajectory.fit.piece import Piece, linearised
+from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.piece_equations import linearised
 from ident.trajectory.fit.precision import inverse_of_precision
 
 MOVED = 0.5

@@ -9,7 +9,8 @@ from experiments.guesses.joints import is_current
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import unit_of, words
 from ident.estimation.loads import SLIP
-from ident.estimation.preparation import Prepared, predicted_channels
+from ident.estimation.model_channels import predicted_channels
+from ident.estimation.preparation import Prepared
 from ident.judgement.torque_checks import ALIKE, SCALE
 
 _FACTORS = {"N mm": 1e-3, "kN m": 1e3}

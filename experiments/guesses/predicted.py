@@ -8,7 +8,7 @@ import numpy as np
 from experiments.guesses.log_contents import LogContents
 from ident.estimation.loads import SLIP
 from ident.estimation.measurement import joint_states
-from ident.estimation.preparation import predicted_channels
+from ident.estimation.model_channels import predicted_channels
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.recordings.plausibility import rate_factor

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from experiments.data.defaults import ACCELERATION, VELOCITY
+from ident.estimation.drive_choice import usual_drives
 from ident.estimation.equations import Equations
-from ident.estimation.preparation import usual_drives
 from ident.estimation.samples import Samples
 from ident.estimation.separable import separable
 from ident.mechanism.mechanism import Mechanism

@@ -7,8 +7,9 @@ import numpy as np
 
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.model_channels import predicted_channels
 from ident.estimation.part import Part
-from ident.estimation.preparation import Prepared, predicted_channels
+from ident.estimation.preparation import Prepared
 from ident.estimation.separable import separable
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors

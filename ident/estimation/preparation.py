@@ -3,39 +3,34 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from ident.arguments import checked_names
-from ident.errors import InputError, LogError
+from ident.errors import LogError
 from ident.estimation import repairs
+from ident.estimation.drive_choice import absorbed_note, servo_gains, usual_drives
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.measurement import base_motion, joint_states
+from ident.estimation.model_channels import predicted_channels
+from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
 from ident.estimation.separable import separable
-from ident.estimation.stated_drives import stated_drive_torques
 from ident.files.table import BASE
-from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joint_torque_regressor
-from ident.model.stated import stated_values
+from ident.model.regressor import drive_names
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
-from ident.recordings.smoothing import PADDING, chosen_cutoff, low_pass, settling, smoothed
+from ident.recordings.smoothing import low_pass, settling
 from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import GROUND
-from ident.tolerances import DRIVE, USUAL_DRIVE
-
-USUAL = 0.1
-"""Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
 
 
 class LeftOut(NamedTuple):
@@ -162,8 +157,8 @@ def prepared(
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
     rests = repairs.rests(recording, tree)
     notes += [repairs.rest_note(*each) for each in rests.items()]
-    cutoff = _cutoff(recording, mechanism.joints, cutoff, filters)
-    motion = _motion(mechanism, recording, cutoff)
+    cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
+    motion = recorded_motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
     constant |= _constant_together(recording, wrench)
     wrench = np.where(np.isin(COMPONENTS, (*constant, *leave_out)), np.nan, wrench)
@@ -192,7 +187,7 @@ def prepared(
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
     if lost := [name for name in drives if name not in fitted.drives]:
-        notes.append(_absorbed(mechanism, lost))
+        notes.append(absorbed_note(mechanism, lost))
     all_notes = (*recording.notes, *notes)
     return Prepared(
         mechanism,
@@ -209,35 +204,6 @@ def prepared(
         steps=steps,
         rests=rests,
     )
-
-
-def usual_drives(mechanism: Mechanism, torques: Sequence[int]) -> tuple[str, ...]:
-    """Names of the columns that are fitted by default: rotor inertia and friction, and springs that the model has.
-
-    Args:
-        mechanism: The mechanism.
-        torques: Indices of the freedoms whose torques are measured.
-    """
-    freedoms = [mechanism.tree.freedoms[k] for k in torques]
-    springs = [name for name in freedoms if name in mechanism.drives and mechanism.drives[name].stiffness]
-    usual = [f"{DRIVE[kind]}({name})" for kind in USUAL_DRIVE for name in freedoms]
-    return (*usual, *(f"{DRIVE['spring']}({name})" for name in springs))
-
-
-def _absorbed(mechanism: Mechanism, lost: Sequence[str]) -> str:
-    """Note on drives whose columns depend on those of the links."""
-    note = f"{', '.join(lost)} cannot be told from the links' inertias, which take them up"
-    if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
-        return f"{note}."
-    return f"{note}; bodies are computed with the model's {', '.join(stated)}."
-
-
-def servo_gains(recording: Recording, tree: Tree, torques: Sequence[int]) -> np.ndarray | None:
-    """`Equations.servos` of a recording, for the torques of some freedoms."""
-    if not recording.servos:
-        return None
-    servos = [recording.servos.get(tree.freedoms[k]) for k in torques]
-    return np.array([(each.kp, each.kv, each.kp_std) if each else (0.0, 0.0, 0.0) for each in servos]).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,39 +232,6 @@ def _channels(mechanism: Mechanism, frame: np.ndarray, wrench: np.ndarray, torqu
     return _Channels(tuple(names), np.hstack([wrench[:, known], torques[:, felt]]), rows, tuple(felt.tolist()))
 
 
-def predicted_channels(
-    mechanism: Mechanism, motion: Motion, frame: np.ndarray, *, torques: bool = False
-) -> dict[str, np.ndarray]:
-    """Components of the total wrench in a frame, and joint torques if requested, as the model predicts them (N,) each.
-
-    It predicts with its prior and with the drives that it states.
-    """
-    in_frame = coAd(inverse(frame))
-    wrenches, felt = [], []
-    for first in range(0, len(motion), CHUNK):
-        part = motion[first : first + CHUNK]
-        given: dict[str, Any] = {"gravity": mechanism.gravity, "base": part.base}
-        Y = base_wrench_regressor(mechanism.tree, *part.states, **given)
-        wrenches.append(Y @ mechanism.known @ in_frame.T)
-        if torques:
-            links = joint_torque_regressor(mechanism.tree, *part.states, **given) @ mechanism.known
-            felt.append(links + stated_drive_torques(mechanism, part) if mechanism.drives else links)
-    predicted = dict(zip(COMPONENTS, np.concatenate(wrenches).T, strict=True))
-    return predicted | (dict(zip(mechanism.tree.freedoms, np.concatenate(felt).T, strict=True)) if torques else {})
-
-
-def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> BaseMotion:
-    """Motion of a base from its poses alone, low-passed and differentiated.
-
-    Args:
-        T: Poses in an inertial frame (N, 4, 4).
-        rate: Samples per second.
-        cutoff: Cut-off of the low-pass, Hz; None for `chosen_cutoff` of the positions and quaternions.
-    """
-    x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
-    return base_motion(np.stack(smoothed(x, rate, cutoff or chosen_cutoff(x, rate))))
-
-
 def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, channels: Sequence[str]) -> list[str]:
     """Note on the base parameters that cannot be identified without the missing components of the wrench."""
     if not sensors.base_wrench:
@@ -311,60 +244,6 @@ def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, 
         f"{every - parameters.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
         "motion; they take the other components of the wrench."
     ]
-
-
-def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
-    """True if there are velocities and accelerations, which a recording has for all joints or none."""
-    return any(
-        f"{joint}_velocity" in recording.measured and f"{joint}_acceleration" in recording.measured for joint in joints
-    )
-
-
-def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | None, filters: bool) -> float | None:
-    if cutoff is None and _has_rates(recording, joints):
-        return None
-    if cutoff is None or cutoff == "auto":
-        if not joints:
-            raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
-        try:
-            return chosen_cutoff(coordinates(recording, joints), recording.rate)
-        except InputError:
-            if filters:
-                raise
-            if (samples := len(recording.time)) <= PADDING:
-                message = f"An identification needs more than {PADDING} samples, got {samples}."
-                raise InputError(message) from None
-            return USUAL * recording.rate
-    try:
-        value = float(cutoff)
-    except ValueError:
-        value = np.nan
-    if not 0 < value < recording.rate / 2:
-        raise InputError(
-            f"A cut-off is 'auto' or from 0 to {recording.rate / 2:g} Hz, half the sampling rate, got '{cutoff}'."
-        )
-    return value
-
-
-def _motion(mechanism: Mechanism, recording: Recording, cutoff: float | None) -> Motion:
-    """Motion of the joints, and of a base on a carrier or tracked."""
-    base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff)
-    if mechanism.carrier is not None:
-        base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff))
-    return Motion(*_states(recording, mechanism.tree, cutoff), base)
-
-
-def _states(recording: Recording, tree: Tree, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if cutoff is None:
-        return recording.joint_states(tree.joints)
-    return joint_states(tree, np.stack(smoothed(coordinates(recording, tree.joints), recording.rate, cutoff)))
-
-
-def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
-    """Joint coordinates, quaternions without jumps of sign (N, n_q)."""
-    columns = [recording[f"{joint}_position"] for joint in joints]
-    continuous = [without_jumps(x) if x.ndim == 2 else x[:, None] for x in columns]
-    return np.hstack([np.empty((len(recording.time), 0)), *continuous])
 
 
 def _wrench(
@@ -413,7 +292,7 @@ def filtered(prepared: Prepared, cutoff: float | None) -> Filtered:
     """States and channels of a recording low-passed at a cut-off, Hz; prepared states and raw channels for None."""
     mechanism, recording = prepared.mechanism, prepared.recording
     tree, rate = mechanism.tree, recording.rate
-    motion = prepared.samples.motion if cutoff is None else _motion(mechanism, recording, cutoff)
+    motion = prepared.samples.motion if cutoff is None else recorded_motion(mechanism, recording, cutoff)
     _, wrench = _wrench(tree, recording, motion, None, [])
     torques = recording.torques_at(tree, motion)
     known, felt = np.isfinite(prepared.wrench).all(axis=0), list(prepared.equations.torques)

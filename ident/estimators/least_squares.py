@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimate import Estimate, HeldOut
+from ident.estimate import Estimate
 from ident.estimation.excitation import excited
 from ident.estimation.separable import separable
 from ident.estimation.stated_drives import stated_drive_channels
 from ident.problem import Problem
+from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.regression.robust import robust_fit
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ident.errors import ExcitationError
-from ident.estimate import Estimate, HeldOut
+from ident.estimate import Estimate
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import excited
 from ident.estimation.preparation import Prepared
@@ -19,6 +19,7 @@ from ident.judgement.torque_checks import torque_checks
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.problem import Problem
 from ident.regression.filtered import filtered_least_squares
+from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit, corrected

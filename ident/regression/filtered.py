@@ -16,7 +16,8 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.equations import Equations
 from ident.estimation.part import Part, length
-from ident.estimation.preparation import Filtered, Prepared, coordinates, filtered
+from ident.estimation.preparation import Filtered, Prepared, filtered
+from ident.estimation.recorded_motion import coordinates
 from ident.estimation.samples import Samples
 from ident.recordings.smoothing import HIGHEST, chosen_cutoff, settling
 

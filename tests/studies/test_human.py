@@ -13,7 +13,7 @@ from pages import replayed
 from experiments.data.person import beginning
 from experiments.human import main
 from experiments.studies import human
-from ident.trajectory.fit.piece import linearised
+from ident.trajectory.fit.piece_equations import linearised
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.studies.identification import prepare
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.preparation import base_motion_from_poses
+from ident.estimation.recorded_motion import base_motion_from_poses
 from ident.identification import identified
 from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters

@@ -19,7 +19,8 @@ import numpy as np
 
 from ident.trajectory.fit.fitted import Marginal, Prior, Start, TrajectoryFit
 from ident.trajectory.fit.marginal_likelihood import pull
-from ident.trajectory.fit.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit, normal_equations
+from ident.trajectory.fit.piece import Noise, Piece, Predictor
+from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened, renewed
 

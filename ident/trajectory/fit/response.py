@@ -17,7 +17,8 @@ from scipy import sparse
 from ident.trajectory.algebra.arrow import stacked, transposed
 from ident.trajectory.algebra.block_tridiagonal import Factor
 from ident.trajectory.algebra.whitening import Innovations
-from ident.trajectory.fit.piece import Noise, Piece, Predictor, normal_equations
+from ident.trajectory.fit.piece import Noise, Piece, Predictor
+from ident.trajectory.fit.piece_equations import normal_equations
 
 CLEAR = 0.5
 """Share of the noise in a sample's variance above which its residual is used to estimate the noise."""

@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.trajectory.fit.piece import Linearised, Misfit, Noise
+from ident.trajectory.fit.piece import Noise
+from ident.trajectory.fit.piece_equations import Linearised, Misfit
 
 LEAST_LEFT = 0.05
 """Least share of a stream's samples that counts as degrees of freedom of its noise."""

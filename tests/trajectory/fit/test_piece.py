@@ -10,7 +10,8 @@ from measurements import at, random_measurement
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 from ident.trajectory.algebra.whitening import HUBER
-from ident.trajectory.fit.piece import Noise, Piece, channel_times, linearised, misfit
+from ident.trajectory.fit.piece import Noise, Piece, channel_times
+from ident.trajectory.fit.piece_equations import linearised, misfit
 
 
 @dataclass(eq=False)

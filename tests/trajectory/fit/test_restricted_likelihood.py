@@ -13,7 +13,8 @@ from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.iteration import COLOURED, fit
-from ident.trajectory.fit.piece import Misfit, Noise, Piece, linearised, misfit
+from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece_equations import Misfit, linearised, misfit
 from ident.trajectory.fit.restricted_likelihood import MOST_CORRELATED, Stride, hastened, renewed
 from ident.trajectory.start import smoothed
 

@@ -1,0 +1,41 @@
+"""Drives that are fitted by default, and servos, of a mechanism and a recording."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.model.stated import stated_values
+from ident.recordings.recording import Recording
+from ident.tolerances import DRIVE, USUAL_DRIVE
+
+
+def usual_drives(mechanism: Mechanism, torques: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns that are fitted by default: rotor inertia and friction, and springs that the model has.
+
+    Args:
+        mechanism: The mechanism.
+        torques: Indices of the freedoms whose torques are measured.
+    """
+    freedoms = [mechanism.tree.freedoms[k] for k in torques]
+    hinges = [name for name in freedoms if name in mechanism.tree.joints and name in mechanism.drives]
+    springs = [name for name in hinges if mechanism.drives[name].stiffness]
+    usual = [f"{DRIVE[kind]}({name})" for kind in USUAL_DRIVE for name in freedoms]
+    return (*usual, *(f"{DRIVE['spring']}({name})" for name in springs))
+
+
+def absorbed_note(mechanism: Mechanism, lost: Sequence[str]) -> str:
+    """Note on drives whose columns depend on those of the links."""
+    note = f"{', '.join(lost)} cannot be told from the links' inertias, which take them up"
+    if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
+        return f"{note}."
+    return f"{note}; bodies are computed with the model's {', '.join(stated)}."
+
+
+def servo_gains(recording: Recording, tree: Tree, torques: Sequence[int]) -> np.ndarray | None:
+    """`Equations.servos` of a recording, for the torques of some freedoms."""
+    if not recording.servos:
+        return None
+    servos = [recording.servos.get(tree.freedoms[k]) for k in torques]
+    return np.array([(each.kp, each.kv, each.kp_std) if each else (0.0, 0.0, 0.0) for each in servos]).T

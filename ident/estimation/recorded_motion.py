@@ -1,0 +1,96 @@
+"""Motion of a recording: its own derivatives, or low-passed coordinates, at a chosen cut-off."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.estimation.measurement import base_motion, joint_states
+from ident.geometry.quaternion import continuous_quaternions, without_jumps
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.tree import Tree
+from ident.recordings.recording import Recording
+from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
+
+USUAL = 0.1
+"""Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
+
+
+def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> BaseMotion:
+    """Motion of a base from its poses alone, low-passed and differentiated.
+
+    Args:
+        T: Poses in an inertial frame (N, 4, 4).
+        rate: Samples per second.
+        cutoff: Cut-off of the low-pass, Hz; None for `chosen_cutoff` of the positions and quaternions.
+    """
+    x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
+    return base_motion(np.stack(smoothed(x, rate, cutoff or chosen_cutoff(x, rate))))
+
+
+def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
+    """True if there are velocities and accelerations, which a recording has for all joints or none."""
+    return any(
+        f"{joint}_velocity" in recording.measured and f"{joint}_acceleration" in recording.measured for joint in joints
+    )
+
+
+def motion_cutoff(
+    recording: Recording, joints: Sequence[str], cutoff: str | float | None, filters: bool
+) -> float | None:
+    """Cut-off of the low-pass of a recording's states, Hz; None for its own velocities and accelerations.
+
+    Args:
+        recording: The recording.
+        joints: Names of its joints.
+        cutoff: As for `ident.estimation.preparation.prepared`, also `filters`.
+        filters: True if the estimator fits low-passed samples.
+
+    Raises:
+        InputError: None can be chosen, or it is out of range.
+    """
+    if cutoff is None and _has_rates(recording, joints):
+        return None
+    if cutoff is None or cutoff == "auto":
+        if not joints:
+            raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
+        try:
+            return chosen_cutoff(coordinates(recording, joints), recording.rate)
+        except InputError:
+            if filters:
+                raise
+            if (samples := len(recording.time)) <= PADDING:
+                message = f"An identification needs more than {PADDING} samples, got {samples}."
+                raise InputError(message) from None
+            return USUAL * recording.rate
+    try:
+        value = float(cutoff)
+    except ValueError:
+        value = np.nan
+    if not 0 < value < recording.rate / 2:
+        raise InputError(
+            f"A cut-off is 'auto' or from 0 to {recording.rate / 2:g} Hz, half the sampling rate, got '{cutoff}'."
+        )
+    return value
+
+
+def recorded_motion(mechanism: Mechanism, recording: Recording, cutoff: float | None) -> Motion:
+    """Motion of the joints, and of a base on a carrier or tracked."""
+    base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff)
+    if mechanism.carrier is not None:
+        base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff))
+    return Motion(*_states(recording, mechanism.tree, cutoff), base)
+
+
+def _states(recording: Recording, tree: Tree, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    if cutoff is None:
+        return recording.joint_states(tree.joints)
+    return joint_states(tree, np.stack(smoothed(coordinates(recording, tree.joints), recording.rate, cutoff)))
+
+
+def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
+    """Joint coordinates, quaternions without jumps of sign (N, n_q)."""
+    columns = [recording[f"{joint}_position"] for joint in joints]
+    continuous = [without_jumps(x) if x.ndim == 2 else x[:, None] for x in columns]
+    return np.hstack([np.empty((len(recording.time), 0)), *continuous])
