@@ -1,5 +1,7 @@
 """Random measurements of random mechanisms, for the tests of the trajectory estimate."""
 
+from dataclasses import replace
+
 import numpy as np
 from mechanisms import JOINTS, random_phi, random_pose, random_tree
 
@@ -16,7 +18,17 @@ from ident.tolerances import DRIVE
 
 
 def random_measurement(
-    rng, bodies=4, kinds=JOINTS, *, moving=False, torques=True, wrench=True, contacts=1, setup=True, components=range(6)
+    rng,
+    bodies=4,
+    kinds=JOINTS,
+    *,
+    moving=False,
+    torques=True,
+    wrench=True,
+    contacts=1,
+    setup=True,
+    components=range(6),
+    commanded=False,
 ):
     """Measurement with all kinds of channels, set-up parameters, drives and offsets that are asked for."""
     tree, gravity = random_tree(rng, bodies, kinds), 5 * rng.normal(size=3)
@@ -31,6 +43,8 @@ def random_measurement(
     equations = Equations(
         mechanism, parameters, torques=tuple(range(n)), channels=channels, drives=drives, offsets=offsets
     )
+    if commanded:
+        equations = replace(equations, servos=rng.uniform(0.1, 3, size=(3, n)))
     hands = {f"hand{k}": Sensor(str(rng.choice(tree.names)), random_pose(rng)) for k in range(contacts)}
     frame = random_pose(rng) if wrench else np.eye(4)
     return Measurement(

@@ -1,5 +1,6 @@
 """The table of set-up errors: its sentences and labels, and what other rooms take from it."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,11 @@ ROWS = {
         "The wrench 'ground' is 30.00 ± 0.10 ms late",
         "a delay of the wrench 'ground'",
         "delay",
+    ),
+    ("lag", "", None): (
+        "Commands act 30.00 ± 0.10 ms later than they are logged",
+        "a lag of the commands",
+        "lag of the commands",
     ),
     ("clock", "a + b", None): (
         "The clock of the wrench 'a + b' runs 3.000 ± 0.010 % slow",
@@ -55,7 +61,7 @@ ROWS = {
         "tilt of the axis of joint knee about z",
     ),
 }
-NEGATIVE = {"late": "early", "slow": "fast", "+y": "-y", "+x": "-x", "+z": "-z", "much": "little"}
+NEGATIVE = {"late": "early", "later": "earlier", "slow": "fast", "+y": "-y", "+x": "-x", "+z": "-z", "much": "little"}
 
 
 @pytest.mark.parametrize("key", ROWS, ids=lambda key: key[0])
@@ -63,7 +69,7 @@ def test_sentence_short_form_and_label_of_every_kind(key):
     each, (text, few, label) = SetupParameter(*key, std=0.1), ROWS[key]
     assert sentence(each, 0.03, 1e-4) == f"{text}; the estimate includes this."
     for word, other in NEGATIVE.items():
-        text = text.replace(word, other)
+        text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
     assert sentence(each, -0.03, 1e-4) == f"{text}; the estimate includes this."
     assert short(each) == few and each.text(each.row.label) == label
 
@@ -75,7 +81,11 @@ def test_every_kind_has_a_sentence_of_its_own_here():
 def test_every_kind_has_objects_and_every_parameter_a_place():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
     every = objects(m.equations, ["hand"], held=True)
-    assert {row.of for row in SETUP.values()} == {*every} and all(every.values())
+    commanded = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
+    of_commands = objects(commanded.equations, [], held=False)
+    assert {row.of for row in SETUP.values()} == {*every}
+    assert all(every[key] or of_commands[key] for key in every)
+    assert not every["commands"] and of_commands["commands"]
     places = {each.name: place_of(each) for each in setup_parameters(m.equations, ["hand"])}
     joint = m.tree.joints[0]
     for name, place in {
@@ -108,6 +118,6 @@ def test_a_parameter_of_one_log_is_named_and_placed_there():
 
 def test_columns_files_and_arguments_take_every_kind():
     angles = ("rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
-    assert list(DEVIATIONS) == ["delay", "clock", "origin", "gain", *angles]
+    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", *angles]
     assert {key: factor for key, factor in DEVIATIONS.items() if factor != 1} == dict.fromkeys(angles, np.pi / 180)
-    assert OWN == ("offset", "delay")
+    assert OWN == ("offset", "delay", "lag")

@@ -157,6 +157,18 @@ def test_derivatives_are_central_differences(seed):
     kinds = (*SCREWS, "revolute", "ball")
     m = random_measurement(rng, 3, kinds, moving=bool(seed % 2), torques=seed > 1, contacts=1)
     m = with_plate(replace(m, frame=None if seed > 3 else m.frame)) if seed % 3 else m
+    check_derivatives(m, rng)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_derivatives_of_commands_are_central_differences(seed):
+    rng = np.random.default_rng(seed)
+    check_derivatives(
+        random_measurement(rng, 3, (*SCREWS, "revolute"), wrench=seed > 1, contacts=0, commanded=True), rng
+    )
+
+
+def check_derivatives(m, rng):
     states, wrenches, theta = random_inputs(rng, m, samples=2)
     values, by_states, by_theta = m.derivatives(states, wrenches, theta, np.arange(len(theta)))
     some = rng.permutation(len(theta))[:5]
@@ -176,12 +188,15 @@ def test_derivatives_are_central_differences(seed):
         step = h * np.eye(len(theta))[k]
         up, down = m.values(states, wrenches, theta + step), m.values(states, wrenches, theta - step)
         close(by_theta[:, k], up, down)
-        assert not (k in {*m.shifts, *m.zeros.values()} and by_theta[:, k].any())
+        encoders = set() if m.equations.servos is not None else set(m.zeros.values())
+        assert not (k in {*m.shifts, *encoders} and by_theta[:, k].any())
 
 
 def test_every_kind_of_set_up_parameter_is_among_those_differentiated():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
-    assert {each.kind for each in m.setup} == set(PRIORS)
+    commanded = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
+    assert {each.kind for each in (*m.setup, *commanded.setup)} == set(PRIORS)
+    assert {each.kind for each in m.setup} == set(PRIORS) - {"lag"}
 
 
 def changed(m, states, wrenches, theta, **values):

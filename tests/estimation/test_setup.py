@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measurements import random_measurement
@@ -15,9 +17,9 @@ def test_all_that_a_laboratory_leaves_open():
     own = setup_parameters(m.equations, ["hand"])
     kinds = [each.kind for each in own]
     hinges, channels = len(m.tree.joints), len(m.equations.channels)
-    expected = {"delay": 1, "clock": 1, "origin": 6, "rotation": 6, "gain": channels + 6, "gravity": 2}
+    expected = {"delay": 1, "lag": 0, "clock": 1, "origin": 6, "rotation": 6, "gain": channels + 6, "gravity": 2}
     assert {kind: kinds.count(kind) for kind in PRIORS} == expected | {"zero": hinges, "axis": 2 * hinges}
-    assert {each.kind: each.std for each in own} == PRIORS
+    assert {each.kind: each.std for each in own} == {kind: std for kind, std in PRIORS.items() if kind != "lag"}
     assert len({each.name for each in own}) == len(own)
     some = {"delay(ground)", "origin_x(ground)", "rotation_z(hand)", "gain(Fz)", "gain(hand Mx)", "zero(j1)"}
     assert some <= {each.name for each in own}
@@ -38,7 +40,21 @@ def test_where_nothing_holds_the_base_contacts_have_one_delay_and_one_clock():
 def test_a_kind_is_left_out_or_given_another_prior():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
     kinds = {each.kind: each.std for each in setup_parameters(m.equations, [], {"gain": 0.0, "delay": 0.01})}
-    assert kinds == {kind: std for kind, std in PRIORS.items() if kind != "gain"} | {"delay": 0.01}
+    assert kinds == {kind: std for kind, std in PRIORS.items() if kind not in ("gain", "lag")} | {"delay": 0.01}
+
+
+def test_commands_share_a_lag_and_have_gains_as_uncertain_as_their_servos():
+    m = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
+    first, second, *_ = m.equations.channels
+    servos = m.equations.servos.copy()
+    servos[2] = 0
+    servos[2, 0] = 0.1
+    own = {each.name: each.std for each in setup_parameters(replace(m.equations, servos=servos), [])}
+    assert own["lag"] == PRIORS["lag"]
+    assert {name: std for name, std in own.items() if name.startswith("gain")} == {f"gain({first})": 0.1}
+    servos[0, 1] = 0
+    own = {each.name: each.std for each in setup_parameters(replace(m.equations, servos=servos), [])}
+    assert "lag" not in own and own[f"gain({second})"] == PRIORS["gain"]
 
 
 def test_what_does_not_turn_has_neither_zero_nor_axis_and_torques_no_frame():

@@ -91,6 +91,7 @@ EXAMPLES = {
     ],
     "smooth_coulomb_friction": [{"velocities": {"hip": 0.05}}],
     "setup_delay": [LATE, LATE | {"value": -0.02, "alternatives": OTHERS}],
+    "setup_lag": [LATE | {"of": ""}, LATE | {"of": "", "value": -0.02}],
     "setup_clock": [LATE | {"value": 0.005, "of": "plate + rail"}],
     "setup_origin": [ABOUT_X],
     "setup_rotation": [ABOUT_X],

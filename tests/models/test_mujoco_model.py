@@ -121,7 +121,7 @@ def test_coulomb_friction_has_the_sign_of_the_velocity():
     dq = np.array([[1.0, -2.0], [0.0, 3.0]])
     Y = joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("coulomb",))
     np.testing.assert_array_equal(Y[:, :, -2:], [[[1, 0], [0, -1]], [[0, 0], [0, 1]]])
-    with pytest.raises(InputError, match="drive needs a list out of rotor, viscous, coulomb, stribeck; got stiction"):
+    with pytest.raises(InputError, match=r"drive needs a list out of rotor, .*, spring; got stiction"):
         joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("stiction",))
 
 

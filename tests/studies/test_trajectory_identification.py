@@ -102,7 +102,7 @@ def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
     assert "delay(ground)" not in [each["name"] for each in without["setup"]]
     given = [str(MODEL), str(tmp_path / "log0.csv"), "--columns", str(tmp_path / "columns.toml"), "--base", "base"]
     for wrong, message in (
-        ("[setup]\nlag = 1", "[setup] has no entry 'lag'; valid are delay, clock, origin, gain, rotation_deg"),
+        ("[setup]\nlate = 1", "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, rotation_deg"),
         ("[setup]\ndelay = -1", "setup.delay needs a standard deviation, zero or false, got -1"),
         ("[known]\nmass = true", "known.mass needs a standard deviation"),
     ):
@@ -141,7 +141,7 @@ def test_logs_are_given_once_and_have_the_same_channels(tmp_path, capsys):
     assert "one of them is given twice" in refusal(identify.main, [*given, str(path), str(path)], capsys)
     message = refusal(identify.main, [*given, str(path), str(planar)], capsys)
     assert "A log to fit besides the first needs the channels Fx, Fy, Fz" in message
-    with pytest.raises(ident.InputError, match="own needs a list out of offset, delay; got clock"):
+    with pytest.raises(ident.InputError, match="own needs a list out of offset, delay, lag; got clock"):
         ident.identify(PENDULUM, [recording, recording], own=["clock"])
     with pytest.raises(ident.InputError, match="Only the trajectory estimate"):
         ident.identify(PENDULUM, recording, estimator="ordinary", own=["delay"])
