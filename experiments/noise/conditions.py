@@ -64,7 +64,7 @@ SUBJECTS: Mapping[str, Subject] = {
 """The paper's double pendulum; a person who bows for 30 s on a force plate, with only angles measured; and an arm of
 four joints, with angles measured, and joint torques or the wrench on its base."""
 
-OPEN = {"known": False, "offsets": True}
+OPEN = {"known": False, "offsets": True, "drive": []}
 """Identification with constant offsets, as is usual, and without the model's prior, which here is the truth."""
 
 DRIVEN = {**OPEN, "drive": ["rotor", "viscous", "coulomb"]}
