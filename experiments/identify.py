@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
     from experiments.document.writer import write
     from experiments.reports import identify_report
+    from experiments.studies.following import following
     from experiments.studies.identification import prepare
     from ident.identification import NO_CUTOFF, identified
 
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
     out, origin = print_options.output_of(args, folder, ("pdf", "svg", "png")), own_model.provenance(args, result.logs)
-    document = identify_report.document(result, args.model, args.logs, origin, out.layout)
+    document = identify_report.document(result, args.model, args.logs, origin, out.layout, following(result))
     write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args))
 
 

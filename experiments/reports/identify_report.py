@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.data.following import Following
 from experiments.document import tabular
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout, unit_of
@@ -167,7 +168,7 @@ def data_lines(result: Estimate) -> list[str]:
     return [*lines, *prepared.notes]
 
 
-def text(result: Estimate) -> str:
+def text(result: Estimate, following: Following | None = None) -> str:
     """Text for the terminal."""
     lines = [
         "The recording",
@@ -175,6 +176,7 @@ def text(result: Estimate) -> str:
         "",
         parameters_table(result).text(),
         quality_table(result).text(),
+        *([] if following is None else [following_table(following).text(), *following_lines(following), ""]),
         f"Verdict: {result.verdict()}",
         *(finding.line for finding in result.findings),
     ]
@@ -182,7 +184,12 @@ def text(result: Estimate) -> str:
 
 
 def document(
-    result: Estimate, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER
+    result: Estimate,
+    model: Path,
+    logs: Sequence[Path],
+    provenance: dict[str, Any],
+    layout: Layout = PAPER,
+    following: Following | None = None,
 ) -> Document:
     """Tables, figures, numbers and a replay of an identification, and the updated model file.
 
@@ -192,27 +199,56 @@ def document(
         logs: The identified logs.
         provenance: Provenance of the results.
         layout: Layout in print, whose parameters the figure shows if they exist.
+        following: Errors of models that are simulated with the recorded commands, if there are any.
     """
     updated = {"robot": "model.urdf", "OpenSimDocument": "model.osim"}.get(parsed(model).tag, "model.xml")
     made = Document(
         f"{model.name}, identified from {', '.join(map(name_of, logs))}",
         verdict=str(result.verdict()),
         findings=[(finding.text, finding.doubt) for finding in result.findings],
-        lines=[*data_lines(result), *_left_out_of(updated, result)],
+        lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
         heading="The recording",
         tables={
             "table_base_parameters": parameters_table(result),
             "table_held_out": quality_table(result),
             "table_full_parameters": full_table(result),
+            **({} if following is None else {"table_following": following_table(following)}),
         },
         figures=_figures(result, PAPER),
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
         files={updated: partial(_write_updated, result)},
-        screen=text(result),
+        screen=text(result, following),
     )
     chosen, _ = made.chosen(layout)
     return replace(made, figures=_figures(result, chosen)) if chosen.parameters else made
+
+
+def following_table(following: Following) -> tabular.Table:
+    """Errors of simulated coordinates of the model as it came and of the updated one."""
+    kept = [None if np.isnan(x) else float(x) for x in (*following.before, *following.after, *following.ratio)]
+    before, after, ratio = (kept[k::1][: len(following.joints)] for k in range(0, len(kept), len(following.joints)))
+    return tabular.Table(
+        "Coordinates simulated with the recorded commands, RMS error",
+        *tabular.columns(joint=following.joints, model_as_it_came=before, updated_model=after, ratio=ratio),
+        units=following.units,
+    )
+
+
+def following_lines(following: Following | None) -> list[str]:
+    """Sentence on how well the updated model follows recorded coordinates, if it was simulated."""
+    if following is None:
+        return []
+    if np.isnan(following.after).any():
+        return ["Simulated with the recorded commands, the updated model diverges."]
+    seconds, number = f"{following.seconds:.3g} s", len(following.joints)
+    start = f"Simulated for {seconds} with the recorded commands, the updated model follows the recorded coordinates"
+    if np.isnan(following.before).any():
+        return [f"{start}, and the model as it came diverges."]
+    return [
+        f"{start} better than the model as it came in {following.better} of {number} joints; its error is "
+        f"{np.median(following.ratio):.2f} of the other's (median)."
+    ]
 
 
 def _write_updated(result: Estimate, path: Path) -> None:

@@ -1,0 +1,149 @@
+"""Simulation of a model whose joints follow recorded commands through their servos."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ident.errors import InputError
+from ident.mechanism.drives import Drive
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.recording import Recording
+from sim.models.drives_update import changed_drives
+from sim.models.mechanism import mujoco_origin
+from sim.models.model_update import updated_spec
+from sim.models.names import joint_name
+from sim.simulation.sensors import ONE_DOF
+
+LONGEST_STEP = 1e-3
+"""Longest time step, s: servos of light joints oscillate with some tens of hertz."""
+
+FARTHEST = 1e3
+"""Coordinate from which a simulation counts as diverged, rad or m."""
+
+DIVERGED = (
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+)
+"""Warnings after which MuJoCo starts again from the model's own coordinates."""
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """A model under the servos of a recording, without contacts and without its own actuators.
+
+    Attributes:
+        model: The compiled model.
+        qpos: Addresses of the joints' coordinates (n,).
+        dof: Addresses of their velocities (n,).
+        kp: Stiffness of the servos (n,); their damping is the model's.
+        bias: Constant torques (n,).
+    """
+
+    model: mujoco.MjModel
+    qpos: np.ndarray
+    dof: np.ndarray
+    kp: np.ndarray
+    bias: np.ndarray
+
+    def followed(self, commands: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """Coordinates at the samples (N, n); NaN once they diverge.
+
+        Args:
+            commands: Acting commands in every time step of the model between two samples (N, steps, n).
+            q: Coordinates at the first sample (n,).
+            dq: Velocities there (n,).
+        """
+        data, out = mujoco.MjData(self.model), np.full((len(commands), len(q)), np.nan)
+        data.qpos[self.qpos], data.qvel[self.dof] = q, dq
+        for k, own in enumerate(commands):
+            if not np.abs(data.qpos[self.qpos]).max() < FARTHEST or any(data.warning[w].number for w in DIVERGED):
+                break
+            out[k] = data.qpos[self.qpos]
+            for command in own:
+                data.qfrc_applied[self.dof] = self.kp * (command - data.qpos[self.qpos]) + self.bias
+                mujoco.mj_step(self.model, data)
+        return out
+
+
+def rolled_out(
+    mechanism: Mechanism,
+    recording: Recording,
+    *,
+    phi: np.ndarray | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    lag: float | None = None,
+    bias: np.ndarray | None = None,
+    rates: np.ndarray | None = None,
+) -> np.ndarray:
+    """Joint coordinates of a model that is simulated with the commands of a recording (N, n).
+
+    It starts at the first recorded coordinates. Contacts are left out, as are the model's actuators, whose place the
+    servos of the recording take: `τ = kp (u - q) - kv q̇`.
+
+    Args:
+        mechanism: The mechanism, from a model's file or specification by `sim.mechanism`.
+        recording: A recording with a command and a servo of every joint.
+        phi: φ of its bodies (10 b,), by default the model's.
+        drives: Drives that differ from the model's, by joint.
+        lag: Time that commands act later than they are logged, s, which are then interpolated linearly; by default
+            each is held until the next one, as controllers do.
+        bias: Constant torques in addition (n,).
+        rates: Joint velocities at the first sample (n,), by default zero.
+
+    Raises:
+        InputError: A joint of the model has no command, or is not in the mechanism.
+        ModelError: The model cannot be updated.
+    """
+    joints = mechanism.tree.joints
+    driven = _driven(mechanism, recording, mechanism.known if phi is None else phi, drives or {}, bias)
+    steps = max(1, int(np.ceil(1 / (recording.rate * min(LONGEST_STEP, driven.model.opt.timestep)))))
+    driven.model.opt.timestep = 1 / (recording.rate * steps)
+    commands = _acting(recording, joints, steps, lag)
+    q, still = recording.of_joints(joints, "position"), np.zeros(len(joints))
+    return driven.followed(commands, q[0], still if rates is None else rates)
+
+
+def _acting(recording: Recording, joints: Sequence[str], steps: int, lag: float | None) -> np.ndarray:
+    """Acting commands in every one of some time steps after each sample (N, steps, n)."""
+    commands = np.column_stack([recording[f"{joint}_command"] for joint in joints])
+    if lag is None:
+        return np.repeat(commands[:, None], steps, axis=1)
+    time = recording.time[:, None] + np.arange(steps) / (recording.rate * steps) - lag
+    return np.stack([np.interp(time, recording.time, command) for command in commands.T], axis=2)
+
+
+def _driven(
+    mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives: Mapping[str, Drive], bias: np.ndarray | None
+) -> Driven:
+    """The model with given bodies and drives, under the servos of a recording."""
+    joints = mechanism.tree.joints
+    if without := [joint for joint in joints if joint not in recording.servos]:
+        raise InputError(f"A simulation needs a command of every joint; {', '.join(without)} have none.")
+    model = updated_spec(mechanism, phi).compile()
+    ids = {joint_name(model, j): j for j in range(model.njnt)}
+    if others := [name for name, j in ids.items() if name not in joints or model.jnt_type[j] not in ONE_DOF]:
+        raise InputError(f"A simulation needs a command of every joint of the model; {', '.join(others)} have none.")
+    chosen = [ids[joint] for joint in joints]
+    dof = model.jnt_dofadr[chosen]
+    _set_drives(model, changed_drives(mujoco_origin(mechanism).model, drives))
+    servos = [recording.servos[joint] for joint in joints]
+    # As damping it is integrated implicitly, which is stable for light joints.
+    model.dof_damping[dof] += np.reshape([servo.kv for servo in servos], model.dof_damping[dof].shape)
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    kp = np.array([servo.kp for servo in servos])
+    return Driven(model, model.jnt_qposadr[chosen], dof, kp, np.zeros(len(joints)) if bias is None else bias)
+
+
+def _set_drives(model: mujoco.MjModel, changed: Mapping[int, Mapping[str, float]]) -> None:
+    """Sets attributes of joints in a compiled model, by the joints' ids."""
+    arrays = {"damping": model.dof_damping, "frictionloss": model.dof_frictionloss, "armature": model.dof_armature}
+    for j, values in changed.items():
+        for key, value in values.items():
+            array, at = (model.jnt_stiffness, j) if key == "stiffness" else (arrays[key], model.jnt_dofadr[j])
+            array[at] = value
+    # Softness of friction depends on the armature.
+    mujoco.mj_setConst(model, mujoco.MjData(model))
