@@ -1,0 +1,29 @@
+"""Model files to compare."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from experiments.data.model_comparison import ModelPair, pairs
+from ident.errors import InputError
+from sim.models.mechanism import mechanism
+
+
+def compared_models(files: Sequence[Path], base: str | None = None) -> list[ModelPair]:
+    """The first of several MJCF, URDF or OpenSim files with each of the others.
+
+    Args:
+        files: The files.
+        base: Body whose frame is {0}, by default the world.
+
+    Raises:
+        InputError: There is one file only, a file cannot be read, or two models have no body in common.
+    """
+    if len(files) < 2 or len({file.resolve() for file in files}) < len(files):
+        raise InputError("A comparison needs two or more different model files.")
+    names = [file.name for file in files]
+    names = names if len(set(names)) == len(names) else list(map(str, files))
+    compared = pairs(names, [mechanism(file, base) for file in files])
+    for pair in compared:
+        if not pair.bodies:
+            raise InputError(f"{' and '.join(pair.names)} have no body in common; bodies are compared by name.")
+    return compared
