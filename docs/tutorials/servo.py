@@ -93,8 +93,8 @@ print(*(f"{joint}: {servo}" for joint, servo in recording.servos.items()), sep="
 estimate = ident.identify(arm, recording)
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 
-# Commands act half a sample later than they are logged, because each is held for 10 ms. On a real robot, its bus and its
-# motor controllers add to that.
+# Commands act half a sample later than they are logged, because each is held for 10 ms. On a real robot, its bus and
+# its motor controllers add to that.
 
 deviations = np.sqrt(np.diag(estimate.covariance_setup))
 values = zip(estimate.names, estimate.fit.values, deviations, strict=True)
