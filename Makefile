@@ -32,7 +32,7 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/trajectory/test_unfollowed_jumps.py::test_a_fast_clock_is_found \
 	tests/trajectory/test_pieces.py::test_of_eight_recordings_the_intervals_cover_the_truth tests/studies/test_lifting.py
 # Those that skip without the extras or a browser, and the long ones.
-OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
+OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/test_against_sysid.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py \
 	tests/studies/test_benchmark.py::test_peers_have_the_same_regressor \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
