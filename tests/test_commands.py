@@ -68,8 +68,9 @@ def test_torques_follow_from_commands():
     q = log.of_joints(arm.tree.joints, "position")
     motion = ident.Motion(q, np.gradient(q, log.time, axis=0), 0 * q)
     command = log["lift_command"]
-    expected = 80.0 * (command - q[:, 1]) - 5.0 * motion.dq[:, 1]
-    np.testing.assert_allclose(log.torques_at(arm.tree, motion)[:, 1], expected)
+    held = (command[1:] + command[:-1]) / 2
+    expected = 80.0 * (held - q[1:, 1]) - 5.0 * motion.dq[1:, 1]
+    np.testing.assert_allclose(log.torques_at(arm.tree, motion)[1:, 1], expected)
     assert log.torques(arm.tree.joints) is None
 
 
@@ -85,9 +86,10 @@ def test_links_drives_and_the_lag_of_commands_are_identified(lag):
     model = estimate.fit.equations.from_model[: estimate.base.rank]
     z = (estimate.psi - model) / estimate.std_setup
     assert np.sqrt((z**2).mean()) < 3
-    # A command acts until the next one, on average half a sample later than it is logged.
-    (finding,) = coded(estimate, "setup_lag")
-    assert finding.values["value"] == pytest.approx((lag + 0.5) / 100, abs=2e-3)
+    findings = coded(estimate, "setup_lag")
+    assert [each.values["value"] for each in findings if lag or abs(each.values["value"]) > 1e-3] == (
+        [pytest.approx(lag / 100, abs=2e-3)] if lag else []
+    )
     assert (estimate.held_out.ratio < 0.05).all() and estimate.verdict().usable
 
 

@@ -21,7 +21,7 @@ ROWS = {
         "delay",
     ),
     ("lag", "", None): (
-        "Commands act 30.00 ± 0.10 ms later than they are logged",
+        "Commands act 30.00 ± 0.10 ms later than they are logged and held",
         "a lag of the commands",
         "lag of the commands",
     ),

@@ -88,13 +88,11 @@ print(*(f"{joint}: {servo}" for joint, servo in recording.servos.items()), sep="
 # ## The estimate
 #
 # A command stands in for a torque, `kp (u - q) - kv q̇`, with angles and velocities of the estimated trajectory, so
-# that nothing has to be filtered. Friction and rotor inertias are estimated with the links.
+# that nothing has to be filtered; each command is held until the next one. Friction and rotor inertias are estimated
+# with the links.
 
 estimate = ident.identify(arm, recording)
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
-
-# Commands act half a sample later than they are logged, because each is held for 10 ms. On a real robot, its bus and
-# its motor controllers add to that.
 
 deviations = np.sqrt(np.diag(estimate.covariance_setup))
 values = zip(estimate.names, estimate.fit.values, deviations, strict=True)
@@ -114,7 +112,7 @@ for joint, true in drives.items():
 
 sim.write_model("arm_identified.xml", arm, estimate.consistent(), estimate.drives_updated)
 updated = sim.mechanism("arm_identified.xml")
-lag = next((each.value for each in estimate.setup if each.name == "lag"), None)
+lag = next((each.value for each in estimate.setup if each.name == "lag"), 0.0)
 followed = {"model as it came": rolled_out(arm, recording), "updated model": rolled_out(updated, recording, lag=lag)}
 figure, panels = plt.subplots(3, figsize=(8, 5), sharex=True, layout="constrained")
 for k, (joint, panel) in enumerate(zip(joints, panels, strict=True)):

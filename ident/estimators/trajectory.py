@@ -165,10 +165,9 @@ def _rivals(
     known = prior.mean[:count], prior.known[:count, :count]
     others = not problem.apart and len(problem.fitted) > 2
     filtered = filtered_least_squares(problem.fitted, problem.judged, equations, known, others=others)
-    residuals = {
-        "model": held.residual,
-        "least squares": held.samples.measured - np.concatenate(filtered.predicted),
-    }
+    commanded = equations.servos is not None
+    measured = np.concatenate(filtered.measured) if commanded else held.samples.measured
+    residuals = {"model": held.residual, "least squares": measured - np.concatenate(filtered.predicted)}
     # A lag of commands changes the torques that they make; all candidates are held against the same ones.
-    signal = held if equations.servos is None else held_out
+    signal = held_out if commanded else held
     return {name: replace(signal, residual=x).ratio for name, x in residuals.items()}, filtered.cutoffs[0]

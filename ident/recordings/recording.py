@@ -178,8 +178,10 @@ class Recording:
             coordinates = tree.freedom_coordinates(motion.q)
             for joint in commanded:
                 servo, k = self.servos[joint], tree.freedoms.index(joint)
-                lag = self[f"{joint}_command"] - coordinates[:, k]
-                out[:, k] = servo.kp * lag - servo.kv * motion.dq[:, k]
+                command = self[f"{joint}_command"]
+                # Before a sample the command of the one before acts, after it the sample's own.
+                acting = (command + np.append(command[:1], command[:-1])) / 2
+                out[:, k] = servo.kp * (acting - coordinates[:, k]) - servo.kv * motion.dq[:, k]
         return out
 
     def torques(self, joints: Sequence[str]) -> np.ndarray | None:

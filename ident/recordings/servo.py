@@ -18,6 +18,8 @@ GAINS = ("kp", "kv", "kp_std")
 class Servo:
     """Law of a position-controlled joint, `τ = kp (u - q) - kv q̇`, with the recorded command u.
 
+    A command is held until the next one, so that it acts half a sample later than it is logged on average.
+
     Attributes:
         kp: Stiffness, N m/rad or N/m.
         kv: Damping, N m s/rad or N s/m.

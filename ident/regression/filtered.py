@@ -55,10 +55,12 @@ class FilteredLeastSquares:
         cutoffs: Cut-off for each recording to predict, Hz; None for measured velocities and accelerations, where none
             can be chosen.
         predicted: Predicted channels of each (N, C).
+        measured: Unfiltered channels of each, commands as torques at the filtered motion (N, C).
     """
 
     cutoffs: tuple[float | None, ...]
     predicted: tuple[np.ndarray, ...]
+    measured: tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,7 @@ def filtered_least_squares(
     cutoffs = _cutoffs([part.log for part in (*fitted, *judged)])
     thin = max(1, round(length(fitted) / ENOUGH))
     halves = {c: [_halves(part, equations, c, thin) for part in fitted] for c in cutoffs}
-    best, predicted = list[float | None](), list[np.ndarray]()
+    best, predicted, measured = list[float | None](), list[np.ndarray](), list[np.ndarray]()
     for k, part in enumerate(judged):
         used = [i for i in range(len(fitted)) if not others or i != k]
         sums = {
@@ -125,10 +127,12 @@ def filtered_least_squares(
         chosen = min(cutoffs, key=lambda c: _error(sums[c], prior))
         x = _solved(sums[chosen][0] + sums[chosen][1], prior)
         best.append(chosen)
-        motion = filtered(part.log, chosen).motion[part.indices]
+        own = filtered(part.log, chosen)
+        motion = own.motion[part.indices]
+        measured.append(own.raw[part.indices])
         rows = equations.rows(Samples(motion, np.zeros((len(motion), len(equations.channels)))))
         predicted.append(np.hstack([np.tensordot(x, r[:-1], axes=1) for r in rows]).T)
-    return FilteredLeastSquares(tuple(best), tuple(predicted))
+    return FilteredLeastSquares(tuple(best), tuple(predicted), tuple(measured))
 
 
 def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:

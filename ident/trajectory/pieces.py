@@ -79,6 +79,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
     states, time = coordinates(recording, prepared.mechanism.joints), recording.time
     channels, wrenches = _channels(prepared, measurement)
     echo = _echo(prepared, measurement, states, channels.time)
+    held = float(np.median(np.diff(channels.time))) / 2 if _commands_alone(measurement) else 0.0
     first, last = part.start, part.stop
     number = max(least, int(np.ceil(max((time[last - 1] - time[first]) / LONGEST, (last - first) / MOST))))
     borders = np.linspace(first, last, number + 1).round().astype(int)
@@ -94,7 +95,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
         piece = Piece(
             spline, *coordinate_samples, channels.time[y], channels.values[y], wrenches[y], float(time[0]), late
         )
-        pieces.append(piece if echo is None else replace(piece, echo=echo[y]))
+        pieces.append(piece if echo is None else replace(piece, held=held, echo=echo[y]))
     return pieces
 
 
@@ -132,6 +133,12 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     rate = (len(time) - 1) / (time[-1] - time[0])
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
     return Sampled(time, values), np.stack([averages, wrenches - averages], axis=1)
+
+
+def _commands_alone(measurement: Measurement) -> bool:
+    """True if all channels are commands, which share a lag."""
+    servos = measurement.equations.servos
+    return servos is not None and not measurement.components and bool(servos[0].all())
 
 
 def _echo(prepared: Prepared, measurement: Measurement, states: Sampled, time: np.ndarray) -> np.ndarray | None:

@@ -74,7 +74,7 @@ def rolled_out(
     *,
     phi: np.ndarray | None = None,
     drives: Mapping[str, Drive] | None = None,
-    lag: float | None = None,
+    lag: float = 0.0,
     bias: np.ndarray | None = None,
     rates: np.ndarray | None = None,
 ) -> np.ndarray:
@@ -88,8 +88,7 @@ def rolled_out(
         recording: A recording with a command and a servo of every joint.
         phi: φ of its bodies (10 b,), by default the model's.
         drives: Drives that differ from the model's, by joint.
-        lag: Time that commands act later than they are logged, s, which are then interpolated linearly; by default
-            each is held until the next one, as controllers do.
+        lag: Time that commands act later than they are logged, s; each is held until the next one.
         bias: Constant torques in addition (n,).
         rates: Joint velocities at the first sample (n,), by default zero.
 
@@ -106,13 +105,12 @@ def rolled_out(
     return driven.followed(commands, q[0], still if rates is None else rates)
 
 
-def _acting(recording: Recording, joints: Sequence[str], steps: int, lag: float | None) -> np.ndarray:
+def _acting(recording: Recording, joints: Sequence[str], steps: int, lag: float) -> np.ndarray:
     """Acting commands in every one of some time steps after each sample (N, steps, n)."""
     commands = np.column_stack([recording[f"{joint}_command"] for joint in joints])
-    if lag is None:
-        return np.repeat(commands[:, None], steps, axis=1)
-    time = recording.time[:, None] + np.arange(steps) / (recording.rate * steps) - lag
-    return np.stack([np.interp(time, recording.time, command) for command in commands.T], axis=2)
+    step = 1 / (recording.rate * steps)
+    time = recording.time[:, None] + (np.arange(steps) + 0.5) * step - lag
+    return commands[np.maximum(np.searchsorted(recording.time, time, side="right") - 1, 0)]
 
 
 def _driven(

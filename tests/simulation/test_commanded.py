@@ -60,8 +60,7 @@ def test_constant_torques_and_rates_at_the_start_count():
 
 def test_commands_act_later_by_the_lag():
     log = recording(lag=2)
-    # As a function of time a command that is held acts half a sample later.
-    now, later = (error(rolled_out(mechanism(), log, lag=lag), log) for lag in (0.0, 0.025))
+    now, later = (error(rolled_out(mechanism(), log, lag=lag), log) for lag in (0.0, 0.02))
     assert (later < 0.5 * now).all()
 
 
@@ -88,7 +87,7 @@ def test_the_updated_model_follows_as_well_as_the_true_one():
     """Of the estimate from the first part of a recording, on the rest of it."""
     result = ident.identify(mechanism(), recording())
     followed = following(result)
-    # Here the model as it came is the true one, which does not know of the half sample of lag.
+    # Here the model as it came is the true one.
     assert (followed.after < 1.2 * followed.before).all() and followed.seconds == pytest.approx(4.8, abs=0.1)
     assert followed.units == ("rad",) * 3
 

@@ -28,6 +28,8 @@ class Piece:
         late: Number of channels on that clock, the first ones, those of a wrench; by default all. Others are on the
             coordinates' clock.
         slack: Standard deviation of the channels' error in addition to noise (M, C), None for none.
+        held: Time by which the channels act later than they are stamped, in addition to estimated shifts, s: half a
+            sample of commands that are held.
         echo: What the measured coordinates make of commands, `kp q`, zero for other channels (M, C); None for none.
     """
 
@@ -40,6 +42,7 @@ class Piece:
     origin: float = 0.0
     late: int | None = None
     slack: np.ndarray | None = None
+    held: float = 0.0
     echo: np.ndarray | None = None
 
     @property
@@ -52,13 +55,18 @@ class Piece:
         """Basis functions at the sample times of the coordinates, used in every round."""
         return Sampling(self.spline, self.time)
 
+    @property
+    def acting(self) -> np.ndarray:
+        """True times of the channels' samples without estimated shifts, s (M,)."""
+        return self.when + self.held if self.held else self.when
+
     @cached_property
-    def _as_stamped(self) -> Sampling:
-        return Sampling(self.spline, self.when)
+    def _as_stated(self) -> Sampling:
+        return Sampling(self.spline, self.acting)
 
     def at_channels(self, when: np.ndarray) -> Sampling:
-        """Basis functions at true times of the channels' samples, computed once if these are as stamped."""
-        return self._as_stamped if np.array_equal(when, self.when) else Sampling(self.spline, when)
+        """Basis functions at true times of the channels' samples, computed once if these are as stated."""
+        return self._as_stated if np.array_equal(when, self.acting) else Sampling(self.spline, when)
 
     @cached_property
     def windows(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -132,7 +140,7 @@ class Predictor(Protocol):
 
 def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:
     """True times of the channels' samples, corrected for delays and the clock's rate, s (M,)."""
-    when, elapsed = piece.when, piece.when - piece.origin
+    when, elapsed = piece.acting, piece.when - piece.origin
     for at, shift in measurement.shifts.items():
         when = when + theta[at] * shift(elapsed)
     return when
