@@ -12,7 +12,7 @@ import ident
 import sim
 from ident.errors import LogError
 from ident.recordings.commands import with_servos
-from ident.recordings.servo import Servo
+from ident.recordings.servo import Servo, servos_of
 from ident.setup import PRIORS
 
 MAPPING = 'time = "time"\n' + "".join(
@@ -58,9 +58,11 @@ def test_gains_are_read_from_the_mapping_or_else_from_the_model_s_actuators(tmp_
     assert recording().servos == stated
     without = "\n".join(line for line in MAPPING.splitlines() if not line.startswith(("kp", "kv")))
     assert read(tmp_path, without, arm=mechanism(actuators=True)).servos == stated
-    none = read(tmp_path, without)
-    assert not none.servos and "turn_command" not in none.measured
-    assert any("Commands of turn, lift, bend are not used" in note for note in none.notes)
+    with pytest.raises(LogError, match=r"nothing is left to fit. Commands of turn, lift, bend are not used: the model"):
+        read(tmp_path, without)
+    some = read(tmp_path, without.replace('command = "u1"', 'command = "u1"\nkp = 80'))
+    assert set(some.servos) == {"lift"} and "turn_command" not in some.measured
+    assert any("Commands of turn, bend are not used" in note for note in some.notes)
 
 
 def test_torques_follow_from_commands():
@@ -106,8 +108,8 @@ def test_least_squares_takes_commands_as_well():
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("kp = 60.0", "kp = -60.0", "joints.turn.kp needs a number of more than 0, got -60.0"),
-        ("kp = 60.0", 'kp = "stiff"', "joints.turn.kp needs a number of more than 0, got stiff"),
+        ("kp = 60.0", "kp = -60.0", "joints.turn.kp needs a number above 0, got -60.0"),
+        ("kp = 60.0", 'kp = "stiff"', "joints.turn.kp needs a number above 0, got stiff"),
         ("kv = 4.0", "kv = -4.0", "joints.turn.kv needs a number of at least 0, got -4.0"),
         ("kp = 60.0\n", "", "joints.turn states kv; a servo needs its kp as well"),
         ('command = "u0"\n', "", "joints.turn states kp, kv of a servo; that needs its command as well"),
@@ -136,3 +138,14 @@ def test_a_ball_has_no_command(tmp_path):
     arm = sim.mechanism(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>"))
     with pytest.raises(LogError, match=r"hip. has no entry 'command'; valid are position, velocity"):
         read(tmp_path, '[joints.hip]\ncommand = "u0"\nkp = 1\n', arm=arm)
+
+
+@pytest.mark.parametrize("end", ["npz", "csv"])
+def test_servos_are_saved_with_a_recording(tmp_path, end):
+    recording().save(tmp_path / f"log.{end}")
+    again = ident.Recording.load(tmp_path / f"log.{end}")
+    assert again.servos == recording().servos
+    with pytest.raises(LogError, match="the servo of joint 'turn' needs kp, kv, kp_std, got 3"):
+        servos_of({"turn": 3})
+    with pytest.raises(LogError, match=r"joints.turn.kp needs a number above 0, got -1"):
+        servos_of({"turn": {"kp": -1}})

@@ -24,7 +24,7 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
         notes: Sentences on what was detected; more are appended.
 
     Raises:
-        LogError: Commands and positions are in different units.
+        LogError: Commands and positions are in different units, or nothing but commands without gains is measured.
     """
     commanded = [joint for joint in mechanism.tree.joints if f"{joint}_command" in recording.measured]
     used, unused = dict[str, Servo](), list[str]()
@@ -36,10 +36,13 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
             _check_unit(recording, joint)
             used[joint] = servo
     if without := [joint for joint in unused if f"{joint}_torque" not in recording.measured]:
-        notes.append(
+        note = (
             f"Commands of {', '.join(without)} are not used: the model has no position actuator with a gear of 1 for "
             "them, and no kp is stated under [joints.NAME]."
         )
+        if not (used or recording.wrenches or recording.torques(mechanism.tree.joints) is not None):
+            raise LogError(f"nothing is left to fit. {note}")
+        notes.append(note)
     measured = {name: x for name, x in recording.measured.items() if name not in {f"{j}_command" for j in unused}}
     streams = {name: x for name, x in recording.streams.items() if name not in {f"{j}_command" for j in unused}}
     return replace(recording, measured=measured, streams=streams, servos=used)

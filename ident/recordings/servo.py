@@ -43,12 +43,26 @@ def servo_of(joint: str, entry: Mapping[str, Any]) -> dict[str, Servo]:
     if given and "command" not in entry:
         raise LogError(f"joints.{joint} states {', '.join(given)} of a servo; that needs its command as well.")
     for key, value in given.items():
-        least = "more than 0" if key == "kp" else "at least 0"
+        least = "above 0" if key == "kp" else "of at least 0"
         if type(value) not in (int, float) or not 0 <= value < HUGE or (key == "kp" and not value):
-            raise LogError(f"joints.{joint}.{key} needs a number of {least}, got {short(value)}.")
+            raise LogError(f"joints.{joint}.{key} needs a number {least}, got {short(value)}.")
     if given and "kp" not in given:
         raise LogError(f"joints.{joint} states {', '.join(given)}; a servo needs its kp as well.")
     return {joint: Servo(**{key: float(value) for key, value in given.items()})} if given else {}
+
+
+def servos_of(entries: Mapping[str, Any]) -> dict[str, Servo]:
+    """Servos from the metadata of a saved recording, by joint.
+
+    Raises:
+        LogError: An entry is none.
+    """
+    out = dict[str, Servo]()
+    for joint, entry in entries.items():
+        if not isinstance(entry, Mapping) or not set(entry) <= set(GAINS):
+            raise LogError(f"the servo of joint '{short(joint)}' needs {', '.join(GAINS)}, got {short(entry)}.")
+        out |= servo_of(joint, {"command": True, **entry})
+    return out
 
 
 def model_servo(mechanism: Mechanism, joint: str) -> Servo | None:
