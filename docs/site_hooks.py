@@ -1,4 +1,4 @@
-"""What the site has beyond the pages of docs: files of the root, tutorials with what they print, names, formulas."""
+"""Parts of the site beyond the pages of docs: files of the root, tutorials with what they print, names, formulas."""
 
 import contextlib
 import io

@@ -14,10 +14,10 @@ from ident.estimation.samples import Samples, joined
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
-from ident.judgement.diagnosis import correlation_time, explained_by_motion
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.judges import findings
+from ident.judgement.residuals import correlation_time, explained_by_motion
 from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.summary import summary
 from ident.judgement.torque_checks import friction_shares

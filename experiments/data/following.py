@@ -1,4 +1,4 @@
-"""How well simulated models follow recorded joint coordinates under the recorded commands."""
+"""Errors of models that are simulated with recorded commands, against the recorded joint coordinates."""
 
 from dataclasses import dataclass
 

@@ -18,11 +18,12 @@ from functools import cached_property
 import numpy as np
 
 from ident.estimation import loads
+from ident.estimation.coordinate_states import base_motion, joint_states
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.setup import SetupParameter
-from ident.geometry.quaternion import small_rotation, turning
+from ident.geometry.quaternion import small_rotation
 from ident.geometry.se3 import coAd, hat, inverse, pose
-from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.adjoint import Value, gradient
@@ -325,20 +326,3 @@ class Measurement:
             return total[list(self.components)]
         to_sensor = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
         return (to_sensor @ total)[list(self.components)]
-
-
-def joint_states(tree: Tree, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joint coordinates, velocities and accelerations from coordinates and their derivatives (3, …, n_q)."""
-    velocities, accelerations = [], []
-    for body, *own in zip(tree.bodies, *(tree.body_coordinates(x) for x in states), strict=True):
-        rates = turning(np.array(own)) if body.is_ball else own[1:]
-        velocities.append(rates[0])
-        accelerations.append(rates[1])
-    return states[0], np.concatenate(velocities, axis=-1), np.concatenate(accelerations, axis=-1)
-
-
-def base_motion(states: np.ndarray) -> BaseMotion:
-    """Motion of a base from its position and quaternion and their derivatives (3, …, 7)."""
-    w, dw = turning(states[..., 3:])
-    velocity, acceleration = (np.concatenate([states[d, ..., :3], x], axis=-1) for d, x in ((1, w), (2, dw)))
-    return BaseMotion.from_free_joint(states[0], velocity, acceleration)

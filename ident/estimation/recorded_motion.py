@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.errors import InputError
-from ident.estimation.measurement import base_motion, joint_states
+from ident.estimation.coordinate_states import base_motion, joint_states
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion

@@ -5,7 +5,7 @@ from scipy import signal
 from scipy.spatial.transform import Rotation
 
 from ident.geometry.se3 import inverse, pose
-from ident.judgement import diagnosis
+from ident.judgement import diagnosis, residuals
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -112,7 +112,7 @@ def test_a_body_that_is_likely_comes_first_only_if_it_is_near():
 def test_correlation_time_of_white_and_slow_noise():
     white = RNG.normal(size=5000)
     slow = np.convolve(white, np.exp(-np.arange(500) / 100), mode="same")
-    times = diagnosis.correlation_time(np.stack([white, slow], axis=1), 100.0)
+    times = residuals.correlation_time(np.stack([white, slow], axis=1), 100.0)
     assert times[0] == pytest.approx(0.01)
     assert 0.5 < times[1] < 1.6
 
@@ -141,7 +141,7 @@ def test_the_share_that_a_motion_explains_is_that_of_the_projection_onto_its_fun
     r = residual - residual.mean(axis=0)
     projected = rows @ np.linalg.lstsq(rows, r, rcond=1e-10)[0]
     share = (projected**2).sum(axis=0) / (r**2).sum(axis=0)
-    shares = diagnosis.explained_by_motion(residual, Motion(q, dq, ddq))
+    shares = residuals.explained_by_motion(residual, Motion(q, dq, ddq))
     # Thirteen functions of four hundred samples explain a thirtieth by chance, and rarely more than a tenth.
     assert share[0] > 0.5 and share[0] - 0.1 < shares[0] < share[0]
     assert shares[1] == 0
@@ -169,7 +169,7 @@ def test_slow_noise_beside_white_noise_does_not_go_with_a_motion(share, rate):
         motion = several_sines(rng, 4, rate)
         noise = rng.normal(size=(len(motion), 3))
         residual = np.sqrt(share) * slow(rng, len(motion), rate) + np.sqrt(1 - share) * noise
-        assert diagnosis.explained_by_motion(residual, motion).max() < 0.1
+        assert residuals.explained_by_motion(residual, motion).max() < 0.1
 
 
 def test_what_a_model_lacks_goes_with_the_motion_though_it_is_slow():
@@ -179,7 +179,7 @@ def test_what_a_model_lacks_goes_with_the_motion_though_it_is_slow():
         q, dq, ddq = motion.states
         lacking = np.stack([ddq[:, 0] * np.cos(q[:, 1]), np.tanh(dq[:, 1]), np.sin(2 * q[:, 0]) * q[:, 1]], axis=1)
         residual = lacking / lacking.std(axis=0) + 0.2 * slow(rng, len(motion), 100)
-        assert diagnosis.explained_by_motion(residual, motion).min() > 0.5
+        assert residuals.explained_by_motion(residual, motion).min() > 0.5
 
 
 def test_a_turn_is_blamed_only_if_it_fits_better_than_a_tie():

@@ -1,0 +1,101 @@
+"""Residuals over time: how long they stay alike, and the share of them that the motion explains."""
+
+import numpy as np
+from scipy import special
+
+from ident.estimation.noise import autocovariance
+from ident.mechanism.motion import Motion
+from ident.tolerances import SIGNIFICANT
+
+TINY = 1e-12
+"""Smallest size to divide by."""
+
+ENOUGH = 3000
+"""Largest number of samples, evenly spread, in which residuals are compared with the motion."""
+
+WINDOW = 8
+"""Part of a recording, as its reciprocal, over which a residual's autocorrelation is used: at longer lags it is
+inaccurate, and would include the motion's own frequencies."""
+
+DEPENDENT = 1e-10
+"""Squares of functions of a motion, over the largest, below which they are rounding errors of dependent ones."""
+
+
+def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
+    """Time until the autocorrelation of each residual falls below 1/e, s (C,)."""
+    times = []
+    for x in (residual - residual.mean(axis=0)).T:
+        correlation = autocovariance(x)[:-1]
+        below = np.flatnonzero(correlation < correlation[0] / np.e) if correlation[0] > 0 else np.zeros(1, int)
+        times.append((below[0] if len(below) else len(x)) / rate)
+    return np.array(times)
+
+
+def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
+    """Share of each residual's variance that a function of q, q̇ and q̈ explains, beyond chance (C,).
+
+    It is linear in them, sines and cosines of q, or quadratic, whichever explains more beyond chance. Of a stationary
+    residual r with spectrum S that does not depend on the motion, orthonormal functions U explain on average
+
+        E‖Uᵀr‖² = Σ_f S(f) Σ_j |Û_j(f)|²,      var ‖Uᵀr‖² ≤ 2 max(S) E‖Uᵀr‖²
+
+    and more than the limit of chance with a probability of `SIGNIFICANT` for all channels together. The result is
+    `(explained - chance) / (1 - chance)`, at least zero. S is the residual's own spectrum, smoothed by Parzen's window
+    (Priestley, Spectral Analysis and Time Series, 1981, section 6.2.3), so that lines at the motion's frequencies do
+    not count as chance. The first autocorrelation would not suffice: white noise and slow errors of a smoothed motion
+    may be added.
+
+    Args:
+        residual: Residuals (N, C).
+        motion: The motion.
+    """
+    thin = slice(None, None, -(-len(residual) // ENOUGH))
+    r = residual[thin] - residual[thin].mean(axis=0)
+    spectra = np.stack([_spectrum(x) for x in r.T], axis=1)
+    linear = _linear_functions(motion[thin])
+    first, second = np.triu_indices(linear.shape[1])
+    quadratic = np.hstack([linear, linear[:, first] * linear[:, second]])
+    bases = [linear, quadratic] if quadratic.shape[1] <= len(r) / 4 else [linear]
+    beyond = -float(special.ndtri(SIGNIFICANT / r.shape[1] / len(bases)))
+    return np.max([_explained(r, x, spectra, beyond) for x in bases], axis=0)
+
+
+def _linear_functions(motion: Motion) -> np.ndarray:
+    x = np.hstack([np.sin(motion.q), np.cos(motion.q), motion.dq, motion.ddq])
+    return np.asarray((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), TINY))
+
+
+def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float) -> np.ndarray:
+    """Share of each residual's variance beyond chance that functions of a motion explain (C,).
+
+    Args:
+        r: Residuals without their mean (N, C).
+        x: The functions (N, k).
+        spectra: Power spectra of the residuals (N + 1, C).
+        beyond: Standard deviations of that share that count as chance.
+    """
+    functions, count = _orthonormal(x), len(r)
+    explained = ((functions.T @ r) ** 2).sum(axis=0) / np.maximum((r**2).sum(axis=0), TINY)
+    power = (np.abs(np.fft.rfft(functions, 2 * count, axis=0)) ** 2).sum(axis=1)
+    power[1:-1] *= 2  # All frequencies but the first and the last stand for their negatives too.
+    mean = power @ spectra / (2 * count) / count
+    deviation = np.sqrt(2 * spectra.max(axis=0) * mean / count)
+    chance = np.minimum(mean + beyond * deviation, 1)
+    return np.maximum(0, explained - chance) / np.maximum(1 - chance, TINY)
+
+
+def _orthonormal(x: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the columns less their means (N, k)."""
+    x = x - x.mean(axis=0)
+    squares, axes = np.linalg.eigh(x.T @ x)
+    kept = squares > DEPENDENT * squares.max(initial=0)
+    return np.asarray(x @ (axes[:, kept] / np.sqrt(squares[kept])))
+
+
+def _spectrum(x: np.ndarray) -> np.ndarray:
+    """Power spectrum of a signal (N,), of mean one over all frequencies, smoothed by Parzen's window (N + 1,)."""
+    lags = np.arange(len(x) + 1) / max(1, len(x) // WINDOW)
+    window = np.where(lags < 0.5, 1 - 6 * lags**2 * (1 - lags), 2 * np.maximum(0, 1 - lags) ** 3)
+    covariance = window * autocovariance(x)
+    correlation = covariance / covariance[0] if covariance[0] > 0 else (lags == 0).astype(float)
+    return np.maximum(np.fft.hfft(correlation), 0)[: len(x) + 1]
