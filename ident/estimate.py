@@ -149,12 +149,12 @@ class Estimate:
 
     @property
     def psi_of_links(self) -> np.ndarray:
-        """Base parameters less what the model's rotors and friction without a column of their own add to them (r,)."""
+        """Base parameters of the links alone, without the model's rotors and friction that they absorb (r,)."""
         return self.psi - self.fit.equations.from_drives[: self.base.rank]
 
     @property
     def psi_updated(self) -> np.ndarray:
-        """Base parameters of the physical bodies with the same rotors and friction, as of the updated model (r,)."""
+        """Base parameters of the updated model: its physical bodies, with the rotors and friction they absorb (r,)."""
         return self.consistent().psi + self.fit.equations.from_drives[: self.base.rank]
 
     @property
