@@ -6,15 +6,22 @@ from pathlib import Path
 
 from experiments.cli import options, print_options, running
 
+FORMATS = ("pdf", "svg", "png")
+"""Formats of the figures."""
+
 
 def run(args: argparse.Namespace) -> None:
     """Compares results or models, and writes and prints the differences."""
+    from experiments.studies.model_files import is_model
     from ident.errors import InputError
 
-    files = [path for path in args.results if path.is_file()]
-    if files and len(files) < len(args.results):
+    models = [path for path in args.results if is_model(path)]
+    if not models:
+        _compare_results(args)
+    elif len(models) == len(args.results):
+        _compare_models(args)
+    else:
         raise InputError("A comparison is of folders of results or of model files, not of both.")
-    _compare_models(args) if files else _compare_results(args)
 
 
 def _compare_models(args: argparse.Namespace) -> None:
@@ -23,10 +30,13 @@ def _compare_models(args: argparse.Namespace) -> None:
     from experiments.reports import compare_models_report
     from experiments.studies.model_files import compared_models
 
-    compared, out = compared_models(args.results, args.base), print_options.output_of(args, formats=())
-    origin = provenance({"models": list(map(str, args.results)), "base": args.base, **out.choices})
-    document = compare_models_report.document(compared, origin)
-    write(document, out, stale=compare_models_report.OUTPUTS, inputs=args.results)
+    fix, ignore = options.fixed(args.fix), tuple(args.ignore)
+    compared = compared_models(args.results, args.base, ignore=ignore, fix=fix, packages=args.packages)
+    out = print_options.output_of(args, formats=FORMATS)
+    read = {"base": args.base, "ignore": args.ignore, "fix": fix, "packages": list(map(str, args.packages))}
+    origin = provenance({"models": list(map(str, args.results)), **read, **out.choices})
+    document = compare_models_report.document(compared, origin, out.layout)
+    write(document, replace(out, checked=True), stale=compare_models_report.OUTPUTS, inputs=args.results)
 
 
 def _compare_results(args: argparse.Namespace) -> None:
@@ -36,9 +46,10 @@ def _compare_results(args: argparse.Namespace) -> None:
     from experiments.studies.result_files import read_results
     from ident.errors import InputError
 
-    if args.base is not None:
-        raise InputError("--base is for model files; results have the base that they were identified with.")
-    compared, out = read_results(args.results), print_options.output_of(args, formats=("pdf", "svg", "png"))
+    for name in ("base", "ignore", "packages", "fix"):
+        if getattr(args, name):
+            raise InputError(f"--{name} is for model files; results are compared as they were identified.")
+    compared, out = read_results(args.results), print_options.output_of(args, formats=FORMATS)
     if args.out.resolve() in {folder.resolve() for folder in args.results}:
         raise InputError(f"The comparison needs a folder of its own, but '{args.out}' holds one of the results.")
     origin = provenance({"results": list(map(str, args.results)), **out.choices})
@@ -57,7 +68,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="RESULT",
         help="folders that identify has written, or MJCF, URDF or OpenSim files; the first against all",
     )
-    out.add_argument("--base", help="of models: body whose frame is {0}, by default the world")
+    options.add_mechanism(out.add_argument_group("model files"))
     return out
 
 

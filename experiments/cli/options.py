@@ -155,7 +155,7 @@ def add_film(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
 
 
-def add_mechanism(parser: argparse.ArgumentParser) -> None:
+def add_mechanism(parser: argparse._ActionsContainer) -> None:
     """Adds the options of a user's model."""
     parser.add_argument("--base", help="body whose frame is {0}, by default the world")
     parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
@@ -163,7 +163,7 @@ def add_mechanism(parser: argparse.ArgumentParser) -> None:
     add_fixed(parser)
 
 
-def add_packages(parser: argparse.ArgumentParser) -> None:
+def add_packages(parser: argparse._ActionsContainer) -> None:
     """Adds the folders in which meshes are searched."""
     parser.add_argument(
         "--packages",
@@ -176,7 +176,7 @@ def add_packages(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_fixed(parser: argparse.ArgumentParser) -> None:
+def add_fixed(parser: argparse._ActionsContainer) -> None:
     """Adds the joints that do not move; `fixed` returns them."""
     parser.add_argument(
         "--fix",

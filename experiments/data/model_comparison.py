@@ -1,6 +1,6 @@
 """Two models side by side: quantities of their bodies and of the drives of their joints."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,6 @@ OF_BODIES = (
 OF_SERVOS = {"kp": ("N m/rad", "N/m"), "kv": ("N m s", "N s/m")}
 """Gains of servos with their units, of joints that turn and of those that slide."""
 
-
 ROUNDING = 1e-9
 """Relative difference that counts as rounding, below a thousandth of an SI unit as if of that."""
 
@@ -35,6 +34,8 @@ class Pair:
         unit: Its unit.
         first: Value in the first model.
         second: Value in the second one.
+        size: Size in the first model: of a centre of mass its distance from the body's frame, of an inertia its largest
+            principal moment, else of the value itself.
     """
 
     of: str
@@ -42,6 +43,7 @@ class Pair:
     unit: str
     first: float
     second: float
+    size: float
 
     @property
     def difference(self) -> float:
@@ -55,8 +57,10 @@ class Pair:
 
     @property
     def percent(self) -> float | None:
-        """Difference in % of the first value, None where that is zero."""
-        return 100 * self.difference / abs(self.first) if self.first else None
+        """Difference in % of the first's size, zero if it is rounding; None where only the second has a size."""
+        if not self.differs:
+            return 0.0
+        return 100 * self.difference / self.size if self.size else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,42 +80,51 @@ class ModelPair:
         """Quantities of the bodies that both have."""
         first, second = (_of_bodies(each) for each in self.mechanisms)
         return [
-            Pair(name, quantity, unit, a, b)
+            Pair(name, quantity, unit, a, b, size)
             for name in first
             if name in second
-            for (quantity, unit), a, b in zip(OF_BODIES, first[name], second[name], strict=True)
+            for (quantity, unit), a, b, size in zip(
+                OF_BODIES, first[name], second[name], _sizes(first[name]), strict=True
+            )
         ]
 
     @property
     def drives(self) -> list[Pair]:
-        """Quantities of the drives of the freedoms that both have, where one of the models states them."""
-        (one, _), turns = self.mechanisms, _turns(self.mechanisms[0])
-        values = [
-            {freedom: dict(_of_drive(each, freedom)) for freedom in each.tree.freedoms} for each in self.mechanisms
-        ]
+        """Quantities of the drives of the freedoms that move alike in both, where one of the models states them."""
+        first, second = (_turns(each) for each in self.mechanisms)
         units = {kind: DRIVE_UNITS[DRIVE[kind]] for kind in FIELDS} | OF_SERVOS | {"spring reference": ("rad", "m")}
-        return [
-            Pair(freedom, quantity, units[quantity][not turns[freedom]], *both)
-            for freedom in one.tree.freedoms
-            if freedom in values[1]
-            for quantity in units
-            if any(both := [each[freedom][quantity] for each in values])
-        ]
+        pairs = []
+        for freedom in (name for name, turns in first.items() if second.get(name) == turns):
+            values = [dict(_of_drive(each, freedom)) for each in self.mechanisms]
+            for quantity, unit in units.items():
+                one, other = (each[quantity] for each in values)
+                if one or other:
+                    pairs.append(Pair(freedom, quantity, unit[not first[freedom]], one, other, abs(one)))
+        return pairs
+
+    @property
+    def unlike(self) -> list[str]:
+        """Joints of both models that move in another way in each, so that their drives have no common unit."""
+        first, second = (_motions(each) for each in self.mechanisms)
+        return [joint for joint, motion in first.items() if joint in second and second[joint] != motion]
 
     @property
     def alone(self) -> list[str]:
-        """Sentences on the bodies and joints that only one of the models has."""
+        """Sentences on the bodies with mass and joints that only one has, and on joints that move differently."""
         sentences = []
+        bodies, joints = [_with_mass(each) for each in self.mechanisms], [each.joints for each in self.mechanisms]
         for this, other in ((0, 1), (1, 0)):
-            for what in ("bodies", "joints"):
-                own, theirs = (getattr(self.mechanisms[k], what) for k in (this, other))
-                if missing := [name for name in own if name not in theirs]:
+            for what, names in (("bodies", bodies), ("joints", joints)):
+                if missing := [name for name in names[this] if name not in getattr(self.mechanisms[other], what)]:
                     sentences.append(f"Only {self.names[this]} has the {what} {', '.join(missing)}.")
+        if self.unlike:
+            both, unlike = " and ".join(self.names), ", ".join(self.unlike)
+            sentences.append(f"Drives of joints that move in another way in {both} are not compared: {unlike}.")
         return sentences
 
 
 def _of_bodies(mechanism: Mechanism) -> dict[str, list[float]]:
-    """Values of `OF_BODIES` by the names of the bodies with mass."""
+    """Values of `OF_BODIES` by the names of the bodies."""
     out = {}
     for name, phi in zip(mechanism.bodies, mechanism.known.reshape(-1, 10), strict=True):
         mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
@@ -120,9 +133,18 @@ def _of_bodies(mechanism: Mechanism) -> dict[str, list[float]]:
     return out
 
 
-def _of_drives(mechanism: Mechanism) -> dict[str, dict[str, float]]:
-    """Quantities of the drives by freedom."""
-    return {freedom: dict(_of_drive(mechanism, freedom)) for freedom in mechanism.tree.freedoms}
+def _with_mass(mechanism: Mechanism) -> list[str]:
+    """Names of the bodies with mass; others, as a URDF file's root, are mere frames."""
+    masses = mechanism.known[::10]
+    return [name for name, mass in zip(mechanism.bodies, masses, strict=True) if mass]
+
+
+def _sizes(values: Sequence[float]) -> list[float]:
+    """Sizes of the values of `OF_BODIES`, each of its kind."""
+    mass, *rest = values
+    xx, yy, zz, xy, xz, yz = rest[3:]
+    inertia = np.linalg.norm([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], 2)
+    return [abs(mass), *[float(np.linalg.norm(rest[:3]))] * 3, *[float(inertia)] * 6]
 
 
 def _of_drive(mechanism: Mechanism, freedom: str) -> Iterator[tuple[str, float]]:
@@ -134,14 +156,21 @@ def _of_drive(mechanism: Mechanism, freedom: str) -> Iterator[tuple[str, float]]
         yield gain, sum(each.gear**2 * getattr(each, gain) for each in drive.actuators)
 
 
-def _turns(mechanism: Mechanism) -> Mapping[str, bool]:
-    """True for each freedom that turns, by name."""
-    motions = [(body.freedom_names, body.motions) for body in mechanism.tree.bodies if body.freedoms]
+def _motions(mechanism: Mechanism) -> dict[str, dict[str, bool]]:
+    """Freedoms of each joint by its name, with True for those that turn."""
     return {
-        name: bool(motion[3:].any())
-        for names, columns in motions
-        for name, motion in zip(names, np.transpose(columns), strict=True)
+        body.joint: {
+            name: bool(motion[3:].any())
+            for name, motion in zip(body.freedom_names, np.transpose(body.motions), strict=True)
+        }
+        for body in mechanism.tree.bodies
+        if body.freedoms
     }
+
+
+def _turns(mechanism: Mechanism) -> dict[str, bool]:
+    """True for each freedom that turns, by name."""
+    return {name: turns for joint in _motions(mechanism).values() for name, turns in joint.items()}
 
 
 def pairs(names: Sequence[str], mechanisms: Sequence[Mechanism]) -> list[ModelPair]:

@@ -1,19 +1,37 @@
 """Model files to compare."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from experiments.data.model_comparison import ModelPair, pairs
 from ident.errors import InputError
 from sim.models.mechanism import mechanism
 
+MODELS = (".xml", ".mjcf", ".urdf", ".osim")
+"""Endings of model files."""
 
-def compared_models(files: Sequence[Path], base: str | None = None) -> list[ModelPair]:
+
+def is_model(path: Path) -> bool:
+    """True for a file, and for a name of one that does not exist."""
+    return path.is_file() or (path.suffix.lower() in MODELS and not path.is_dir())
+
+
+def compared_models(
+    files: Sequence[Path],
+    base: str | None = None,
+    *,
+    ignore: Collection[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+    packages: Sequence[Path] = (),
+) -> list[ModelPair]:
     """The first of several MJCF, URDF or OpenSim files with each of the others.
 
     Args:
         files: The files.
-        base: Body whose frame is {0}, by default the world.
+        base: Body whose frame is {0}, by default the world; this and all that follows as for `sim.mechanism`.
+        ignore: Names of equality constraints and tendons to leave out.
+        fix: Names of joints that do not move, with their coordinates.
+        packages: Folders of ROS packages.
 
     Raises:
         InputError: There is one file only, a file cannot be read, or two models have no body in common.
@@ -22,7 +40,7 @@ def compared_models(files: Sequence[Path], base: str | None = None) -> list[Mode
         raise InputError("A comparison needs two or more different model files.")
     names = [file.name for file in files]
     names = names if len(set(names)) == len(names) else list(map(str, files))
-    compared = pairs(names, [mechanism(file, base) for file in files])
+    compared = pairs(names, [mechanism(file, base, ignore=ignore, fix=fix, packages=packages) for file in files])
     for pair in compared:
         if not pair.bodies:
             raise InputError(f"{' and '.join(pair.names)} have no body in common; bodies are compared by name.")
