@@ -12,6 +12,8 @@ import ident
 from experiments.cli import options
 from ident.errors import InputError
 from ident.estimation.preparation import prepared
+from ident.judgement.body_findings import rotor_findings
+from ident.judgement.torque_checks import friction_shares
 from ident.mechanism.drives import Actuator, Drive
 from ident.parameters.prior import DRIVE_KNOWN
 from ident.setup import PRIORS
@@ -130,3 +132,28 @@ def test_the_option_takes_auto_none_or_a_list(given, drive):
 def test_auto_and_none_stand_alone(alone):
     with pytest.raises(InputError, match=f"--drive takes {alone} alone, or a list out of rotor, viscous"):
         options.drives([alone, "viscous"])
+
+
+def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
+    recording = driven_arm.log()
+    torque = recording["bend_torque"].copy()
+    torque[: round(0.7 * len(torque))] = 0.0
+    flat = replace(recording, measured={**recording.measured, "bend_torque": torque})
+    exact = dict.fromkeys(PRIORS, 0.0)
+    estimate = ident.identify(driven_arm.mechanism(), flat, estimator="weighted", cutoff=8.0, setup=exact)
+    assert estimate.channels == ("turn", "lift")
+    k = estimate.base.names.index("Izz1")
+    assert estimate.fit.equations.from_drives[k] == pytest.approx(0.2, abs=1e-6)
+    assert not any("bend" in name for name in estimate.fit.equations.drives)
+
+
+def test_findings_on_rotors_take_equations_that_absorb_some():
+    """Bodies far from the model's ask whether rotors that are not fitted explain them."""
+    estimate = weighted(drive=("viscous", "rotor"))
+    equations = estimate.fit.equations
+    assert equations.absorbed is not None
+    wider = equations.with_drives((*equations.drives, "Fc(turn)", "Ia(turn)"))
+    assert len(wider.from_drives) == wider.parameters.rank + len(wider.drives)
+    evidence = estimate.evidence
+    assert {finding.code for finding in rotor_findings(evidence, ["column", "upper"])} == {"rotor_inseparable"}
+    assert set(friction_shares(estimate.fit, estimate.logs[0].used)) == set(driven_arm.JOINTS)

@@ -1,7 +1,6 @@
 """True values of identified quantities: base parameters, with the effects of rotors that they absorb, and drives."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -66,7 +65,7 @@ def truth(equations: Equations, phi: np.ndarray, stated: Mapping[str, float]) ->
     others = [name for name in stated if name not in equations.drives]
     if not others or not equations.torques:
         return own
-    columns = _columns(replace(equations, drives=(*equations.drives, *others), offsets=()))
+    columns = _columns(equations.with_drives((*equations.drives, *others)).with_offsets(()))
     kept, taken = columns[:, : len(own)], columns[:, len(own) :]
     sizes = np.linalg.norm(kept, axis=0)
     combined = np.linalg.lstsq(kept / sizes, taken, rcond=None)[0] / sizes[:, None]

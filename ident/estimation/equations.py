@@ -97,6 +97,10 @@ class Equations:
         out[: self.parameters.rank] += self.parameters.regroup(self.mechanism.known)
         return out
 
+    def with_drives(self, drives: Sequence[str]) -> "Equations":
+        """Equations with the columns of some drives, of which none is absorbed by others."""
+        return replace(self, drives=tuple(drives), absorbed=None)
+
     def with_offsets(self, offsets: Sequence[int]) -> "Equations":
         """Equations with constant offsets of some channels."""
         return replace(self, offsets=tuple(offsets))

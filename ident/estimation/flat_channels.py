@@ -36,7 +36,9 @@ def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
     sensors = Sensors(rows is not None, bool(torques), motion.base is not None, rows)
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     names = tuple(np.array(old.channels)[kept].tolist())
-    equations = Equations(mechanism, parameters, rows, torques, names, old.drives if torques else ())
+    servos = None if old.servos is None or not torques else old.servos[:, kept[wrenches:]]
+    drives = log.drives if torques else ()
+    equations = Equations(mechanism, parameters, rows, torques, names, drives, servos=servos)
     samples = replace(log.samples, measured=log.samples.measured[:, kept])
     predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
     stuck = repairs.stuck(flat, predicted, notes, in_fitted=True)

@@ -68,6 +68,7 @@ class Prepared:
         clipped: Channels clipped by a sensor's range; their clipped samples are not used.
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
         rests: Positions of the hinges and slides at rest throughout, by joint.
+        drives: Names of the drives' columns before those that depend on others were left out.
     """
 
     mechanism: Mechanism
@@ -84,6 +85,7 @@ class Prepared:
     clipped: tuple[Clipped, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
     rests: Mapping[str, float] = field(default_factory=dict)
+    drives: tuple[str, ...] = ()
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
@@ -203,6 +205,7 @@ def prepared(
         clipped=clipped,
         steps=steps,
         rests=rests,
+        drives=drives,
     )
 
 

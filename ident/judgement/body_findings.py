@@ -1,7 +1,6 @@
 """Findings on the bodies of the updated model: physical or not, and far from the model's or not."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -84,7 +83,7 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
         if (joint := joints.get(name)) in torques and f"{DRIVE['rotor']}({joint})" not in equations.drives
     ]
     columns = {name: f"{DRIVE['rotor']}({joints[name]})" for name in without}
-    with_rotors = replace(equations, drives=(*equations.drives, *columns.values()))
+    with_rotors = equations.with_drives((*equations.drives, *columns.values()))
     apart = separable(with_rotors, evidence.logs[0].samples).drives if without else ()
     for code, is_apart in (("rotor_not_fitted", True), ("rotor_inseparable", False)):
         if of := {name: str(joints[name]) for name in without if (columns[name] in apart) == is_apart}:

@@ -198,7 +198,7 @@ def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
     equations, felt = fit.equations, len(fit.equations.torques)
     freedoms = equations.mechanism.tree.freedoms
     names = [f"{DRIVE[kind]}({joint})" for joint in freedoms for kind in lacking_drive(equations.drives, joint)]
-    with_friction = replace(equations, drives=(*equations.drives, *names))
+    with_friction = equations.with_drives((*equations.drives, *names))
     residual, left = (_least_residual(fit, each, samples)[:, -felt:] for each in (equations, with_friction))
     squares = np.maximum((residual**2).sum(axis=0), 1e-300)
     # Of residuals that are alike for some samples there are fewer than samples.
