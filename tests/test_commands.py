@@ -149,3 +149,8 @@ def test_servos_are_saved_with_a_recording(tmp_path, end):
         servos_of({"turn": 3})
     with pytest.raises(LogError, match=r"joints.turn.kp needs a number above 0, got -1"):
         servos_of({"turn": {"kp": -1}})
+
+
+def test_commands_have_no_offsets():
+    estimate = ident.identify(mechanism(actuators=True), recording(), estimator="weighted", cutoff=6.0)
+    assert not estimate.offsets and not any(name.startswith("offset") for name in estimate.names)

@@ -242,11 +242,11 @@ def following_lines(following: Following | None) -> list[str]:
     if np.isnan(following.after).any():
         return ["Simulated with the recorded commands, the updated model diverges."]
     seconds, number = f"{following.seconds:.3g} s", len(following.joints)
-    start = f"Simulated for {seconds} with the recorded commands, the updated model follows the recorded coordinates"
+    start = f"Simulated for {seconds} with the recorded commands, the updated model, with the estimated lag, follows"
     if np.isnan(following.before).any():
-        return [f"{start}, and the model as it came diverges."]
+        return [f"{start} the joints, and the model as it came diverges."]
     return [
-        f"{start} better than the model as it came in {following.better} of {number} joints; its error is "
+        f"{start} {following.better} of {number} joints better than the model as it came; its error is "
         f"{np.median(following.ratio):.2f} of the other's (median)."
     ]
 

@@ -97,6 +97,13 @@ class Equations:
         out[: self.parameters.rank] += self.parameters.regroup(self.mechanism.known)
         return out
 
+    @property
+    def sensed(self) -> list[int]:
+        """Indices of the channels that sensors measure, which may have offsets; commands have none."""
+        first = len(self.channels) - len(self.torques)
+        commanded = [] if self.servos is None else (first + np.flatnonzero(self.servos[0])).tolist()
+        return [k for k in range(len(self.channels)) if k not in commanded]
+
     def with_drives(self, drives: Sequence[str]) -> "Equations":
         """Equations with the columns of some drives, of which none is absorbed by others."""
         return replace(self, drives=tuple(drives), absorbed=None)

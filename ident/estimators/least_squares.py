@@ -29,7 +29,7 @@ def _least_squares(problem: Problem, *, weighted: bool) -> Estimate:
     singular_values, poor = excited(equations, samples)
     if poor:
         raise poor
-    with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
+    with_offsets = separable(equations.with_offsets(equations.sensed), samples)
     full = robust_fit(with_offsets, samples, weighted=weighted)
     fit = full if problem.offsets else robust_fit(equations, samples, weighted=weighted)
     rivals = {"model": model_as_it_came(problem, full).ratio}

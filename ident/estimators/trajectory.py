@@ -39,7 +39,7 @@ def trajectory(problem: Problem) -> Estimate:
     if poor and (still or problem.wanted is False):
         raise poor
     known = problem.known if problem.wanted or poor else None
-    with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
+    with_offsets = separable(equations.with_offsets(equations.sensed), samples)
     if not problem.held:
         # Where the sum of all wrenches is zero, a constant one is weight, not an offset.
         components = len(equations.channels) - len(equations.torques)

@@ -101,7 +101,7 @@ def test_the_report_says_how_well_models_follow():
     made = Following(("a", "b"), ("rad", "m"), np.array([0.02, 0.03]), np.array([0.01, 0.033]), 9.4)
     assert made.better == 1
     (line,) = following_lines(made)
-    assert "better than the model as it came in 1 of 2 joints" in line and "0.80 of the other's" in line
+    assert "follows 1 of 2 joints better than the model as it came" in line and "0.80 of the other's" in line
     table = following_table(made)
     assert table.rows[0][0] == "a" and table.rows[1][3] == pytest.approx(1.1)
     came = Following(("a",), ("rad",), np.array([np.nan]), np.array([0.01]), 9.4)
