@@ -226,8 +226,7 @@ def document(
 
 def following_table(following: Following) -> tabular.Table:
     """Errors of simulated coordinates of the model as it came and of the updated one."""
-    kept = [None if np.isnan(x) else float(x) for x in (*following.before, *following.after, *following.ratio)]
-    before, after, ratio = (kept[k::1][: len(following.joints)] for k in range(0, len(kept), len(following.joints)))
+    before, after, ratio = (x.tolist() for x in (following.before, following.after, following.ratio))
     return tabular.Table(
         "Coordinates simulated with the recorded commands, RMS error",
         *tabular.columns(joint=following.joints, model_as_it_came=before, updated_model=after, ratio=ratio),

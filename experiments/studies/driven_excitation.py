@@ -48,7 +48,7 @@ def drive_signals(mechanism: Mechanism, drives: Sequence[str], motion: Motion) -
     """Columns of drives (N, n, d)."""
     tree, kinds = mechanism.tree, tuple(DRIVE)
     slips, out = np.full(len(tree.freedoms), SLIP), np.zeros((*motion.dq.shape, len(drives)))
-    columns = dict(zip(kinds, drive_columns(tree, motion, kinds, slips, _springrefs(mechanism)), strict=True))
+    columns = dict(zip(kinds, drive_columns(tree, motion, kinds, slips, mechanism.springrefs), strict=True))
     for column, (kind, k) in enumerate(_places(mechanism, drives)):
         out[:, k, column] = columns[kind][:, k, k]
     return out
@@ -88,12 +88,6 @@ def _places(mechanism: Mechanism, drives: Sequence[str]) -> list[tuple[str, int]
     """Kind, and index of the freedom, of each column."""
     freedoms = mechanism.tree.freedoms
     return [(kind, freedoms.index(freedom)) for kind, freedom in map(column_place, drives)]
-
-
-def _springrefs(mechanism: Mechanism) -> np.ndarray:
-    """Coordinates at which springs are at rest (n,)."""
-    drives = mechanism.drives
-    return np.array([drives[name].springref if name in drives else 0.0 for name in mechanism.tree.freedoms])
 
 
 def _random_motion(mechanism: Mechanism) -> Motion:

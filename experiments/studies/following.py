@@ -17,8 +17,8 @@ LONGEST = 30.0
 def following(result: Estimate) -> Following | None:
     """Errors of simulated coordinates on what was held out of the first recording, else on its end.
 
-    The model as it came takes the commands as they are logged; the updated one with the estimated lag, and with the
-    constant torques that were fitted. None unless every joint of the model has a command.
+    The model as it came takes the commands as they are logged; the updated one with the estimated lag. None unless
+    every joint of the model has a command.
     """
     log, mechanism = result.prepared, result.prepared.mechanism
     if set(log.recording.servos) != set(mechanism.tree.joints):
@@ -26,12 +26,10 @@ def following(result: Estimate) -> Following | None:
     held = _held_out(result)
     recording, rates = _part(log.recording, held), log.samples.motion.dq[held.start]
     lag = next((each.value for each in result.setup if each.name == "lag"), 0.0)
-    offsets = result.fit.with_psi(result.psi_updated).offsets
-    bias = -np.array([offsets.get(freedom, (0.0, 0.0))[0] for freedom in mechanism.tree.freedoms])
     phi, drives = result.consistent().phi, result.drives_updated
     try:
         before = rolled_out(mechanism, recording, rates=rates)
-        after = rolled_out(mechanism, recording, rates=rates, phi=phi, drives=drives, lag=lag, bias=bias)
+        after = rolled_out(mechanism, recording, rates=rates, phi=phi, drives=drives, lag=lag)
     except (InputError, ModelError):
         return None
     measured = recording.of_joints(mechanism.tree.joints, "position")

@@ -222,12 +222,6 @@ class Equations:
                 rows = whitened(rows, part.covariance)
             yield rows if factors is None else rows * factors[first : first + size].T
 
-    @property
-    def springrefs(self) -> np.ndarray:
-        """Coordinates at which the model's springs are at rest (n,)."""
-        drives = self.mechanism.drives
-        return np.array([drives[name].springref if name in drives else 0.0 for name in self.mechanism.tree.freedoms])
-
     def _parts(self) -> tuple[range, range]:
         """Indices of the channels of the wrench and of the torques."""
         wrenches = len(self.channels) - len(self.torques)
@@ -236,7 +230,8 @@ class Equations:
     def _drives(self, samples: Samples) -> np.ndarray:
         """Columns of rotor inertia and friction (d, torques, chunk)."""
         tree, kinds = self.mechanism.tree, tuple(DRIVE)
-        columns = np.concatenate(drive_columns(tree, samples.motion, kinds, self.slips, self.springrefs), axis=2)
+        at_rest = self.mechanism.springrefs
+        columns = np.concatenate(drive_columns(tree, samples.motion, kinds, self.slips, at_rest), axis=2)
         every = drive_names(tree, kinds)
         chosen = columns[:, list(self.torques)][..., [every.index(name) for name in self.drives]]
         return chosen.transpose(2, 1, 0)

@@ -67,7 +67,7 @@ def drive_torques(
     sign, relative = np.tanh(dq / slips), dq / STRIBECK
     tree = equations.mechanism.tree
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
-    signals["spring"] = spring_lengths(tree, q, equations.springrefs)
+    signals["spring"] = spring_lengths(tree, q, equations.mechanism.springrefs)
     freedoms = tree.freedoms
     at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
     torques: list[Value] = [0.0] * len(freedoms)

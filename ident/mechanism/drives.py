@@ -111,7 +111,7 @@ _NAMES = {
     "stiffness": "stiffness",
     "springref": "spring reference",
 }
-"""What the numbers of a drive are called in messages."""
+"""Names of the numbers of a drive in messages."""
 
 
 def checked_drives(drives: Any, freedoms: Collection[str]) -> dict[str, Drive]:

@@ -9,7 +9,7 @@ import numpy as np
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import InputError, ModelError
 from ident.mechanism.carrier import Carrier, divided
-from ident.mechanism.drives import Drive, checked_drives
+from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
 from ident.mechanism.tree import Tree
 
 
@@ -69,6 +69,11 @@ class Mechanism:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that determine its motion: those of its carrier, then its own."""
         return (*(self.carrier.joints if self.carrier else ()), *self.tree.joints)
+
+    @property
+    def springrefs(self) -> np.ndarray:
+        """Coordinates of the freedoms at which their springs are at rest, rad or m (n,); zero without a drive."""
+        return np.array([self.drives.get(freedom, NO_DRIVE).springref for freedom in self.tree.freedoms])
 
     def beyond(self, body: str) -> "Mechanism":
         """A body and all bodies on it as a mechanism, with the joints before it as carrier; the source is not kept.

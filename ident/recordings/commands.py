@@ -43,8 +43,9 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
         if not (used or recording.wrenches or recording.torques(mechanism.tree.joints) is not None):
             raise LogError(f"nothing is left to fit. {note}")
         notes.append(note)
-    measured = {name: x for name, x in recording.measured.items() if name not in {f"{j}_command" for j in unused}}
-    streams = {name: x for name, x in recording.streams.items() if name not in {f"{j}_command" for j in unused}}
+    dropped = {f"{joint}_command" for joint in unused}
+    measured = {name: x for name, x in recording.measured.items() if name not in dropped}
+    streams = {name: x for name, x in recording.streams.items() if name not in dropped}
     return replace(recording, measured=measured, streams=streams, servos=used)
 
 
