@@ -22,15 +22,17 @@ from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.summary import summary
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Precision, Verdict
-from ident.mechanism.drives import Drive
+from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.stated import with_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
+from ident.recordings.servo import Servo
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.regression.robust import spread
+from ident.setup import SETUP
 from ident.tolerances import UNEXPLAINED
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
@@ -139,8 +141,24 @@ class Estimate:
 
     @property
     def drives_updated(self) -> dict[str, Drive]:
-        """The likeliest drives beside the physical bodies, as of the updated model, by name."""
-        return self._drives_of(self.fit.with_psi(self.psi_updated))
+        """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
+        drives, stated = self._drives_of(self.fit.with_psi(self.psi_updated)), self.prepared.mechanism.drives
+        for joint, servo in self.servos.items():
+            drives[joint] = drives.get(joint, stated.get(joint, NO_DRIVE)).with_servo(servo.kp, servo.kv)
+        return drives
+
+    @property
+    def scales(self) -> dict[str, tuple[float, float]]:
+        """True over stated torque of the joints whose scale was estimated, with its standard deviation, by name."""
+        found = {each.place.channels[0]: each for each in self.setup if SETUP[each.kind].stated}
+        return {joint: (1 / (1 + own.value), own.std / (1 + own.value) ** 2) for joint, own in found.items()}
+
+    @property
+    def servos(self) -> dict[str, Servo]:
+        """Servos of the commanded joints, with the estimated scales, by name."""
+        scales = {joint: scale for joint, (scale, _) in self.scales.items()}
+        each = self.prepared.recording.servos.items()
+        return {joint: Servo(scales.get(joint, 1) * own.kp, scales.get(joint, 1) * own.kv) for joint, own in each}
 
     def _drives_of(self, fit: Fit) -> dict[str, Drive]:
         fitted = slice(self.base.rank, self.base.rank + len(fit.equations.drives))

@@ -62,6 +62,7 @@ class SetupKind:
         own: True if each of several recordings may have its own.
         far: True if values beyond the reach of a local search are tried first.
         weighs: True if an error changes what the mechanism seems to weigh.
+        stated: True if it is estimated wherever a standard deviation is stated, and nowhere searched for.
     """
 
     std: float
@@ -76,6 +77,7 @@ class SetupKind:
     own: bool = False
     far: bool = False
     weighs: bool = False
+    stated: bool = False
 
 
 def _later(elapsed: "np.ndarray") -> "np.ndarray":
@@ -153,6 +155,17 @@ SETUP: Mapping[str, SetupKind] = {
         short="another gain of the channel {of}",
         label="gain of {of}, less 1",
         weighs=True,
+    ),
+    "scale": SetupKind(
+        std=0.1,
+        unit=SHARE,
+        of="scales",
+        sentence="The stated torque of joint '{of}' is {size} too {sign}",
+        signs=("large", "small"),
+        short="another scale of the torque of joint '{of}'",
+        label="scale of the torque of {of}, less 1",
+        weighs=True,
+        stated=True,
     ),
     "gravity": SetupKind(
         std=math.radians(3),

@@ -44,7 +44,7 @@ def random_measurement(
         mechanism, parameters, torques=tuple(range(n)), channels=channels, drives=drives, offsets=offsets
     )
     if commanded:
-        equations = replace(equations, servos=rng.uniform(0.1, 3, size=(3, n)))
+        equations = replace(equations, servos=rng.uniform(0.1, 3, size=(2, n)), scales=(0.1,) * n)
     hands = {f"hand{k}": Sensor(str(rng.choice(tree.names)), random_pose(rng)) for k in range(contacts)}
     frame = random_pose(rng) if wrench else np.eye(4)
     return Measurement(

@@ -1,5 +1,6 @@
 """Joints with servos, whose commands stand in for torques: how they are read, and what they identify."""
 
+from dataclasses import replace
 from functools import cache
 
 import driven_arm
@@ -10,15 +11,19 @@ from coded import coded
 
 import ident
 import sim
+from experiments.reports.identify_report import scales_table
 from ident.errors import LogError
 from ident.recordings.commands import with_servos
-from ident.recordings.servo import Servo, servos_of
+from ident.recordings.servo import Servo, scales_of, servos_of
 from ident.setup import PRIORS
 
 MAPPING = 'time = "time"\n' + "".join(
     f'[joints.{joint}]\nposition = "q{k}"\ncommand = "u{k}"\nkp = {kp}\nkv = {kv}\n'
     for k, (joint, kp, kv) in enumerate(zip(driven_arm.JOINTS, driven_arm.KP, driven_arm.KV, strict=True))
 )
+
+
+EXACT_BUT_SCALES = dict.fromkeys(PRIORS, 0.0) | {"scale": PRIORS["scale"]}
 
 
 @cache
@@ -113,6 +118,9 @@ def test_least_squares_takes_commands_as_well():
         ("kv = 4.0", "kv = -4.0", "joints.turn.kv needs a number of at least 0, got -4.0"),
         ("kp = 60.0\n", "", "joints.turn states kv; a servo needs its kp as well"),
         ('command = "u0"\n', "", "joints.turn states kp, kv of a servo; that needs its command as well"),
+        ("kp = 60.0", "kp = 60.0\nkp_std = 1.5", "joints.turn.kp_std needs a number above 0 and at most 1, got 1.5"),
+        ("kp = 60.0", "kp = 60.0\nkp_std = 0", "joints.turn.kp_std needs a number above 0 and at most 1, got 0"),
+        ("kp = 60.0", "kp = 60.0\ntorque_std = 0.1", "joints.turn states torque_std; that needs its torque as well"),
         ("kp = 60.0", 'kp = 60.0\ntorque = "q0"', "joints.turn maps a torque and a command"),
         ("kp = 60.0", "kp = 60.0\nstiffness = 3", "joints.turn. has no entry 'stiffness'"),
     ],
@@ -142,13 +150,84 @@ def test_a_ball_has_no_command(tmp_path):
 
 @pytest.mark.parametrize("end", ["npz", "csv"])
 def test_servos_are_saved_with_a_recording(tmp_path, end):
-    recording().save(tmp_path / f"log.{end}")
+    log = replace(recording(), scales={"bend": 0.25})
+    log.save(tmp_path / f"log.{end}")
     again = ident.Recording.load(tmp_path / f"log.{end}")
-    assert again.servos == recording().servos
-    with pytest.raises(LogError, match="the servo of joint 'turn' needs kp, kv, kp_std, got 3"):
+    assert again.servos == log.servos and again.scales == log.scales
+    with pytest.raises(LogError, match="the scale of joint 'turn' needs a number above 0 and at most 1, got high"):
+        scales_of({"turn": "high"})
+    with pytest.raises(LogError, match="the servo of joint 'turn' needs kp, kv, got 3"):
         servos_of({"turn": 3})
     with pytest.raises(LogError, match=r"joints.turn.kp needs a number above 0, got -1"):
         servos_of({"turn": {"kp": -1}})
+
+
+WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))
+"""Stated over true stiffness of the servos."""
+
+
+@cache
+def scaled(joints, known):
+    """Estimate with the servos of some joints stated wrongly, within 20 %."""
+    time, channels = driven_arm.commanded(seconds=5.0)
+    log = ident.Recording(time, channels, scales=dict.fromkeys(joints, 0.2))
+    stated = {
+        joint: Servo(kp * WRONG[joint], kv * WRONG[joint]) if joint in joints else Servo(kp, kv)
+        for joint, kp, kv in zip(driven_arm.JOINTS, driven_arm.KP, driven_arm.KV, strict=True)
+    }
+    arm = mechanism(actuators=True)
+    return ident.identify(arm, with_servos(log, stated, arm, []), known=known)
+
+
+@pytest.mark.parametrize(
+    ("joints", "known", "std", "fixed_by"),
+    [
+        (driven_arm.JOINTS, True, 0.1, "the model's bodies, as far as they are known"),
+        (("bend",), False, 0.01, "the torques of turn, lift"),
+        (driven_arm.JOINTS, False, 0.15, "the stated one alone, so that masses"),
+    ],
+)
+def test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them(joints, known, std, fixed_by):
+    estimate = scaled(joints, known)
+    assert set(estimate.scales) == set(joints)
+    for joint, (scale, own) in estimate.scales.items():
+        assert abs(scale * WRONG[joint] - 1) < 2 * own < 2 * std
+        servo, k = estimate.servos[joint], driven_arm.JOINTS.index(joint)
+        assert (servo.kp, servo.kv) == pytest.approx(
+            (driven_arm.KP[k] * WRONG[joint] * scale, driven_arm.KV[k] * WRONG[joint] * scale)
+        )
+        (actuator,) = estimate.drives_updated[joint].actuators
+        assert (actuator.kp, actuator.kv, actuator.gain) == (servo.kp, servo.kv, servo.kp)
+    (finding,) = coded(estimate, "torque_scale_estimated")
+    assert fixed_by in finding.text and not finding.doubt
+    drives = dict(zip(estimate.names, zip(estimate.fit.values, estimate.fit.std, strict=True), strict=False))
+    for k, joint in enumerate(driven_arm.JOINTS):
+        for column, key in (("Fv", "damping"), ("Fc", "frictionloss")):
+            value, own = drives[f"{column}({joint})"]
+            assert abs(value - driven_arm.TRUE[key][k]) < 3 * own + 0.02
+    # Candidates are held against the same torques, so that wrong gains count against the model alone.
+    assert (estimate.rivals["least squares"] < 0.05).all()
+    assert estimate.rivals["model"][driven_arm.JOINTS.index("bend")] > 0.1
+
+
+def test_the_table_of_scales_has_stated_and_estimated_gains():
+    estimate = scaled(("bend",), False)
+    table = scales_table(estimate)
+    assert table.columns == ("joint", "scale", "std", "kp_stated", "kp", "kv")
+    ((joint, scale, std, stated, kp, kv),) = table.rows
+    assert joint == "bend" and (scale, std) == pytest.approx(estimate.scales["bend"])
+    assert stated == pytest.approx(36.0) and (kp, kv) == pytest.approx((36.0 * scale, 2.4 * scale))
+
+
+def test_an_uncertain_torque_constant_is_estimated_from_the_other_torques():
+    log = driven_arm.log()
+    wrong = replace(log, measured={**log.measured, "bend_torque": 1.3 * log["bend_torque"]}, scales={"bend": 0.3})
+    estimate = ident.identify(driven_arm.mechanism(), wrong, setup=EXACT_BUT_SCALES, known=False)
+    scale, std = estimate.scales["bend"]
+    assert std < 0.02 and abs(1.3 * scale - 1) < 3 * std
+    (finding,) = coded(estimate, "torque_scale_estimated")
+    assert "is fixed by the torques of turn, lift." in finding.text
+    assert not estimate.servos
 
 
 def test_commands_have_no_offsets():

@@ -45,6 +45,11 @@ ROWS = {
         "another gain of the channel hand Fx",
         "gain of hand Fx, less 1",
     ),
+    ("scale", "knee", None): (
+        "The stated torque of joint 'knee' is 3.000 ± 0.010 % too large",
+        "another scale of the torque of joint 'knee'",
+        "scale of the torque of knee, less 1",
+    ),
     ("gravity", "", 1): (
         "Gravity is tilted by 1.7189 ± 0.0057° about +y of the base frame",
         "a tilt of gravity about y",
@@ -61,7 +66,16 @@ ROWS = {
         "tilt of the axis of joint knee about z",
     ),
 }
-NEGATIVE = {"late": "early", "later": "earlier", "slow": "fast", "+y": "-y", "+x": "-x", "+z": "-z", "much": "little"}
+NEGATIVE = {
+    "late": "early",
+    "later": "earlier",
+    "slow": "fast",
+    "+y": "-y",
+    "+x": "-x",
+    "+z": "-z",
+    "much": "little",
+    "large": "small",
+}
 
 
 @pytest.mark.parametrize("key", ROWS, ids=lambda key: key[0])
@@ -86,6 +100,7 @@ def test_every_kind_has_objects_and_every_parameter_a_place():
     assert {row.of for row in SETUP.values()} == {*every}
     assert all(every[key] or of_commands[key] for key in every)
     assert not every["commands"] and of_commands["commands"]
+    assert not every["scales"] and of_commands["scales"]
     places = {each.name: place_of(each) for each in setup_parameters(m.equations, ["hand"])}
     joint = m.tree.joints[0]
     for name, place in {

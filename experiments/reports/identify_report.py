@@ -26,6 +26,7 @@ from experiments.reports.identify_replay import channel_unit, replay
 from ident.estimate import Estimate
 from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.parameters.base_parameters import separating_sensors
+from ident.recordings.servo import Servo
 from ident.recordings.several_files import name_of
 from ident.tolerances import DRIVE, DRIVE_UNITS
 from sim.models.model_update import write_model
@@ -176,6 +177,7 @@ def text(result: Estimate, following: Following | None = None) -> str:
         "",
         parameters_table(result).text(),
         quality_table(result).text(),
+        *([scales_table(result).text()] if result.scales else []),
         *([] if following is None else [following_table(following).text(), *following_lines(following), ""]),
         f"Verdict: {result.verdict()}",
         *(finding.line for finding in result.findings),
@@ -212,6 +214,7 @@ def document(
             "table_base_parameters": parameters_table(result),
             "table_held_out": quality_table(result),
             "table_full_parameters": full_table(result),
+            **({"table_scales": scales_table(result)} if result.scales else {}),
             **({} if following is None else {"table_following": following_table(following)}),
         },
         figures=_figures(result, PAPER),
@@ -222,6 +225,27 @@ def document(
     )
     chosen, _ = made.chosen(layout)
     return replace(made, figures=_figures(result, chosen)) if chosen.parameters else made
+
+
+def scales_table(result: Estimate) -> tabular.Table:
+    """Estimated scales of joint torques, and the gains of servos that follow."""
+    none = Servo(np.nan, np.nan)
+    stated, found = (
+        {k: each.get(k, none) for k in result.scales} for each in (result.prepared.recording.servos, result.servos)
+    )
+    return tabular.Table(
+        "Scales of joint torques, true over stated",
+        *tabular.columns(
+            joint=tuple(result.scales),
+            scale=[scale for scale, _ in result.scales.values()],
+            std=[std for _, std in result.scales.values()],
+            kp_stated=[each.kp for each in stated.values()],
+            kp=[each.kp for each in found.values()],
+            kv=[each.kv for each in found.values()],
+        ),
+        caption="Estimated scales of joint torques, with the gains of servos in SI units",
+        notes=("Standard deviations of kp and kv are as large, relative to them, as that of the scale.",),
+    )
 
 
 def following_table(following: Following) -> tabular.Table:

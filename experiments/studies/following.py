@@ -29,7 +29,9 @@ def following(result: Estimate) -> Following | None:
     phi, drives = result.consistent().phi, result.drives_updated
     try:
         before = rolled_out(mechanism, recording, rates=rates)
-        after = rolled_out(mechanism, recording, rates=rates, phi=phi, drives=drives, lag=lag)
+        after = rolled_out(
+            mechanism, replace(recording, servos=result.servos), rates=rates, phi=phi, drives=drives, lag=lag
+        )
     except (InputError, ModelError):
         return None
     measured = recording.of_joints(mechanism.tree.joints, "position")

@@ -1,4 +1,4 @@
-"""Drives that are fitted by default, and servos, of a mechanism and a recording."""
+"""Drives that are fitted by default, and servos and scales of torques, of a mechanism and a recording."""
 
 from collections.abc import Sequence
 
@@ -38,4 +38,9 @@ def servo_gains(recording: Recording, tree: Tree, torques: Sequence[int]) -> np.
     if not recording.servos:
         return None
     servos = [recording.servos.get(tree.freedoms[k]) for k in torques]
-    return np.array([(each.kp, each.kv, each.kp_std) if each else (0.0, 0.0, 0.0) for each in servos]).T
+    return np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T
+
+
+def scale_deviations(recording: Recording, tree: Tree, torques: Sequence[int]) -> tuple[float, ...]:
+    """`Equations.scales` of a recording, for the torques of some freedoms."""
+    return tuple(float(recording.scales.get(tree.freedoms[k], 0.0)) for k in torques)

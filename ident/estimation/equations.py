@@ -42,8 +42,9 @@ class Equations:
         offsets: Indices of the channels that have a constant offset.
         slips: Velocities over which Coulomb friction changes sign, rad/s or m/s, as `Fc tanh(q̇ / slip)` (n,); None for
             a jump.
-        servos: Stiffness, damping, and relative standard deviation of the stiffness, of the servos of joints whose
-            commands are the channels, zero for measured torques (3, torques); None for none.
+        servos: Stiffness and damping of the servos of joints whose commands are the channels, zero for measured torques
+            (2, torques); None for none.
+        scales: Relative standard deviations of the scales of torques, zero for exact ones; empty if all are.
         absorbed: What drives that the model states add to the coefficients of base parameters and drives, because
             their own columns depend on those (r + d,); None for nothing.
     """
@@ -57,6 +58,7 @@ class Equations:
     offsets: tuple[int, ...] = ()
     slips: np.ndarray | None = None
     servos: np.ndarray | None = None
+    scales: tuple[float, ...] = ()
     absorbed: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -103,6 +105,12 @@ class Equations:
         first = len(self.channels) - len(self.torques)
         commanded = [] if self.servos is None else (first + np.flatnonzero(self.servos[0])).tolist()
         return [k for k in range(len(self.channels)) if k not in commanded]
+
+    @property
+    def scaled(self) -> dict[str, float]:
+        """Relative standard deviations of the scales of torques that are not exact, by channel."""
+        channels = self.channels[len(self.channels) - len(self.torques) :]
+        return {name: std for name, std in zip(channels, self.scales, strict=bool(self.scales)) if std}
 
     def with_drives(self, drives: Sequence[str]) -> "Equations":
         """Equations with the columns of some drives, of which none is absorbed by others."""

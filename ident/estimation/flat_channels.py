@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimation import repairs
+from ident.estimation.drive_choice import scale_deviations
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.model_channels import predicted_channels
 from ident.estimation.part import Part
@@ -37,8 +38,9 @@ def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     names = tuple(np.array(old.channels)[kept].tolist())
     servos = None if old.servos is None or not torques else old.servos[:, kept[wrenches:]]
+    scales = scale_deviations(log.recording, mechanism.tree, torques)
     drives = log.drives if torques else ()
-    equations = Equations(mechanism, parameters, rows, torques, names, drives, servos=servos)
+    equations = Equations(mechanism, parameters, rows, torques, names, drives, servos=servos, scales=scales)
     samples = replace(log.samples, measured=log.samples.measured[:, kept])
     predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
     stuck = repairs.stuck(flat, predicted, notes, in_fitted=True)

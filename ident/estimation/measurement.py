@@ -237,7 +237,7 @@ class Measurement:
         if servos is None:
             return channels
         lengths, out = self.encoders(q, theta), list(channels)
-        for at, (k, kp, kv) in enumerate(zip(torques, *servos[:2], strict=True), len(channels) - len(torques)):
+        for at, (k, kp, kv) in enumerate(zip(torques, *servos, strict=True), len(channels) - len(torques)):
             if kp:
                 out[at] = out[at] + kp * lengths[k] + kv * dq[k]
         return out
@@ -257,7 +257,7 @@ class Measurement:
 
     def gains(self, theta: np.ndarray, of: Sequence[str] = ()) -> list[Value]:
         """Gain 1 + g of each channel, or of each named one, as numbers or signals."""
-        at = [self.of_kind("gain", name) for name in of or self.equations.channels]
+        at = [self.of_kind("gain", name) or self.of_kind("scale", name) for name in of or self.equations.channels]
         return [1 + theta[own[None]] if own else 1.0 for own in at]
 
     def constants(self, theta: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.ndimage import minimum_filter1d
 from ident.arguments import checked_names
 from ident.errors import LogError
 from ident.estimation import repairs
-from ident.estimation.drive_choice import absorbed_note, servo_gains, usual_drives
+from ident.estimation.drive_choice import absorbed_note, scale_deviations, servo_gains, usual_drives
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.model_channels import predicted_channels
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
@@ -186,6 +186,7 @@ def prepared(
     drives = usual_drives(mechanism, channels.torques) if drive is None else asked if channels.torques else ()
     servos = servo_gains(recording, tree, channels.torques)
     equations = Equations(mechanism, parameters, rows, channels.torques, channels.names, drives, servos=servos)
+    equations = replace(equations, scales=scale_deviations(recording, tree, channels.torques))
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
     if lost := [name for name in drives if name not in fitted.drives]:

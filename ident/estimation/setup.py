@@ -90,7 +90,7 @@ def setup_parameters(
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
         for kind, row in SETUP.items()
-        if row.of == group and (own := std[kind] if subject.std is None else subject.std) > 0
+        if row.of == group and (own := subject.std if subject.std and std[kind] else std[kind]) > 0
         for axis in subject.axes
     )
 
@@ -100,34 +100,35 @@ def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dic
 
     Returns:
         `clocks` of the wrenches, one for all that share it; `commands` of servos, if there are no other channels;
-        `frames` of the wrenches; `channels`, and those of the contacts; `gravity`, about the axes across it; `angles`
-        of the hinges, and their `axes`, about those across.
+        `frames` of the wrenches; `channels`, and those of the contacts; `scales` of torques that are stated not to be
+        exact, whose channels have no gain besides; `gravity`, about the axes across it; `angles` of the hinges, and
+        their `axes`, about those across.
     """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
     wrench = len(equations.channels) > len(equations.torques)
     ground = (GROUND,) if wrench and held else ()
     together = ground if held else tuple(contacts) if wrench else ()
     channels = equations.channels[0 if held else len(equations.channels) - len(equations.torques) :]
-    servos = _kp_deviations(equations)
+    commanded, scales = _commanded(equations), equations.scaled
     hinges = [(body, {"joints": (body.joint,)}) for body in tree.bodies if body.coordinates and body.turns]
     return {
         "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
-        "commands": [Subject("", (None,), {})] if not wrench and len(servos) == len(equations.channels) > 0 else [],
+        "commands": [Subject("", (None,), {})] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
         "frames": [Subject(name, range(3), {"wrenches": (name,)}) for name in (*ground, *contacts)],
-        "channels": [Subject(name, (None,), {"channels": (name,)}, servos.get(name)) for name in channels]
+        "channels": [
+            Subject(name, (None,), {"channels": (name,)}) for name in channels if name not in (*commanded, *scales)
+        ]
         + [Subject(f"{name} {x}", (None,), {"wrenches": (name,)}) for name in contacts for x in COMPONENTS],
+        "scales": [Subject(name, (None,), {"channels": (name,)}, std) for name, std in scales.items()],
         "gravity": [Subject("", across(gravity), {})] if np.any(gravity) else [],
         "angles": [Subject(body.joint, (None,), place) for body, place in hinges],
         "axes": [Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges],
     }
 
 
-def _kp_deviations(equations: Equations) -> dict[str, float]:
-    """Relative standard deviations of the stiffnesses of servos, by channel."""
-    if equations.servos is None:
-        return {}
-    channels = equations.channels[len(equations.channels) - len(equations.torques) :]
-    return {name: std for name, (kp, _, std) in zip(channels, equations.servos.T.tolist(), strict=True) if kp}
+def _commanded(equations: Equations) -> list[str]:
+    """Names of the channels that are commands of servos."""
+    return [equations.channels[k] for k in range(len(equations.channels)) if k not in equations.sensed]
 
 
 def across(direction: np.ndarray) -> list[int]:

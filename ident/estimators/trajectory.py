@@ -114,7 +114,9 @@ def _known_enough(
         return trajectory
     equations = trajectory.measurement.equations
     beforehand = np.diag(known_covariance(equations.mechanism, equations.parameters, prior))
-    least = np.r_[1 / beforehand, drive_precision(equations.mechanism, equations.drives)] / FAR_LESS**2
+    least = (
+        np.r_[1 / beforehand, drive_precision(equations.mechanism, equations.drives, equations.scaled)] / FAR_LESS**2
+    )
     far_less = np.diag(trajectory.fit.covariance)[: len(least)] * least > 1
     return _solvable(estimate, prior) if far_less.any() else trajectory
 
@@ -168,6 +170,8 @@ def _rivals(
     commanded = equations.servos is not None
     measured = np.concatenate(filtered.measured) if commanded else held.samples.measured
     residuals = {"model": held.residual, "least squares": measured - np.concatenate(filtered.predicted)}
-    # A lag of commands changes the torques that they make; all candidates are held against the same ones.
-    signal = held_out if commanded else held
-    return {name: replace(signal, residual=x).ratio for name, x in residuals.items()}, filtered.cutoffs[0]
+    # Lag and scales of commands change the torques that they make; all candidates are held against the same ones.
+    signal, scales = held, np.ones(len(equations.channels))
+    if commanded:
+        signal, scales = held_out, np.array(trajectory.measurement.gains(trajectory.parameters_of(0)), float)
+    return {name: replace(signal, residual=x / scales).ratio for name, x in residuals.items()}, filtered.cutoffs[0]

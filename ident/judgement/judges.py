@@ -21,7 +21,13 @@ from ident.judgement.fit_findings import (
 )
 from ident.judgement.plane_findings import plane_findings
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings, unchecked_findings
-from ident.judgement.torque_findings import bound_findings, friction_findings, reversal_findings, torque_findings
+from ident.judgement.torque_findings import (
+    bound_findings,
+    friction_findings,
+    reversal_findings,
+    scale_findings,
+    torque_findings,
+)
 from ident.judgement.weighing import common_gain_findings, mass_by_setup_findings
 from ident.judgement.wrench_findings import (
     base_findings,
@@ -45,6 +51,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     common_gain_findings,
     offset_findings,
     torque_findings,
+    scale_findings,
     friction_findings,
     bound_findings,
     reversal_findings,

@@ -9,6 +9,7 @@ from ident.judgement.finding import Finding
 from ident.judgement.place import Place
 from ident.judgement.torque_checks import SLOW, lacking_drive
 from ident.mechanism.mechanism import Mechanism
+from ident.setup import SETUP
 from ident.tolerances import DRIVE, DRIVE_UNITS
 from ident.trajectory.reversals import rubbing
 
@@ -81,6 +82,20 @@ def torque_findings(evidence: Evidence) -> Iterator[Finding]:
     if absent is not None and absent.suspicious and not checks.grossly_wrong:
         place = Place(bodies=(absent.body,))
         yield Finding.of("body_not_carried", place, body=absent.body, explained=absent.explained)
+
+
+def scale_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on the torques whose scale was estimated, and on what fixes it."""
+    equations, joint = evidence.fit.equations, evidence.trajectory
+    scaled = tuple(name for each in evidence.setup if SETUP[each.kind].stated for name in each.place.channels)
+    if not scaled or joint is None:
+        return
+    torques = equations.channels[len(equations.channels) - len(equations.torques) :]
+    exact = [name for name in torques if name not in scaled]
+    fixed_by = ["the measured wrench"] if equations.wrench is not None else []
+    fixed_by += [f"the torques of {', '.join(exact)}"] if exact else []
+    fixed_by += ["the model's bodies, as far as they are known"] if joint.known else []
+    yield Finding.of("torque_scale_estimated", Place(channels=scaled), joints=scaled, fixed_by=tuple(fixed_by))
 
 
 def friction_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -96,6 +96,14 @@ class Drive:
         of_actuators = self.value(kind) - getattr(self, field)
         return replace(self, **{field: max(0.0, value - of_actuators)})
 
+    def with_servo(self, kp: float, kv: float) -> "Drive":
+        """The drive with other gains of its position actuator; unchanged without one, or with several or a gear."""
+        at = [k for k, each in enumerate(self.actuators) if each.kind == "position" and each.gear == 1]
+        if len(at) != 1:
+            return self
+        new = replace(self.actuators[at[0]], gain=kp, kp=kp, kv=kv)
+        return replace(self, actuators=(*self.actuators[: at[0]], new, *self.actuators[at[0] + 1 :]))
+
 
 FIELDS = {"rotor": "rotor", "viscous": "viscous", "coulomb": "coulomb", "spring": "stiffness"}
 """Attributes of a drive by the kinds of columns, out of `ident.tolerances.DRIVE`."""

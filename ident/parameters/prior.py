@@ -9,14 +9,14 @@ beside it, so that the moment of inertia about every axis through the centre of 
 Deviations of φ follow: first moments and inertia about the frame's origin both depend on the centre of mass.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
-from ident.model.stated import stated_values
+from ident.model.stated import column_place, stated_values
 from ident.parameters.base_parameters import BaseParameters
 
 KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
@@ -120,9 +120,16 @@ def known_covariance(
     return covariance + np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))
 
 
-def drive_precision(mechanism: Mechanism, names: Sequence[str]) -> np.ndarray:
-    """Prior precision of the drives of some columns, zero where the model states none (d,)."""
-    values = stated_values(mechanism, names)
+def drive_precision(mechanism: Mechanism, names: Sequence[str], scaled: Collection[str] = ()) -> np.ndarray:
+    """Prior precision of the drives of some columns, zero where the model states none (d,).
+
+    Args:
+        mechanism: The mechanism.
+        names: Names of the columns.
+        scaled: Joints whose torques have an uncertain scale, without a prior: drives that models state are often mere
+            guesses, and beside light links they would fix the scale.
+    """
+    values = stated_values(mechanism, names) * [column_place(name)[1] not in scaled for name in names]
     return np.where(values > 0, 1 / (DRIVE_KNOWN * np.where(values > 0, values, 1)) ** 2, 0.0)
 
 

@@ -46,7 +46,8 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
     dropped = {f"{joint}_command" for joint in unused}
     measured = {name: x for name, x in recording.measured.items() if name not in dropped}
     streams = {name: x for name, x in recording.streams.items() if name not in dropped}
-    return replace(recording, measured=measured, streams=streams, servos=used)
+    scales = {joint: std for joint, std in recording.scales.items() if joint not in without}
+    return replace(recording, measured=measured, streams=streams, servos=used, scales=scales)
 
 
 def _check_unit(recording: Recording, joint: str) -> None:

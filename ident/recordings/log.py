@@ -223,6 +223,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         known=mapping.known,
         streams=streams,
         held=mapping.held,
+        scales=mapping.scales,
     )
 
 

@@ -52,6 +52,8 @@ class Recording:
         known: Standard deviations of the model's body parameters that differ from the defaults, by the kinds of
             `ident.parameters.prior.KNOWN`.
         servos: Servos of the joints whose torques follow from their commands, by name.
+        scales: Relative standard deviations of the scales of joint torques that are not exact, by joint: of `kp` of a
+            servo, or of a motor's torque constant.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -70,6 +72,7 @@ class Recording:
     setup: Mapping[str, float] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
     servos: Mapping[str, Servo] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)

@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
-from ident.recordings.servo import servos_of
+from ident.recordings.servo import scales_of, servos_of
 from ident.recordings.wrench import sensors_of
 
 
@@ -35,6 +35,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
     annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
     annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
+    annotations["scales"] = dict(fields["scales"])
     annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
@@ -74,6 +75,8 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations["sensors"] = sensors_of(annotations["sensors"])
     if "servos" in annotations:
         annotations["servos"] = servos_of(annotations["servos"])
+    if "scales" in annotations:
+        annotations["scales"] = scales_of(annotations["scales"])
     held = annotations.pop("stated", {}).get("held")
     if not isinstance(held, bool | None):
         raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")

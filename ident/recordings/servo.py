@@ -10,8 +10,15 @@ from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.tolerances import HUGE
 
-GAINS = ("kp", "kv", "kp_std")
+GAINS = ("kp", "kv")
 """Keys of a joint's entry in a mapping that state the gains of its servo."""
+
+SCALES = {"kp_std": "command", "torque_std": "torque"}
+"""Keys that state how uncertain the scale of a joint's torque is, and the channel that each is about."""
+
+
+MOST_UNCERTAIN = 1.0
+"""Largest relative standard deviation of a scale: a scale is positive."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +30,10 @@ class Servo:
     Attributes:
         kp: Stiffness, N m/rad or N/m.
         kv: Damping, N m s/rad or N s/m.
-        kp_std: Relative standard deviation of kp, zero if it is exact; kv has the same relative error.
     """
 
     kp: float
     kv: float = 0.0
-    kp_std: float = 0.0
 
 
 def servo_of(joint: str, entry: Mapping[str, Any]) -> dict[str, Servo]:
@@ -49,6 +54,37 @@ def servo_of(joint: str, entry: Mapping[str, Any]) -> dict[str, Servo]:
     if given and "kp" not in given:
         raise LogError(f"joints.{joint} states {', '.join(given)}; a servo needs its kp as well.")
     return {joint: Servo(**{key: float(value) for key, value in given.items()})} if given else {}
+
+
+def scale_of(joint: str, entry: Mapping[str, Any]) -> dict[str, float]:
+    """Relative standard deviation of the scale of a joint's torque that its entry states; empty if it states none.
+
+    Raises:
+        LogError: It is no number above 0, or its channel is not mapped.
+    """
+    out = dict[str, float]()
+    for key, channel in SCALES.items():
+        if key not in entry:
+            continue
+        if channel not in entry:
+            raise LogError(f"joints.{joint} states {key}; that needs its {channel} as well.")
+        out |= {joint: _deviation(f"joints.{joint}.{key}", entry[key])}
+    return out
+
+
+def scales_of(entries: Mapping[str, Any]) -> dict[str, float]:
+    """Relative standard deviations of the scales of torques from the metadata of a saved recording, by joint.
+
+    Raises:
+        LogError: An entry is none.
+    """
+    return {joint: _deviation(f"the scale of joint '{short(joint)}'", value) for joint, value in entries.items()}
+
+
+def _deviation(where: str, value: Any) -> float:
+    if type(value) not in (int, float) or not 0 < value <= MOST_UNCERTAIN:
+        raise LogError(f"{where} needs a number above 0 and at most {MOST_UNCERTAIN:g}, got {short(value)}.")
+    return float(value)
 
 
 def servos_of(entries: Mapping[str, Any]) -> dict[str, Servo]:

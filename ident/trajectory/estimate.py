@@ -124,5 +124,5 @@ def _prior(
         # A plain inverse may be asymmetric by more than the smallest eigenvalue.
         precision[:rank, :rank] = inverse_of_precision(beforehand)
         drives = range(rank, count)
-        precision[drives, drives] = drive_precision(equations.mechanism, equations.drives)
+        precision[drives, drives] = drive_precision(equations.mechanism, equations.drives, equations.scaled)
     return Prior(mean, precision)

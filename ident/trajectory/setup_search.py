@@ -12,7 +12,7 @@ from ident.trajectory.fit.fitted import Start, TrajectoryFit
 from ident.trajectory.left_out import clearly_better, costs, gains
 
 MOST_DEVIATIONS = 10
-"""Largest number of set-up parameters that are fitted."""
+"""Largest number of set-up parameters that are found by the search."""
 
 ALIKE, ALIKE_SHARE = 15.0, 0.1
 """Deficit in χ² from the best candidate, absolute or as a share, up to which another one is an alternative."""
@@ -88,7 +88,7 @@ def searched(
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
     least = np.maximum(NEGLIGIBLE * known, least)
-    while len(deviations) < MOST_DEVIATIONS and fitted.status != "interrupted":
+    while len(deviations) - len(first.deviations) < MOST_DEVIATIONS and fitted.status != "interrupted":
         left = np.flatnonzero(candidates & ~fitted.free)
         if not len(left):
             break

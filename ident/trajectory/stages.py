@@ -33,7 +33,7 @@ from ident.trajectory.pieces import cut
 from ident.trajectory.residual_correlation import CORRELATED, correlated, correlation, jumps, residual
 from ident.trajectory.result import TrajectoryEstimate, is_drive
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
-from ident.trajectory.setup_search import Refit, Search, searched
+from ident.trajectory.setup_search import Deviation, Refit, Search, searched
 from ident.trajectory.start import smoothed, start
 
 EXPLORED = 6
@@ -100,6 +100,11 @@ class Stages:
         """Mask of the parameters that belong to the set-up (p,)."""
         return np.isin(np.arange(len(self.names)), list(self.setup))
 
+    @cached_property
+    def is_stated(self) -> np.ndarray:
+        """Mask of the set-up parameters that are estimated without a search (p,)."""
+        return np.isin(np.arange(len(self.names)), [k for k, each in self.setup.items() if each.row.stated])
+
     def explored(self, step: float, share: int, finest: float) -> TrajectoryEstimate:
         """Exploring fit with white noise and the densest knots that still decrease the noise notably.
 
@@ -134,8 +139,9 @@ class Stages:
             reversals = at_first([piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
-        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup, EXPLORED)
-        search, setup = Search(fit), self.setup
+        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_stated, EXPLORED)
+        stated = tuple(Deviation(int(k), ()) for k in np.flatnonzero(self.is_stated))
+        search, setup = Search(fit, stated), self.setup
         return TrajectoryEstimate(self.measurement, search, counts, step, self.known, reversals=reversals, setup=setup)
 
     def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:

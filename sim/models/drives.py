@@ -86,17 +86,17 @@ def _unless_disabled(model: mujoco.MjModel, part: str, value: float) -> float:
 
 def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
     """Actuators on a hinge or slide."""
-    for a in _acting_on(model, j):
+    for a in acting_on(model, j):
         own: dict[str, Any] = {
             "gear": float(model.actuator_gear[a, 0]),
             "rotor": float(_values(model, "actuator_armature", a)[0]),
             "viscous": _unless_disabled(model, "viscous", float(_values(model, "actuator_damping", a)[0])),
             "forcerange": tuple(model.actuator_forcerange[a].tolist()) if model.actuator_forcelimited[a] else None,
         }
-        yield Actuator(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a), **own, **_law(model, a))
+        yield Actuator(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a), **own, **law(model, a))
 
 
-def _law(model: mujoco.MjModel, a: int) -> dict[str, Any]:
+def law(model: mujoco.MjModel, a: int) -> dict[str, Any]:
     """Gains of an actuator's force, all zero if it is not linear in command, length and velocity."""
     linear = model.actuator_gaintype[a] == _FIXED_GAIN and model.actuator_biastype[a] in _BIASES
     if not linear or model.actuator_dyntype[a] != _NO_DYNAMICS or model.actuator_plugin[a] >= 0:
@@ -105,7 +105,7 @@ def _law(model: mujoco.MjModel, a: int) -> dict[str, Any]:
     return {"gain": float(model.actuator_gainprm[a, 0]), "kp": 0.0 - kp, "kv": 0.0 - kv, "bias": bias}
 
 
-def _acting_on(model: mujoco.MjModel, j: int) -> list[int]:
+def acting_on(model: mujoco.MjModel, j: int) -> list[int]:
     """Ids of the actuators on a joint."""
     on_joints = np.isin(model.actuator_trntype, _ON_JOINTS)
     return np.flatnonzero(on_joints & (model.actuator_trnid[:, 0] == j)).tolist()
@@ -127,7 +127,7 @@ def _note_left_out(model: mujoco.MjModel, joints: Sequence[int]) -> None:
 
 def _has_more(model: mujoco.MjModel, j: int) -> bool:
     """True if a joint has a spring, friction or a rotor that its drive leaves out."""
-    acting, dof = _acting_on(model, j), int(model.jnt_dofadr[j])
+    acting, dof = acting_on(model, j), int(model.jnt_dofadr[j])
     places = [("jnt_stiffnesspoly", j), ("jnt_springyield", j), ("dof_dampingpoly", dof)]
     places += [("actuator_dampingpoly", a) for a in acting]
     if model.jnt_type[j] in (_FREE, _BALL):

@@ -1,4 +1,4 @@
-"""Drives of joints written into models: friction, rotor inertias and stiffnesses, as far as a format has them."""
+"""Drives written into models: friction, rotor inertias, stiffnesses and servos, as far as a format has them."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 
 from ident.mechanism.drives import Drive, checked_drives
-from sim.models.drives import freedom_names
-from sim.models.names import joint_name
+from sim.models.drives import acting_on, freedom_names, law
+from sim.models.names import joint_name, name_of
 from sim.models.xml_places import digits
 
 ATTRIBUTES = {"damping": "viscous", "frictionloss": "coulomb", "armature": "rotor", "stiffness": "stiffness"}
@@ -42,6 +42,31 @@ def changed_drives(model: mujoco.MjModel, drives: Mapping[str, Drive]) -> dict[i
         if values := {key: x for key, x in new.items() if abs(x - old[key]) > SAME * max(abs(x), abs(old[key]))}:
             changed[j] = values
     return changed
+
+
+def changed_servos(model: mujoco.MjModel, drives: Mapping[str, Drive]) -> dict[int, tuple[float, float]]:
+    """New gains kp and kv of position actuators, by the actuators' ids; arguments as for `changed_drives`."""
+    changed = dict[int, tuple[float, float]]()
+    for j in range(model.njnt):
+        if (drive := drives.get(joint_name(model, j))) is None:
+            continue
+        new = {each.name: (each.kp, each.kv) for each in drive.actuators if each.kind == "position"}
+        for a in acting_on(model, j):
+            old, name = law(model, a), name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a)
+            if old.get("kp") and name in new and not np.allclose(new[name], (old["kp"], old["kv"]), rtol=SAME, atol=0):
+                changed[a] = new[name]
+    return changed
+
+
+def state_servos(root: ET.Element, changed: Mapping[int, tuple[float, float]]) -> None:
+    """Sets the gains of position actuators of an MJCF document, whatever their classes have."""
+    actuators = [each for section in root.findall("actuator") for each in section]
+    for a, (kp, kv) in changed.items():
+        if actuators[a].tag == "position":
+            actuators[a].attrib.pop("dampratio", None)
+            actuators[a].attrib |= {"kp": digits([kp]), "kv": digits([kv])}
+        else:
+            actuators[a].attrib |= {"gainprm": digits([kp]), "biasprm": digits([0, -kp, -kv])}
 
 
 def _stated(model: mujoco.MjModel, j: int) -> dict[str, float]:

@@ -13,7 +13,7 @@ from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
-from sim.models.drives_update import changed_drives, state_drives, urdf_dynamics
+from sim.models.drives_update import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.inertials import (
     OVERRIDING,
     Inertial,
@@ -86,8 +86,9 @@ def write_model(
         path: File to write; its folder must exist.
         mechanism: The mechanism, from a URDF or an OpenSim file if that is to be written.
         phi: φ of its bodies, with welds not merged (10 b,), or an object with a φ.
-        drives: Friction, rotor inertias and stiffnesses by joint, as `Estimate.drives_updated`; by default they stay
-            as they are. URDF has no rotor inertias and springs, and of OpenSim's files drives stay as they are.
+        drives: Friction, rotor inertias, stiffnesses and gains of position actuators by joint, as
+            `Estimate.drives_updated`; by default they stay as they are. URDF has friction only, and of OpenSim's files
+            drives stay as they are.
 
     Raises:
         ModelError: As for `updated_spec`, the file does not read back as φ, or a drive is negative or of no joint.
@@ -102,8 +103,8 @@ def write_model(
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
-    changed = changed_drives(origin.model, drives or {})
-    data = _urdf(origin, phi, changed) if urdf else _mjcf(origin, phi, path.parent, changed)
+    changed, servos = changed_drives(origin.model, drives or {}), changed_servos(origin.model, drives or {})
+    data = _urdf(origin, phi, changed) if urdf else _mjcf(origin, phi, path.parent, changed, servos)
     with replacing(path) as temporary:
         temporary.write_bytes(data)
         spec = model_from_urdf(temporary, meshes=False) if urdf else specification(temporary)
@@ -173,8 +174,14 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
     set_inertials(spec, inertials)
 
 
-def _mjcf(origin: Origin, phi: np.ndarray, folder: Path, changed: Mapping[int, Mapping[str, float]]) -> bytes:
-    """Content of an MJCF file in a folder, with φ of a mechanism's bodies and attributes of joints by their ids."""
+def _mjcf(
+    origin: Origin,
+    phi: np.ndarray,
+    folder: Path,
+    changed: Mapping[int, Mapping[str, float]],
+    servos: Mapping[int, tuple[float, float]],
+) -> bytes:
+    """Content of an MJCF file in a folder, with φ of bodies, and attributes of joints and actuators by their ids."""
     source = origin.text
     assert source is not None
     spec = specification(source, origin.packages)
@@ -186,6 +193,7 @@ def _mjcf(origin: Origin, phi: np.ndarray, folder: Path, changed: Mapping[int, M
         root = ET.fromstring(spec.to_xml())
     _state(root, inertials)
     state_drives(root, changed)
+    state_servos(root, servos)
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
         set_asset_folders(root, spec, home)

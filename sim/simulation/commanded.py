@@ -39,14 +39,12 @@ class Driven:
         qpos: Addresses of the joints' coordinates (n,).
         dof: Addresses of their velocities (n,).
         kp: Stiffness of the servos (n,); their damping is the model's.
-        bias: Constant torques (n,).
     """
 
     model: mujoco.MjModel
     qpos: np.ndarray
     dof: np.ndarray
     kp: np.ndarray
-    bias: np.ndarray
 
     def followed(self, commands: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Coordinates at the samples (N, n); NaN once they diverge.
@@ -63,7 +61,7 @@ class Driven:
                 break
             out[k] = data.qpos[self.qpos]
             for command in own:
-                data.qfrc_applied[self.dof] = self.kp * (command - data.qpos[self.qpos]) + self.bias
+                data.qfrc_applied[self.dof] = self.kp * (command - data.qpos[self.qpos])
                 mujoco.mj_step(self.model, data)
         return out
 
@@ -75,7 +73,6 @@ def rolled_out(
     phi: np.ndarray | None = None,
     drives: Mapping[str, Drive] | None = None,
     lag: float = 0.0,
-    bias: np.ndarray | None = None,
     rates: np.ndarray | None = None,
 ) -> np.ndarray:
     """Joint coordinates of a model that is simulated with the commands of a recording (N, n).
@@ -89,7 +86,6 @@ def rolled_out(
         phi: φ of its bodies (10 b,), by default the model's.
         drives: Drives that differ from the model's, by joint.
         lag: Time that commands act later than they are logged, s; each is held until the next one.
-        bias: Constant torques in addition (n,).
         rates: Joint velocities at the first sample (n,), by default zero.
 
     Raises:
@@ -97,7 +93,7 @@ def rolled_out(
         ModelError: The model cannot be updated.
     """
     joints = mechanism.tree.joints
-    driven = _driven(mechanism, recording, mechanism.known if phi is None else phi, drives or {}, bias)
+    driven = _driven(mechanism, recording, mechanism.known if phi is None else phi, drives or {})
     steps = max(1, int(np.ceil(1 / (recording.rate * min(LONGEST_STEP, driven.model.opt.timestep)))))
     driven.model.opt.timestep = 1 / (recording.rate * steps)
     commands = _acting(recording, joints, steps, lag)
@@ -113,9 +109,7 @@ def _acting(recording: Recording, joints: Sequence[str], steps: int, lag: float)
     return commands[np.maximum(np.searchsorted(recording.time, time, side="right") - 1, 0)]
 
 
-def _driven(
-    mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives: Mapping[str, Drive], bias: np.ndarray | None
-) -> Driven:
+def _driven(mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives: Mapping[str, Drive]) -> Driven:
     """The model with given bodies and drives, under the servos of a recording."""
     joints = mechanism.tree.joints
     if without := [joint for joint in joints if joint not in recording.servos]:
@@ -133,7 +127,7 @@ def _driven(
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION
     kp = np.array([servo.kp for servo in servos])
-    return Driven(model, model.jnt_qposadr[chosen], dof, kp, np.zeros(len(joints)) if bias is None else bias)
+    return Driven(model, model.jnt_qposadr[chosen], dof, kp)
 
 
 def _set_drives(model: mujoco.MjModel, changed: Mapping[int, Mapping[str, float]]) -> None:

@@ -79,6 +79,9 @@ EXAMPLES = {
     ],
     "torque_sign": [{"joints": ("hip", "knee")}],
     "torque_scale": [{"gains": {"hip": 0.01}}],
+    "torque_scale_estimated": [
+        {"joints": ("hip", "knee"), "fixed_by": fixed} for fixed in ((), ("the wrench", "bodies"))
+    ],
     "body_not_carried": [{"body": "tool", "explained": 0.9}],
     "friction_not_fitted": [{"shares": {"hip": 0.4}, "drives": ("viscous", "coulomb")}],
     "drive_at_bound": [
@@ -97,6 +100,7 @@ EXAMPLES = {
     "setup_rotation": [ABOUT_X],
     "setup_gain": [LATE | {"of": "plate Fx"}],
     "setup_gravity": [ABOUT_X | {"of": ""}],
+    "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
     "setup_unexplained": [{"changed": True}, {"changed": False}],

@@ -54,6 +54,37 @@ def test_numbers_are_set_on_the_joint_whatever_its_class_has(tmp_path):
     assert joints["turn"].get("stiffness") == "0.0" and joints["lift"].get("damping") == "2.0"
 
 
+SERVOS = """<mujoco><default><position kp="7" dampratio="1"/><general gainprm="9" biasprm="0 -9 -1"/></default>
+  <worldbody><body><joint name="a"/><geom size="1"/><body><joint name="b" axis="0 1 0"/><geom size="1"/></body>
+  <body><joint name="c" axis="0 1 0"/><geom size="1"/></body></body></worldbody>
+  <actuator><motor name="free" joint="a"/><position name="pa" joint="a"/></actuator>
+  <actuator><general name="pb" joint="b" biastype="affine"/><position name="pc" joint="c" kp="3" kv="0.5"/></actuator>
+  </mujoco>"""
+
+
+def test_gains_of_position_actuators_are_set_whatever_their_classes_have(tmp_path):
+    (tmp_path / "arm.xml").write_text(SERVOS, encoding="utf-8")
+    arm = sim.mechanism(tmp_path / "arm.xml")
+    new = {"a": arm.drives["a"].with_servo(20.0, 1.5), "b": arm.drives["b"].with_servo(30.0, 2.5)}
+    assert new["a"] != arm.drives["a"] and new["b"] != arm.drives["b"]
+    write_model(tmp_path / "new.xml", arm, arm.known, new | {"c": arm.drives["c"]})
+    written = sim.mechanism(tmp_path / "new.xml")
+    gains = {each.name: (each.kp, each.kv, each.kind) for own in written.drives.values() for each in own.actuators}
+    assert gains == {
+        "free": (0, 0, "motor"),
+        "pa": (20.0, 1.5, "position"),
+        "pb": (30.0, 2.5, "position"),
+        "pc": (3.0, 0.5, "position"),
+    }
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "new.xml"))
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = 0.1, 0.2, 0.3
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.qfrc_actuator[:2], [0.3 + 20 * 0.2 - 1.5 * 0.2, 30 * 0.2 - 2.5 * 0.2], rtol=1e-12)
+    same = {"c": arm.drives["c"].with_servo(3.0, 0.5)}
+    assert same == {"c": arm.drives["c"]} and Drive().with_servo(1.0, 1.0) == Drive()
+
+
 def test_specifications_and_urdf_as_mjcf_are_written_as_well(tmp_path):
     arm = driven_arm.mechanism()
     write_model(tmp_path / "new.xml", arm, arm.known, NEW)

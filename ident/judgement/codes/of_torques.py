@@ -49,9 +49,18 @@ def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
     )
 
 
+def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
+    fixed = " and ".join(fixed_by)
+    return (
+        f"The scale of the torques of {listed(joints)} was estimated; it is fixed by "
+        f"{fixed or 'the stated one alone, so that masses, friction and rotors are as uncertain as that'}."
+    )
+
+
 TORQUES = {
     "torque_sign": Row(_opposite, doubt=True),
     "torque_scale": Row(_scaled, doubt=True),
+    "torque_scale_estimated": Row(_basis, doubt=False),
     "body_not_carried": Row(
         "The torques look as if '{body}' was not carried: without it {explained:.0%} of the squared difference from "
         "the model's own prediction vanishes. Take it out of the model, or out of the updated one.",

@@ -19,13 +19,14 @@ from ident.recordings.columns.external_loads import LOADS, external_loads
 from ident.recordings.columns.file_entries import clocks, layouts, selection
 from ident.recordings.columns.plates import Plate
 from ident.recordings.columns.segments import segments_of
-from ident.recordings.servo import GAINS, Servo, servo_of
+from ident.recordings.servo import GAINS, SCALES, Servo, scale_of, servo_of
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, SETUP
 
 DEVIATIONS = {
     f"{kind}{row.unit.suffix}": row.unit.stated
     for kind, row in sorted(SETUP.items(), key=lambda item: item[1].unit.suffix)
+    if not row.stated
 }
 """Set-up errors whose standard deviation may be stated, those in degrees last; factors to SI and radians."""
 
@@ -44,6 +45,7 @@ class ColumnMapping:
         plates: Those of them that rest in the world, by name.
         held: True if something holds the base, as for `Recording`.
         servos: Servos of commanded joints, as for `Recording`.
+        scales: Uncertainties of the scales of torques, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`.
         clocks: Columns of times, one for each file, if they are stated one by one.
@@ -58,6 +60,7 @@ class ColumnMapping:
     plates: dict[str, Plate] = field(default_factory=dict)
     held: bool | None = None
     servos: dict[str, Servo] = field(default_factory=dict)
+    scales: dict[str, float] = field(default_factory=dict)
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
@@ -135,10 +138,11 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
     of_joints = table("joints", entries.get("joints", {}))
     check_keys("[joints]", of_joints, tuple(joints))
     for joint, quantities in of_joints.items():
-        keys = KINDS if joints[joint] == "ball" else (*KINDS, "command", *GAINS)
+        keys = KINDS if joints[joint] == "ball" else (*KINDS, "command", *GAINS, *SCALES)
         check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(keys))
         mapping.servos |= servo_of(joint, quantities)
-        for kind, entry in ((key, x) for key, x in quantities.items() if key not in GAINS):
+        mapping.scales |= scale_of(joint, quantities)
+        for kind, entry in ((key, x) for key, x in quantities.items() if key not in (*GAINS, *SCALES)):
             key = f"joints.{joint}.{kind}"
             mapping.columns[key] = (
                 several(key, entry, len(BALL[kind]))
