@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
 
 from ident.arguments import check_holdout, checked_deviations, checked_names
 from ident.errors import InputError
@@ -11,14 +12,19 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimators import least_squares
 from ident.estimators.trajectory import trajectory
+from ident.files.in_memory import TYPES, InMemory
 from ident.judgement.unmeasured import without_unmeasured
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN
 from ident.problem import Problem, problem_of
+from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from ident.setup import OWN, PRIORS
 from ident.tolerances import HOLDOUT
 from ident.trajectory.fit.iteration import Report
+
+Source: TypeAlias = Recording | str | Path | InMemory
+"""A recording, or what `read_log` reads."""
 
 
 class Estimator(NamedTuple):
@@ -60,15 +66,16 @@ def checked_estimator(name: str) -> str:
 
 def identify(
     mechanism: Mechanism,
-    recording: Recording | Sequence[Recording],
+    recording: Source | Iterable[Source],
     *,
+    columns: str | Path | Mapping[str, Any] | None = None,
     estimator: str = "trajectory",
     cutoff: str | float | None = None,
     drive: Sequence[str] | None = None,
     leave_out: Sequence[str] = (),
     offsets: bool = True,
     holdout: float = HOLDOUT,
-    held_out: Recording | Sequence[Recording] = (),
+    held_out: Source | Iterable[Source] = (),
     own: Sequence[str] = (),
     setup: Mapping[str, float] | None = None,
     known: Mapping[str, float] | bool | None = None,
@@ -78,17 +85,34 @@ def identify(
 
     Args:
         mechanism: The mechanism, with a prior, from `sim.mechanism`.
-        recording: Joint states and wrenches, from `read_log` or `sim.simulate`: one recording, or several that share
-            their parameters.
-        estimator: As for `identified`; so are `offsets`, `holdout`, `own`, `setup`, `known` and `physical`.
+        recording: Joint states and wrenches, torques or commands: a `Recording`, from `read_log` or `sim.simulate`, or
+            what `read_log` reads, which is the path of a log or columns in memory; or a list of such recordings, which
+            share their parameters. What was read is in the notes of the summary.
+        columns: For logs: TOML file that maps their columns, or its content, as for `read_log`.
+        estimator: `trajectory` for motion, parameters, set-up and noise at once, from joint angles; `weighted` for
+            least squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
+            `ordinary` for the least squares of the paper.
         cutoff: Cut-off of the low-pass for least squares in Hz, `auto`, or None for the recording's own velocities and
             accelerations. The trajectory estimate has none, and uses joint coordinates alone.
         drive: Columns of drives for joint torques, out of `rotor`, `viscous`, `coulomb`, `stribeck` and `spring`; by
             default rotor inertia, viscous and Coulomb friction of all joints, and the springs that the model has. The
-            model's values are a prior where its bodies are one.
+            model's values are a prior where its bodies are one. An empty list fits the links alone.
         leave_out: Channels that are neither fitted nor judged, as `Fz`, `Mx` and `My` of a model that moves in the
             plane normal to z; joints' names for joint torques.
-        held_out: Other recordings to judge by.
+        offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.
+        holdout: Fraction of each recording, its end, that is not fitted but predicted, from 0 to below 1. With zero the
+            fit is judged on the fitted samples. Of three recordings or more the trajectory estimate fits all samples,
+            and predicts each from the rest.
+        held_out: Other recordings to judge by, as for `recording`; then all others are fitted whole.
+        own: Parameters that each recording has separately in the trajectory estimate: `offset`, `delay`, `lag`.
+        setup: Standard deviations of set-up errors in the trajectory estimate by their kinds, in SI units and radians,
+            as `{"delay": 0.01, "gain": 0.0}`; zero for what is exactly as stated. By default those of the recording,
+            else those of `ident.setup.PRIORS`.
+        known: Standard deviations of the model's bodies in the trajectory estimate, as `{"mass": 0.1, "center": 0.02,
+            "inertia": 0.3}` (relative, m, relative); True for the default, False for no prior, None for the default
+            where the motion does not separate all parameters.
+        physical: True if the trajectory estimate's bodies must be physical, as close to the model's as the recordings
+            allow; by default only those of `Estimate.consistent` are.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
@@ -98,11 +122,9 @@ def identify(
     if not ESTIMATORS[estimator].filters and cutoff is not None:
         raise InputError(NO_CUTOFF)
     options: dict[str, Any] = {"cutoff": cutoff, "drive": drive, "leave_out": leave_out}
+    options |= {"filters": ESTIMATORS[estimator].filters}
     logs, judges = (
-        [
-            prepared(mechanism, each, filters=ESTIMATORS[estimator].filters, **options)
-            for each in _recordings(where, given)
-        ]
+        [prepared(mechanism, each, **options) for each in _recordings(where, given, mechanism, columns)]
         for where, given in (("recording", recording), ("held_out", held_out))
     )
     return identified(
@@ -193,9 +215,21 @@ def identified(
     return ESTIMATORS[estimator].estimate(problem)
 
 
-def _recordings(where: str, given: Recording | Sequence[Recording]) -> list[Recording]:
-    """One recording or several as a list."""
-    several = [given] if isinstance(given, Recording) else list(given) if isinstance(given, Iterable) else [given]
-    if wrong := [each for each in several if not isinstance(each, Recording)]:
-        raise InputError(f"{where} needs a recording or a list of them, got {type(wrong[0]).__name__}.")
-    return several
+def _recordings(where: str, given: Any, mechanism: Mechanism, columns: Any) -> list[Recording]:
+    """Recordings as a list, logs and columns in memory read."""
+    one = isinstance(given, Recording | str | Path | Mapping) or hasattr(given, "columns")
+    several = [given] if one or not isinstance(given, Iterable) else list(given)
+    return [_recording(where, each, mechanism, columns) for each in several]
+
+
+def _recording(where: str, given: Any, mechanism: Mechanism, columns: Any) -> Recording:
+    """A recording, or one that is read, with a note on what it is."""
+    if isinstance(given, Recording):
+        return given
+    if not isinstance(given, str | Path | Mapping) and not hasattr(given, "columns"):
+        raise InputError(f"{where} needs a Recording, the path of a log, {TYPES}, or a list; got {given!r:.60}.")
+    read = read_log(given, mechanism, columns)
+    name = str(given) if isinstance(given, str | Path) else f"the {type(given).__name__}"
+    unused = f"; not used: {', '.join(read.unused[:12])}" if read.unused else ""
+    note = f"Read {name}: {len(read.time)} samples at {read.rate:.4g} Hz of {', '.join(read.measured)}{unused}."
+    return replace(read, notes=(note, *read.notes))

@@ -1,21 +1,23 @@
 """Reading of a user's log: columns found by name or by a mapping file, units converted, times repaired."""
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ident.errors import LogError
 from ident.files.counted import counted
+from ident.files.in_memory import TYPES, InMemory, table_of
 from ident.files.npz import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
-from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping
+from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
@@ -25,14 +27,14 @@ from ident.recordings.several_files import check_number, files_of, read_files
 from ident.recordings.standing import about_origins, placed
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 
-MARKERS = " Positions of markers become angles by python -m experiments.angles MODEL {}."
+MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""
 
 
 def read_log(
-    path: str | Path,
+    path: str | Path | InMemory,
     mechanism: Mechanism,
-    columns: str | Path | None = None,
+    columns: str | Path | Mapping[str, Any] | None = None,
     *,
     gaps: bool = False,
     limit: int = LIMIT,
@@ -46,10 +48,11 @@ def read_log(
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
             OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
             folder), or what `Recording.save` wrote. `FILE+FILE` is one log in several files, each with times of its own
-            on one clock, as angles in one and forces in another.
+            on one clock, as angles in one and forces in another. Or columns in memory: a mapping of arrays (N,) or
+            (N, d), a pandas data frame, or an xarray dataset.
         mechanism: The mechanism that was recorded. Its weight, if it has a prior, shows if a force is in kilonewtons.
-        columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. Columns
-            that it does not mention are found by name.
+        columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ, or its
+            content as a mapping. Columns that it does not mention are found by name.
         gaps: True if samples may be missing, as empty cells or as rows. The trajectory estimate does without them; a
             filter would have to invent them.
         limit: Bytes that an archive, or an unpacked file, may take in memory.
@@ -62,6 +65,8 @@ def read_log(
             column.
         InputError: The library that reads such files is not installed.
     """
+    if not isinstance(path, str | Path):
+        return _in_memory(path, mechanism, columns, gaps=gaps)
     (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
     return recording
 
@@ -86,14 +91,43 @@ def read_log_pieces(
     yield from _pieces(Path(path), mechanism, columns, samples, gaps=False, limit=limit)
 
 
+def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -> Recording:
+    """Recording of columns in memory, arguments as for `read_log`."""
+    name = f"The {type(source).__name__}"
+    try:
+        if (table := table_of(source)) is None:
+            raise LogError(f"A log needs the path of a file, or {TYPES}; got {type(source).__name__}.")
+        mapping, kinds = _mapping(columns, mechanism), joint_kinds(mechanism.tree)
+        table = replace(table, sums=mapping.sums)
+        if mapping.selection:
+            clock = with_names(mapping, table, kinds).columns["time"]
+            table = selected(table, mapping.selection, clock)
+        (recording,) = _recordings(counted([table], mapping.columns.get("time")), mechanism, mapping, gaps=gaps)
+    except LogError as error:
+        raise LogError(f"{name}: {error}") from None
+    return recording
+
+
+def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanism) -> ColumnMapping:
+    """Mapping of columns from a file or its content."""
+    if columns is None:
+        return ColumnMapping()
+    if isinstance(columns, Mapping):
+        return stated_mapping(columns, mechanism.tree)
+    return read_mapping(Path(columns), mechanism.tree)
+
+
 def _pieces(
-    path: Path, mechanism: Mechanism, columns: str | Path | None, samples: int, *, gaps: bool, limit: int
+    path: Path,
+    mechanism: Mechanism,
+    columns: str | Path | Mapping[str, Any] | None,
+    samples: int,
+    *,
+    gaps: bool,
+    limit: int,
 ) -> Iterator[Recording]:
     """Pieces of a log, arguments as for `read_log_pieces` and `read_log`."""
-    joints = mechanism.tree.joints
-    kinds = joint_kinds(mechanism.tree)
-    mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), mechanism.tree)
-    clock: Clock | None = None
+    mapping, kinds = _mapping(columns, mechanism), joint_kinds(mechanism.tree)
     try:
         files = files_of(path)
         if len(files) > 1 or has_several_clocks(path):
@@ -101,31 +135,41 @@ def _pieces(
             yield _of_several_clocks(files, mechanism, mapping, kinds, gaps=gaps, whole=whole, limit=limit)
             return
         check_number(1, mapping)
-        for table in _tables(path, mapping, kinds, max(samples, LEAST_SAMPLES), limit):
-            notes: list[str] = []
-            if first := clock is None:
-                _check_length(len(table.rows))
-                mapping = with_names(mapping, table, kinds)
-                clock = Clock(mapping.columns["time"], gaps)
-                notes += table.notes
-            channels = read_channels(table, mapping, notes if first else [], gaps=gaps)
-            channels = about_origins(table, channels, mapping.plates, notes if first else [], gaps=gaps)
-            repaired = clock.repaired(table, channels, notes)
-            if not len(repaired.time):
-                continue
-            unused = [name for name in table.cells if name not in mapping.used]
-            recording = _without_incomplete(_recording(repaired, mapping), joints, notes if first else [])
-            recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
-            recording = placed(recording, mechanism, mapping.plates, notes if first else [])
-            if first:
-                _check(recording, mapping, mechanism, kinds, notes)
-            yield replace(recording, notes=notes, unused=unused)
-        if clock is None:
-            _check_length(0)
+        tables = _tables(path, mapping, kinds, max(samples, LEAST_SAMPLES), limit)
+        yield from _recordings(tables, mechanism, mapping, gaps=gaps)
     except (LogError, OSError) as error:
         markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
         hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
         raise LogError(f"{path}: {error}{hint}", path) from None
+
+
+def _recordings(
+    tables: Iterable[Table], mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool
+) -> Iterator[Recording]:
+    """Recordings of the pieces of one table."""
+    joints, kinds = mechanism.tree.joints, joint_kinds(mechanism.tree)
+    clock: Clock | None = None
+    for table in tables:
+        notes: list[str] = []
+        if first := clock is None:
+            _check_length(len(table.rows))
+            mapping = with_names(mapping, table, kinds)
+            clock = Clock(mapping.columns["time"], gaps)
+            notes += table.notes
+        channels = read_channels(table, mapping, notes if first else [], gaps=gaps)
+        channels = about_origins(table, channels, mapping.plates, notes if first else [], gaps=gaps)
+        repaired = clock.repaired(table, channels, notes)
+        if not len(repaired.time):
+            continue
+        unused = [name for name in table.cells if name not in mapping.used]
+        recording = _without_incomplete(_recording(repaired, mapping), joints, notes if first else [])
+        recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
+        recording = placed(recording, mechanism, mapping.plates, notes if first else [])
+        if first:
+            _check(recording, mapping, mechanism, kinds, notes)
+        yield replace(recording, notes=notes, unused=unused)
+    if clock is None:
+        _check_length(0)
 
 
 def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:

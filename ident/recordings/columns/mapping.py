@@ -106,6 +106,15 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
         raise LogError(f"{path}: {error}") from None
 
 
+def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
+    """Mapping of columns that the content of a mapping file states.
+
+    Raises:
+        LogError: It is malformed, or names joints or bodies that the mechanism does not have.
+    """
+    return _mapping(dict(entries), joint_kinds(tree), tree.names)
+
+
 def check_text_alone(mapping: ColumnMapping) -> None:
     """Refuses selected rows and layouts of text, for files with several tables that are no text."""
     if any(layout != Layout() for layout in mapping.layouts):

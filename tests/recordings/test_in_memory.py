@@ -1,0 +1,138 @@
+"""Recordings from what is in memory: mappings of arrays, data frames, datasets."""
+
+from dataclasses import replace
+
+import driven_arm
+import numpy as np
+import pytest
+
+import ident
+from ident.errors import InputError, LogError
+
+
+def columns():
+    """Columns of the arm's recording, with names that the arm has."""
+    log = driven_arm.log(4.0, 50.0)
+    return {"time": log.time, **log.measured}
+
+
+class Frame:
+    """As much of a data frame as is needed."""
+
+    def __init__(self, columns, index, name):
+        self._columns, self._index, self._name = columns, index, name
+
+    @property
+    def columns(self):
+        return list(self._columns)
+
+    @property
+    def index(self):
+        return self
+
+    @property
+    def name(self):
+        return self._name
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self._index)
+
+    def __getitem__(self, name):
+        return self._columns[name]
+
+
+def same(recording):
+    log = driven_arm.log(4.0, 50.0)
+    np.testing.assert_allclose(recording.time, log.time, atol=1e-12)
+    assert recording.measured.keys() == log.measured.keys()
+    for name, x in log.measured.items():
+        np.testing.assert_array_equal(recording[name], x)
+
+
+def test_a_mapping_of_arrays_is_a_log():
+    same(ident.read_log(columns(), driven_arm.mechanism()))
+    lists = {name: x.tolist() for name, x in columns().items()}
+    same(ident.read_log(lists, driven_arm.mechanism()))
+
+
+@pytest.mark.parametrize("dates", [False, True])
+def test_a_data_frame_is_a_log_whose_index_may_be_the_time(dates):
+    own = columns()
+    time = own.pop("time")
+    if dates:
+        time = np.datetime64("2026-11-24T10:00") + np.round(1e9 * time).astype("timedelta64[ns]")
+    same(ident.read_log(Frame(own, time, "time"), driven_arm.mechanism()))
+    with pytest.raises(LogError, match=r"The Frame: .*time"):
+        ident.read_log(Frame(own, time, None), driven_arm.mechanism())
+
+
+def test_a_real_data_frame_and_dataset_are_logs():
+    pandas = pytest.importorskip("pandas")
+    same(ident.read_log(pandas.DataFrame(columns()), driven_arm.mechanism()))
+    same(ident.read_log(pandas.DataFrame(columns()).set_index("time"), driven_arm.mechanism()))
+    xarray = pytest.importorskip("xarray")
+    own = columns()
+    time = own.pop("time")
+    dataset = xarray.Dataset({name: ("time", x) for name, x in own.items()}, coords={"time": time, "trial": 3})
+    same(ident.read_log(dataset, driven_arm.mechanism()))
+
+
+def test_vectors_and_a_mapping_of_columns():
+    own = columns()
+    joints = driven_arm.JOINTS
+    stacked = {"t": own["time"], "q": np.stack([own[f"{joint}_position"] for joint in joints], axis=1)}
+    stacked["tau"] = np.stack([own[f"{joint}_torque"] for joint in joints], axis=1)
+    entries = {joint: {"position": f"q.{x}", "torque": f"tau.{x}"} for joint, x in zip(joints, "xyz", strict=True)}
+    mapping = {"time": "t", "joints": entries}
+    same(ident.read_log(stacked, driven_arm.mechanism(), mapping))
+    some = {**mapping, "select": {"time": [[1.0, 3.0]]}}
+    selected = ident.read_log(stacked, driven_arm.mechanism(), some)
+    assert np.ptp(selected.time) == pytest.approx(2.0, abs=0.03)
+    with pytest.raises(LogError, match=r"The dict: .*\[joints\] has no entry 'knee'"):
+        ident.read_log(stacked, driven_arm.mechanism(), {"joints": {"knee": {}}})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"time": np.arange(3.0)}, "columns need one length, but 'time' has 3 samples and 'turn_position' has 200"),
+        ({"turn_torque": ["a"] * 200}, "column 'turn_torque' needs numbers, got <U1"),
+        ({"turn_torque": 3.0}, r"column 'turn_torque' needs a number for each sample, got shape \(\)"),
+        ({"turn_position": np.full(200, np.nan)}, "turn"),
+    ],
+)
+def test_bad_columns_are_one_sentence(change, message):
+    with pytest.raises(LogError, match=f"The dict: .*{message}"):
+        ident.read_log(columns() | change, driven_arm.mechanism())
+
+
+def test_identify_reads_paths_and_columns_and_says_what_it_read(tmp_path):
+    arm, log = driven_arm.mechanism(), driven_arm.log(4.0, 50.0)
+    log.save(tmp_path / "run.csv")
+    options = {"estimator": "weighted", "cutoff": 8.0}
+    expected = ident.identify(arm, log, **options)
+    for given in (str(tmp_path / "run.csv"), tmp_path / "run.csv", columns(), [columns()]):
+        estimate = ident.identify(arm, given, **options)
+        np.testing.assert_allclose(estimate.psi, expected.psi, rtol=1e-9, atol=1e-12)
+        (note,) = [note for note in estimate.prepared.notes if note.startswith("Read ")]
+        assert "200 samples at 50 Hz of " in note and note in str(estimate)
+    both = ident.identify(arm, [tmp_path / "run.csv", log], held_out=tmp_path / "run.csv", **options)
+    assert len(both.logs) == 2
+    extra = columns() | {"temperature": np.zeros(200)}
+    (note,) = [x for x in ident.identify(arm, extra, **options).prepared.notes if x.startswith("Read ")]
+    assert note.endswith("not used: temperature.")
+
+
+@pytest.mark.parametrize("given", [3, None, [3.0]])
+def test_what_is_no_recording_is_one_sentence(given):
+    expected = "recording needs a Recording, the path of a log, a mapping of arrays, a pandas DataFrame or an xarray"
+    with pytest.raises(InputError, match=expected):
+        ident.identify(driven_arm.mechanism(), given)
+    with pytest.raises(LogError, match=r"A log needs the path of a file, or a mapping of arrays, .*; got int"):
+        ident.read_log(3, driven_arm.mechanism())
+
+
+def test_a_recording_without_notes_is_taken_as_it_is():
+    log = replace(driven_arm.log(4.0, 50.0), notes=("Seen.",))
+    estimate = ident.identify(driven_arm.mechanism(), log, estimator="weighted", cutoff=8.0)
+    assert not any(note.startswith("Read ") for note in estimate.prepared.notes)
