@@ -2,16 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.display.brief import listed, short
+from ident.display.frames import parameters_frame
+from ident.display.html import estimate_html
+from ident.display.numbers import estimate_numbers
+from ident.display.parameters import Parameter, intervals, parameters_of
+from ident.display.text import estimate_summary, headline, ratios
+from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.estimation.part import Part
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples, joined
-from ident.geometry.inertia import PARAMETERS
+from ident.files.objects import load_object, save_object
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.evidence import Evidence
@@ -19,7 +28,6 @@ from ident.judgement.finding import Finding
 from ident.judgement.judges import findings
 from ident.judgement.residuals import correlation_time, explained_by_motion
 from ident.judgement.setup_findings import SetupFinding, setup_findings
-from ident.judgement.summary import summary
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Precision, Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
@@ -37,13 +45,16 @@ from ident.tolerances import UNEXPLAINED
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
 
-SHOWN = 30
-"""Largest number of base parameters that `print` shows."""
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """Base parameters of a mechanism from recordings.
+
+    `estimate["m2rz2"]` is one of the parameters with its interval, `estimate.psi` all base parameters.
 
     Attributes:
         logs: Fitted recordings, and the fitted samples of each.
@@ -92,8 +103,43 @@ class Estimate:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all coefficients: base parameters, drives, offsets."""
-        return self.fit.names
+        """Names of the base parameters; `fit.names` has those of drives and offsets as well (r,)."""
+        return self.base.names
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All coefficients with their intervals, units and bodies: base parameters, drives, offsets (m,)."""
+        return parameters_of(self)
+
+    def __getitem__(self, name: str) -> Parameter:
+        """The coefficient of a name, such as `m2rz2` or `Fv(knee)`.
+
+        Raises:
+            InputError: There is none of that name.
+        """
+        for each in self.parameters:
+            if each.name == name:
+                return each
+        near = get_close_matches(str(name), self.fit.names, 3) or self.fit.names[:8]
+        raise InputError(f"The estimate has no parameter {name!r}; near that are {', '.join(near)}.")
+
+    @property
+    def by_body(self) -> dict[str, tuple[Parameter, ...]]:
+        """Coefficients by the body, joint or channel that they belong to."""
+        groups = dict.fromkeys(each.body for each in self.parameters)
+        return {body: tuple(each for each in self.parameters if each.body == body) for body in groups}
+
+    def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
+        """Confidence intervals of the base parameters (r, 2).
+
+        Args:
+            level: Confidence level, between 0 and 1.
+            setup: True to include the uncertainty of the set-up.
+
+        Raises:
+            InputError: The level is not between 0 and 1.
+        """
+        return intervals(self.psi, self.std_setup if setup else self.std, level)
 
     @property
     def psi(self) -> np.ndarray:
@@ -120,7 +166,7 @@ class Estimate:
         """Covariance of all coefficients with the uncertainty of the set-up (m, m)."""
         if self.trajectory is None:
             return self.fit.covariance
-        m = len(self.names)
+        m = len(self.fit.names)
         added = self.trajectory.covariance_of_setup[:m, :m].copy()
         # Variances may be negative by rounding.
         np.fill_diagonal(added, np.maximum(np.diag(added), 0))
@@ -337,59 +383,69 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
-        held, full, verdict = self.held_out, self.consistent(), self.verdict()
-        rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
-        keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_without_reversals")
-        moving = [x if np.isfinite(x) else None for x in self.moving_ratio.tolist()]
-        ratios = held.ratio.tolist(), held.relative_rms.tolist(), moving
-        numbers = zip(rms.tolist(), signal.tolist(), *ratios, strict=True)
-        bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
-        common = summary(self.fit, verdict, self.findings, condition_number=self.condition_number, offsets=self.offsets)
-        return {
-            **common,
-            "std_setup": np.sqrt(np.diag(self.covariance_setup)).tolist(),
-            "condition_numbers": {k: x if np.isfinite(x) else None for k, x in self.condition_numbers.items()},
-            "cutoff_hz": self.prepared.cutoff,
-            "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(self.channels, numbers, strict=True)},
-            "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
-            "best_candidate": verdict.best,
-            "filtered_at_hz": self.filtered_at,
-            "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in self.bounded.items()},
-            "setup": [each.to_dict() for each in self.setup],
-            "friction": self.friction,
-            "weights": self._weights(),
-            "halves": {"rms_z": self.disagreement, "widening": self.widening},
-            "logs": {"rms_z": list(self.disagreements)},
-            "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
-        }
+        return estimate_numbers(self)
 
-    def _weights(self) -> dict[str, Any] | None:
-        """Noise model of the weights, and the errors of left-out pieces by which it was chosen, if it was."""
-        if self.trajectory is None:
-            return None
-        errors = {name: each.tolist() for name, each in self.trajectory.errors.items()}
-        return {"correlated": self.trajectory.coloured, "left_out_errors": errors}
+    def summary(self) -> str:
+        """Parameters, prediction errors, verdict and findings as text; what `print` shows."""
+        return estimate_summary(self)
 
     def __str__(self) -> str:
-        prior, rank = self.fit.equations.from_model, self.base.rank
-        expressions = self.base.expressions(4)
-        rows = zip(self.base.names, self.psi, self.std, self.std_setup, prior[:rank], expressions, strict=True)
-        lines = [
-            f"{name:<8} {value:12.4f} ± {std:<9.2g} {wider:<9.2g} {before:10.4f}  {regrouping:.56}"
-            for name, value, std, wider, before, regrouping in rows
-        ][:SHOWN]
-        more = [f"… and {rank - SHOWN} more" for _ in range(rank > SHOWN)]
-        ratios = ", ".join(f"{c} {r:.2f}" for c, r in zip(self.channels, self.held_out.ratio, strict=True))
-        return "\n".join(
-            [
-                f"{rank} base parameters, SI units, from {self.fit.samples} samples",
-                f"{'':<8} {'estimate':>12}   {'s.d.':<9} {'set-up':<9} {'model':>10}  regrouping",
-                *lines,
-                *more,
-                f"Residual over signal: {ratios}; condition number {self.condition_number:.3g}.",
-                str(self.verdict()),
-            ]
-        )
+        return self.summary()
+
+    def __repr__(self) -> str:
+        verdict, doubts = self.verdict(), sum(finding.doubt for finding in self.findings)
+        lines = {
+            "mechanism": listed(self.prepared.mechanism.bodies),
+            "residual over signal": ratios(self),
+            "verdict": f"{verdict.outcome.value}, {doubts} doubts, {len(self.findings) - doubts} remarks",
+            "more": "print(estimate), estimate.to_frame(), estimate.plot()",
+        }
+        return short(f"Estimate of {headline(self)}", lines)
+
+    def _repr_html_(self) -> str:
+        return estimate_html(self)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """All coefficients as a pandas data frame, with 95 % intervals that include the set-up.
+
+        Raises:
+            InputError: pandas is not installed (extra `pandas`).
+        """
+        return parameters_frame(self.parameters)
+
+    def plot(self) -> "Figure":
+        """Base parameters with 95 % intervals beside the model's, as a matplotlib figure."""
+        from ident.display.plots import parameters_plot
+
+        return parameters_plot(self)
+
+    def plot_fit(self) -> "Figure":
+        """Measured and predicted channels on the held-out part, as a matplotlib figure."""
+        from ident.display.plots import fit_plot
+
+        return fit_plot(self)
+
+    def plot_spectra(self) -> "Figure":
+        """Spectra of the channels and of their residuals, as a matplotlib figure."""
+        from ident.display.plots import spectra_plot
+
+        return spectra_plot(self)
+
+    def save(self, path: str | Path) -> None:
+        """Writes a `.npz` file that `load` reads back, in the same version; the model's file is not part of it."""
+        save_object(Path(path), "estimate", self)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Estimate":
+        """Reads what `save` wrote.
+
+        Its mechanism has no source: to update a model, give `sim.write_model` the mechanism from the model's file.
+
+        Raises:
+            InputError: The file is missing, is no saved estimate, or was written by another version.
+        """
+        loaded: Estimate = load_object(Path(path), "estimate")
+        return loaded
 
     @cached_property
     def checks(self) -> Checks:

@@ -59,7 +59,7 @@ def test_drives_are_those_by_which_simulations_follow_the_recorded_angles():
     theirs = by_simulations(commands, angles)
     arm = sim.mechanism(mujoco.MjSpec.from_string(driven_arm.text(more=driven_arm.ACTUATORS)))
     estimate = ident.identify(arm, with_servos(ident.Recording(time, channels), {}, arm, []), known=False)
-    ours = dict(zip(estimate.names, estimate.fit.values, strict=True))
+    ours = dict(zip(estimate.fit.names, estimate.fit.values, strict=True))
     shared = [name for name in theirs if name in ours]
     assert len(shared) == 7
     for name in shared:

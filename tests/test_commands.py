@@ -85,7 +85,7 @@ def test_torques_follow_from_commands():
 def test_links_drives_and_the_lag_of_commands_are_identified(lag):
     arm = mechanism(actuators=True)
     estimate = ident.identify(arm, recording(lag))
-    drives = dict(zip(estimate.names, estimate.fit.values, strict=True))
+    drives = dict(zip(estimate.fit.names, estimate.fit.values, strict=True))
     for k, joint in enumerate(driven_arm.JOINTS):
         assert drives[f"Fv({joint})"] == pytest.approx(driven_arm.TRUE["damping"][k], rel=0.15)
         assert drives[f"Fc({joint})"] == pytest.approx(driven_arm.TRUE["frictionloss"][k], rel=0.15)
@@ -104,7 +104,7 @@ def test_least_squares_takes_commands_as_well():
     exact = dict.fromkeys(PRIORS, 0.0)
     arm = mechanism(actuators=True)
     estimate = ident.identify(arm, recording(), estimator="weighted", cutoff=6.0, setup=exact)
-    drives = dict(zip(estimate.names, estimate.fit.values, strict=True))
+    drives = dict(zip(estimate.fit.names, estimate.fit.values, strict=True))
     # The low-pass smears reversals, and nothing takes the half sample of lag out.
     assert 0.3 < drives["Fc(lift)"] < 0.9
     assert (estimate.held_out.ratio < 0.1).all()
@@ -200,7 +200,7 @@ def test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them(joints, kn
         assert (actuator.kp, actuator.kv, actuator.gain) == (servo.kp, servo.kv, servo.kp)
     (finding,) = coded(estimate, "torque_scale_estimated")
     assert fixed_by in finding.text and not finding.doubt
-    drives = dict(zip(estimate.names, zip(estimate.fit.values, estimate.fit.std, strict=True), strict=False))
+    drives = dict(zip(estimate.fit.names, zip(estimate.fit.values, estimate.fit.std, strict=True), strict=False))
     for k, joint in enumerate(driven_arm.JOINTS):
         for column, key in (("Fv", "damping"), ("Fc", "frictionloss")):
             value, own = drives[f"{column}({joint})"]
@@ -232,4 +232,4 @@ def test_an_uncertain_torque_constant_is_estimated_from_the_other_torques():
 
 def test_commands_have_no_offsets():
     estimate = ident.identify(mechanism(actuators=True), recording(), estimator="weighted", cutoff=6.0)
-    assert not estimate.offsets and not any(name.startswith("offset") for name in estimate.names)
+    assert not estimate.offsets and not any(name.startswith("offset") for name in estimate.fit.names)

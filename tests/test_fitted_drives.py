@@ -34,12 +34,12 @@ def weighted(*, stated=True, **options):
 
 
 def values(estimate):
-    return dict(zip(estimate.names, estimate.fit.values, strict=True))
+    return dict(zip(estimate.fit.names, estimate.fit.values, strict=True))
 
 
 def test_rotors_friction_and_the_model_s_springs_are_fitted_by_default():
     estimate = weighted()
-    drives = estimate.names[estimate.base.rank : -3]
+    drives = estimate.fit.names[estimate.base.rank : -3]
     assert set(drives) == set(TRUE) and len(drives) == len(TRUE)
     assert not any(name.startswith("K(") for name in weighted(stated=False).names)
     for name, value in TRUE.items():
@@ -49,7 +49,7 @@ def test_rotors_friction_and_the_model_s_springs_are_fitted_by_default():
 def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
     exact = dict.fromkeys(PRIORS, 0.0)
     estimate = ident.identify(driven_arm.mechanism(), driven_arm.log(8.0, 50.0), setup=exact, known=False)
-    std = dict(zip(estimate.names, estimate.fit.std, strict=True))
+    std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
     z = {name: (values(estimate)[name] - value) / std[name] for name, value in TRUE.items()}
     assert max(map(abs, z.values())) < 3.5, z
     assert all(std[name] < 0.1 * value for name, value in TRUE.items())
@@ -84,8 +84,8 @@ def test_the_model_with_its_drives_predicts_as_well_as_the_estimate_of_the_same_
 def test_the_model_s_values_are_a_prior_where_the_motion_tells_little():
     short, exact = driven_arm.log(3.0, 50.0, size=0.05), dict.fromkeys(PRIORS, 0.0)
     estimate = ident.identify(driven_arm.mechanism(), short, setup=exact, known=True)
-    model = dict(zip(estimate.names, estimate.fit.equations.from_model, strict=False))
-    std = dict(zip(estimate.names, estimate.fit.std, strict=True))
+    model = dict(zip(estimate.fit.names, estimate.fit.equations.from_model, strict=False))
+    std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
     for name, value in TRUE.items():
         assert model[name] == pytest.approx(value)
         assert std[name] < 1.01 * DRIVE_KNOWN * value

@@ -1,4 +1,4 @@
-"""Imports point one way: experiments -> sim -> scenes, experiments and sim -> ident, and down the rooms of both."""
+"""Imports point one way: multicontact -> experiments -> sim -> scenes, all -> ident, and down the rooms."""
 
 import ast
 import sys
@@ -47,6 +47,7 @@ ALLOWED = {
     "scenes": {"numpy", "mujoco", "ident"},
     "sim": {"numpy", "scipy", "mujoco", "scenes", "ident"},
     "experiments": {"numpy", "scipy", "mujoco", "matplotlib", "tqdm", "jinja2", "scenes", "ident", "sim"},
+    "multicontact": {"scenes", "ident", "sim", "experiments"},
 }
 EXTRAS = {
     "cli": {"argcomplete"},
@@ -55,8 +56,10 @@ EXTRAS = {
     "benchmark": {"pinocchio"},
     "document": {"PIL"},
     "files": {"ezc3d", "rosbags", "pyarrow"},
+    "display": {"matplotlib", "pandas"},
+    "estimate.py": {"matplotlib", "pandas"},
 }
-"""Optional packages that a room imports."""
+"""Packages that a room imports where they are needed, or for types: optional ones, and matplotlib for plots."""
 
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
 

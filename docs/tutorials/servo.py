@@ -95,7 +95,7 @@ estimate = ident.identify(arm, recording)
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 
 deviations = np.sqrt(np.diag(estimate.covariance_setup))
-values = zip(estimate.names, estimate.fit.values, deviations, strict=True)
+values = zip(estimate.fit.names, estimate.fit.values, deviations, strict=True)
 shown = {name: (value, std) for name, value, std in values if name.startswith(("Ia", "Fv", "Fc"))}
 for joint, true in drives.items():
     for column, number in zip(("Fv", "Fc", "Ia"), true, strict=True):

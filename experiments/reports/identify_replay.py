@@ -45,7 +45,7 @@ def replay(result: Estimate) -> Replay:
         spans=[(time[part.stop], time[-1])] if part.stop < len(time) - log.edge else [],
         shaded="held out, not fitted",
         remark="All predictions use the estimated set-up." + LEFT_OUT * (not used.all()),
-        parameters=[_parameter(result, k) for k in range(len(result.names))],
+        parameters=[_parameter(result, k) for k in range(len(result.fit.names))],
         findings=[place(finding, result) for finding in result.findings],
     )
 
@@ -61,7 +61,7 @@ def channel_unit(result: Estimate, channel: str) -> str:
 
 def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     """Text shown for a pressed coefficient: its meaning, value and interval."""
-    name, arm, base = result.names[k], result.prepared.mechanism, result.base
+    name, arm, base = result.fit.names[k], result.prepared.mechanism, result.base
     value, std = float(result.fit.values[k]), float(np.sqrt(result.covariance_setup[k, k]))
     own = unit_of(name) or ""
     text = regrouped_in_words(base, k, arm) if k < base.rank else in_words(name, arm)

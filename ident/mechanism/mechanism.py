@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from ident.arguments import OF_BODIES, checked_deviations
+from ident.display.brief import listed, properties, short
 from ident.errors import InputError, ModelError
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
 from ident.mechanism.tree import Tree
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mechanism:
     """A tree of bodies with gravity, and the prior, sites, ranges and drives of a model.
 
@@ -59,6 +60,26 @@ class Mechanism:
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
         object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
+
+    def __repr__(self) -> str:
+        return short("Mechanism", self._in_short)
+
+    def _repr_html_(self) -> str:
+        return properties("Mechanism", self._in_short)
+
+    @property
+    def _in_short(self) -> dict[str, object]:
+        """Properties that its `repr` shows."""
+        mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
+        return {
+            "bodies": listed(self.bodies),
+            "joints": listed(self.tree.joints),
+            "mass": mass or "none, no prior",
+            "gravity": f"{listed(f'{x:.4g}' for x in self.gravity)} m/s²",
+            "sites": listed(self.sites),
+            "drives": listed(self.drives),
+            "carried by": listed(self.carrier.joints) if self.carrier else "",
+        }
 
     @property
     def bodies(self) -> tuple[str, ...]:

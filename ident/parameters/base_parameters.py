@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from ident.display.brief import listed, properties, short
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
@@ -28,7 +29,7 @@ STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BaseParameters:
     """A regrouping `ψ = φ[kept] + beta φ[dependent]` with `Y φ = Y[:, kept] ψ`.
 
@@ -76,6 +77,22 @@ class BaseParameters:
             "So nearly dependent on the parameters before them that others further on are base parameters in their "
             f"stead: {', '.join(self.passed_over)}."
         )
+
+    def __repr__(self) -> str:
+        return short("BaseParameters", self._in_short)
+
+    def _repr_html_(self) -> str:
+        return properties("BaseParameters", self._in_short)
+
+    @property
+    def _in_short(self) -> dict[str, object]:
+        """Properties that its `repr` shows."""
+        return {
+            "rank": f"{self.rank} of {len(self.parameters)} parameters",
+            "base parameters": listed(self.expressions(4), 6),
+            "without effect": listed(self.unseen),
+            "singular values": f"{self.gap[0]:.2g} counts, {self.gap[1]:.2g} is taken for zero",
+        }
 
     def reduce(self, Y: np.ndarray) -> np.ndarray:
         """The kept columns of a regressor (…, P) -> (…, r)."""

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ident.display.brief import listed, properties, short
+from ident.display.text import rounded
 from ident.estimate import Estimate
 from ident.estimation.setup import SetupParameter
 from ident.geometry.inertia import com_from_parameters, parameter_transform
@@ -66,7 +68,7 @@ class SensorParameter(NamedTuple):
         return {"name": self.name, "value": self.value, "std": self.std, "taken_out": self.taken_out}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Payload:
     """An identified payload.
 
@@ -85,6 +87,25 @@ class Payload:
     place: np.ndarray
     estimate: Estimate
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return short("Payload", self._in_short)
+
+    def _repr_html_(self) -> str:
+        return properties("Payload", self._in_short)
+
+    @property
+    def _in_short(self) -> dict[str, object]:
+        """Properties that its `repr` shows."""
+        values, _, std, identifiable = self.in_frame()
+        rows = zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True)
+        known = [f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen]
+        return {
+            "beyond": f"sensor '{self.sensor}' on '{self.body}'",
+            "values": listed(known),
+            "not identifiable": listed(np.array(QUANTITIES)[~identifiable].tolist()),
+            "verdict": str(self.verdict()),
+        }
 
     def in_frame(self, T: np.ndarray | None = None) -> RigidBody:
         """The payload as one rigid, physically consistent body.
@@ -119,7 +140,7 @@ class Payload:
     @cached_property
     def sensor_parameters(self) -> list[SensorParameter]:
         """Offsets of the sensor, and its set-up errors, fitted or not."""
-        joint, names = self.estimate.trajectory, self.estimate.names
+        joint, names = self.estimate.trajectory, self.estimate.fit.names
         std = np.sqrt(np.diag(self.estimate.covariance_setup))
         first = self.estimate.base.rank
         rows = zip(names[first:], self.estimate.fit.values[first:].tolist(), std[first:].tolist(), strict=True)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.display.brief import listed, properties, short
 from ident.errors import LogError
 from ident.files.npz import LIMIT
 from ident.files.table import BASE
@@ -25,7 +26,7 @@ STATES = ("position", "velocity", "acceleration")
 """Names of q, q̇ and q̈ in a joint's channels."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """Channels at common sample times, simulated or measured, and streams at times of their own.
 
@@ -102,6 +103,27 @@ class Recording:
             common = self._common(name).values
             if stream.values.shape[1:] != common.shape[1:]:
                 raise LogError(f"The stream '{name}' needs {common[0].size} components, got {stream.columns.shape[1]}.")
+
+    def __repr__(self) -> str:
+        return short("Recording", self._in_short)
+
+    def _repr_html_(self) -> str:
+        return properties("Recording", self._in_short)
+
+    @property
+    def _in_short(self) -> dict[str, object]:
+        """Properties that its `repr` shows."""
+        samples = len(self.time)
+        return {
+            "samples": f"{samples} at {self.rate:.4g} Hz, {np.ptp(self.time):.4g} s" if samples > 1 else str(samples),
+            "channels": listed(self.measured),
+            "wrenches": listed(self.wrenches),
+            "commands": listed(self.servos),
+            "base": "" if self.base is None else "moves",
+            "own times": listed(self.streams),
+            "notes": listed(self.notes, 1),
+            "not used": listed(self.unused),
+        }
 
     @classmethod
     def from_streams(

@@ -89,9 +89,9 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
         "elbow",
     )
     result = identified(prepared)
-    values = dict(zip(result.names, result.fit.values, strict=True))
+    values = dict(zip(result.fit.names, result.fit.values, strict=True))
     if not wrench:
-        assert "Ia(shoulder)" not in result.names
+        assert "Ia(shoulder)" not in result.fit.names
         assert any("Ia(shoulder)" in note and "cannot be told" in note for note in prepared.notes)
     else:
         np.testing.assert_allclose([values["Ia(shoulder)"], values["Ia(elbow)"]], [0.05, 0.02], atol=1e-6)

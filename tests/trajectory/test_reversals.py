@@ -51,7 +51,7 @@ def test_an_arm_whose_joints_rub():
     estimate = ident.identify(who.mechanism, recording, **condition.options)
     stated = drives(who.mechanism, scenes.load("arm").compile())
     true = truth(estimate.fit.equations, true_bodies(condition, 0, 0), stated)
-    names = estimate.names[: len(true)]
+    names = estimate.fit.names[: len(true)]
     values = estimate.fit.values[: len(true)]
     z = (values - true) / estimate.fit.std[: len(true)]
     friction = [k for k, each in enumerate(names) if each.startswith("Fc(")]
@@ -69,7 +69,7 @@ def test_a_drive_at_its_bound_has_a_one_sided_interval():
     limits = {name: limit for name, (limit, _) in estimate.bounded.items()}
     assert limits and all(name.startswith("Fs(") for name in limits)
     for name, limit in limits.items():
-        k = estimate.names.index(name)
+        k = estimate.fit.names.index(name)
         assert estimate.fit.values[k] == 0 and estimate.fit.std[k] > 0 and 0 < limit < 4 * estimate.fit.std[k]
     (finding,) = coded(estimate, "drive_at_bound")
     assert finding.values["at_most"] == limits

@@ -1,0 +1,1 @@
+"""How results look in an interpreter, a notebook and a data frame. Text, HTML, pandas and matplotlib are here alone."""

@@ -1,0 +1,26 @@
+"""Objects in a few lines: their `repr`, and the same as a table of HTML."""
+
+from collections.abc import Iterable, Mapping
+from html import escape
+
+WIDTH = 100
+"""Longest line of a `repr`."""
+
+
+def short(kind: str, lines: Mapping[str, object]) -> str:
+    """`repr` of an object: its kind and a few properties, a line each, cut to `WIDTH`."""
+    rows = [f"  {name}: {value}" for name, value in lines.items() if value not in ("", None)]
+    return "\n".join([f"<{kind}", *(row if len(row) <= WIDTH else f"{row[: WIDTH - 1]}…" for row in rows)]) + ">"
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Names with commas between them, at most so many, and the number of the others."""
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def properties(kind: str, lines: Mapping[str, object]) -> str:
+    """HTML of an object: its kind and a few properties, a row each."""
+    rows = [(name, str(value)) for name, value in lines.items() if value not in ("", None)]
+    body = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
+    return f"<div><strong>{escape(kind)}</strong><table><tbody>{body}</tbody></table></div>"

@@ -1,0 +1,52 @@
+"""All results of an estimate in JSON's types."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.geometry.inertia import PARAMETERS
+from ident.judgement.summary import summary
+
+if TYPE_CHECKING:
+    from ident.estimate import Estimate
+
+
+def estimate_numbers(estimate: "Estimate") -> dict[str, Any]:
+    """All results of an estimate for scripts, in JSON's types."""
+    held, full, verdict = estimate.held_out, estimate.consistent(), estimate.verdict()
+    rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
+    keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_without_reversals")
+    moving = [x if np.isfinite(x) else None for x in estimate.moving_ratio.tolist()]
+    ratios = held.ratio.tolist(), held.relative_rms.tolist(), moving
+    numbers = zip(rms.tolist(), signal.tolist(), *ratios, strict=True)
+    bodies = zip(estimate.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
+    common = summary(
+        estimate.fit, verdict, estimate.findings, condition_number=estimate.condition_number, offsets=estimate.offsets
+    )
+    return {
+        **common,
+        "std_setup": np.sqrt(np.diag(estimate.covariance_setup)).tolist(),
+        "condition_numbers": {k: x if np.isfinite(x) else None for k, x in estimate.condition_numbers.items()},
+        "cutoff_hz": estimate.prepared.cutoff,
+        "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(estimate.channels, numbers, strict=True)},
+        "candidates": {
+            name: dict(zip(estimate.channels, x.tolist(), strict=True)) for name, x in estimate.rivals.items()
+        },
+        "best_candidate": verdict.best,
+        "filtered_at_hz": estimate.filtered_at,
+        "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in estimate.bounded.items()},
+        "setup": [each.to_dict() for each in estimate.setup],
+        "friction": estimate.friction,
+        "weights": _weights(estimate),
+        "halves": {"rms_z": estimate.disagreement, "widening": estimate.widening},
+        "logs": {"rms_z": list(estimate.disagreements)},
+        "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
+    }
+
+
+def _weights(estimate: "Estimate") -> dict[str, Any] | None:
+    """Noise model of the weights, and the errors of left-out pieces by which it was chosen, if it was."""
+    if estimate.trajectory is None:
+        return None
+    errors = {name: each.tolist() for name, each in estimate.trajectory.errors.items()}
+    return {"correlated": estimate.trajectory.coloured, "left_out_errors": errors}

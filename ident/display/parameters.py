@@ -1,0 +1,121 @@
+"""Estimated coefficients one by one: value, interval, unit, body."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import special
+
+from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
+from ident.mechanism.tree import Tree
+from ident.tolerances import DRIVE_UNITS
+
+if TYPE_CHECKING:
+    from ident.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An estimated coefficient.
+
+    Attributes:
+        name: Its name, such as `m2rz2`, `Fv(knee)` or `offset(Fx)`.
+        kind: `base` for a base parameter, `drive` for friction, a rotor or a spring, `offset` of a channel.
+        value: Its estimate in its unit.
+        std: Standard deviation from the noise.
+        std_setup: Standard deviation with the uncertainty of the set-up.
+        unit: SI unit.
+        body: Body or joint that it belongs to, or the channel of an offset.
+        model: The model's value; None where it has none.
+        expression: The standard parameters that it consists of, its name if there is one alone.
+        at_bound: True for a drive at its bound of zero, whose deviations are those with the drive free.
+    """
+
+    name: str
+    kind: str
+    value: float
+    std: float
+    std_setup: float
+    unit: str
+    body: str
+    model: float | None = None
+    expression: str = ""
+    at_bound: bool = False
+
+    def interval(self, level: float = 0.95, *, setup: bool = True) -> tuple[float, float]:
+        """Confidence interval, from zero for a drive.
+
+        Args:
+            level: Confidence level, between 0 and 1.
+            setup: True to include the uncertainty of the set-up.
+
+        Raises:
+            InputError: The level is not between 0 and 1.
+        """
+        low, high = intervals([self.value], [self.std_setup if setup else self.std], level)[0].tolist()
+        return (max(low, 0.0) if self.kind == "drive" else low), high
+
+    def __str__(self) -> str:
+        low, high = self.interval()
+        model = "" if self.model is None else f", model {self.model:.4g}"
+        return f"{self.name} = {self.value:.4g} {self.unit}, 95 % interval {low:.4g} to {high:.4g}{model}".strip()
+
+
+def intervals(values: Sequence[float] | np.ndarray, std: Sequence[float] | np.ndarray, level: float) -> np.ndarray:
+    """Lower and upper limits of confidence intervals for normal errors (m, 2).
+
+    Raises:
+        InputError: The level is not between 0 and 1.
+    """
+    if not isinstance(level, int | float) or not 0 < level < 1:
+        raise InputError(f"level needs a number between 0 and 1, as 0.95; got {level!r}.")
+    half = -special.ndtri((1 - level) / 2) * np.asarray(std)
+    return np.stack([np.asarray(values) - half, np.asarray(values) + half], axis=-1)
+
+
+def unit_of_coefficient(name: str, tree: Tree) -> str:
+    """SI unit of a coefficient or channel by its name: `Ixx2`, `Fv(knee)`, `offset(Mx)`, `Fz` or a joint's torque."""
+    if name.startswith(("m", "I")) and body_of_parameter(name, ("",) * 10_000) is not None:
+        return "kg m²" if name.startswith("I") else "kg m" if "r" in name else "kg"
+    kind, _, of = name.removesuffix(")").partition("(")
+    if kind in DRIVE_UNITS:
+        return DRIVE_UNITS[kind][unit_of_channel(of, tree) == "N"]
+    return unit_of_channel(of or name, tree)
+
+
+def unit_of_channel(channel: str, tree: Tree) -> str:
+    """Unit of a channel: a component of a wrench, or a joint's torque or force."""
+    if channel not in tree.freedoms:
+        return "N" if channel.startswith("F") else "N m"
+    motion = np.hstack([body.motions for body in tree.bodies if body.freedoms])[:, tree.freedoms.index(channel)]
+    return "N m" if motion[3:].any() else "N"
+
+
+def body_of(name: str, bodies: Sequence[str]) -> str:
+    """Body of a base parameter, joint of a drive, or channel of an offset, by the coefficient's name."""
+    return body_of_parameter(name, bodies) or name.removesuffix(")").partition("(")[2]
+
+
+def parameters_of(estimate: "Estimate") -> tuple[Parameter, ...]:
+    """All coefficients of an estimate: base parameters, drives, offsets (m,)."""
+    base, arm, fit = estimate.base, estimate.prepared.mechanism, estimate.fit
+    kinds = ["base"] * base.rank + ["drive"] * len(fit.equations.drives)
+    kinds += ["offset"] * (len(fit.names) - len(kinds))
+    # Zero for a drive means that the model states none.
+    model = [None if kind == "drive" and not x else x for kind, x in zip(kinds, fit.equations.from_model, strict=False)]
+    model += [None] * (len(fit.names) - len(model))
+    wider, regrouped = np.sqrt(np.diag(estimate.covariance_setup)), (*base.expressions(4), *fit.names[base.rank :])
+    columns = fit.names, kinds, fit.values.tolist(), fit.std.tolist(), wider.tolist(), model, regrouped
+    return tuple(
+        Parameter(
+            *(name, kind, value, std, std_setup),
+            unit=unit_of_coefficient(name, arm.tree),
+            body=body_of(name, arm.bodies),
+            model=None if own is None else float(own),
+            expression=expression,
+            at_bound=name in estimate.bounded,
+        )
+        for name, kind, value, std, std_setup, own, expression in zip(*columns, strict=True)
+    )

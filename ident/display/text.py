@@ -1,0 +1,82 @@
+"""Results as lines of text for the terminal."""
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.display.parameters import Parameter
+
+if TYPE_CHECKING:
+    from ident.estimate import Estimate
+
+SHOWN = 30
+"""Largest number of parameters that a summary shows."""
+
+
+def rounded(value: float, std: float) -> tuple[str, str]:
+    """A value and its standard deviation, with two significant digits of the latter."""
+    if not np.isfinite(std) or std <= 0:
+        return f"{value:.4g}", f"{std:.2g}"
+    decimals = max(0, 1 - int(np.floor(np.log10(float(f"{std:.1e}")))))
+    return f"{value:.{decimals}f}", f"{std:.{decimals}f}"
+
+
+def parameter_rows(parameters: Iterable[Parameter]) -> list[tuple[str, ...]]:
+    """Cells of a table of parameters: name, body, estimate, both standard deviations, unit, model, regrouping."""
+    rows: list[tuple[str, ...]] = []
+    for each in parameters:
+        value, std = rounded(each.value, each.std)
+        wider = rounded(each.value, each.std_setup)[1]
+        model = "" if each.model is None else rounded(each.model, each.std)[0]
+        regrouping = "" if each.expression == each.name else each.expression
+        rows.append((each.name, each.body, value, std, wider, each.unit, model, regrouping))
+    return rows
+
+
+HEADS = ("parameter", "of", "estimate", "s.d.", "s.d. with set-up", "unit", "model", "regrouping")
+"""Headings of `parameter_rows`."""
+
+
+def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Iterable[int]) -> list[str]:
+    """Lines of a table with columns two spaces apart, those of numbers aligned to the right."""
+    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    right = set(numbers)
+
+    def line(cells: Sequence[str]) -> str:
+        padded = [x.rjust(w) if k in right else x.ljust(w) for k, (x, w) in enumerate(zip(cells, widths, strict=True))]
+        return "  ".join(padded).rstrip()
+
+    return [line(heads), *map(line, rows)]
+
+
+def estimate_summary(estimate: "Estimate") -> str:
+    """Table of the parameters, prediction errors, verdict and findings of an estimate."""
+    parameters = estimate.parameters
+    rows = [(*row[:-1], f"{row[-1]:.40}") for row in parameter_rows(parameters[:SHOWN])]
+    more = [f"… and {len(parameters) - SHOWN} more; estimate.to_frame() has all"] * (len(parameters) > SHOWN)
+    return "\n".join(
+        [
+            f"{headline(estimate)}, SI units",
+            *aligned(HEADS, rows, (2, 3, 4, 6)),
+            *more,
+            f"Residual over signal: {ratios(estimate)}; condition number {estimate.condition_number:.3g}.",
+            str(estimate.verdict()),
+            *(f"  {note}" for part in estimate.logs for note in part.log.notes),
+            *(finding.line for finding in estimate.findings),
+        ]
+    )
+
+
+def headline(estimate: "Estimate") -> str:
+    """Number of parameters of an estimate, and of samples and recordings that they are from."""
+    base, logs = estimate.base, len(estimate.logs)
+    others = len(estimate.parameters) - base.rank
+    more = f" and {others} of drives and offsets" if others else ""
+    recordings = f" of {logs} recordings" if logs > 1 else ""
+    return f"{base.rank} base parameters{more} from {estimate.fit.samples} samples{recordings}"
+
+
+def ratios(estimate: "Estimate") -> str:
+    """Held-out residual over signal of each channel."""
+    return ", ".join(f"{c} {r:.2f}" for c, r in zip(estimate.channels, estimate.held_out.ratio, strict=True))

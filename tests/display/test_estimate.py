@@ -1,0 +1,175 @@
+"""What an estimate answers in an interpreter and in a notebook."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from estimates import jointly, quick
+from scipy import stats
+
+from ident.display import html
+from ident.display.parameters import unit_of_coefficient
+from ident.display.text import aligned, rounded
+from ident.errors import InputError
+
+SHORT = 10
+"""Most lines of a repr."""
+
+
+class Tags(HTMLParser):
+    """Open tags, and the text between them."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.text = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_names_values_and_deviations_have_one_length():
+    estimate = jointly()
+    r = estimate.base.rank
+    assert len(estimate.names) == len(estimate.psi) == len(estimate.std) == len(estimate.std_setup) == r
+    assert estimate.covariance.shape == (r, r) and estimate.interval().shape == (r, 2)
+    assert len(estimate.parameters) == len(estimate.fit.names) > r
+
+
+@pytest.mark.parametrize("level", [0.5, 0.95, 0.99])
+def test_intervals_are_those_of_normal_errors(level):
+    estimate = jointly()
+    for setup, std in ((True, estimate.std_setup), (False, estimate.std)):
+        expected = np.transpose(stats.norm.interval(level, estimate.psi, std))
+        np.testing.assert_allclose(estimate.interval(level, setup=setup), expected)
+    name = estimate.names[3]
+    np.testing.assert_allclose(estimate[name].interval(level), estimate.interval(level)[3])
+    np.testing.assert_allclose(estimate[name].interval(level, setup=False), estimate.interval(level, setup=False)[3])
+
+
+@pytest.mark.parametrize("level", [0, 1, 95, "high"])
+def test_a_level_is_between_zero_and_one(level):
+    with pytest.raises(InputError, match=r"level needs a number between 0 and 1, as 0.95; got"):
+        quick().interval(level)
+
+
+def test_a_parameter_has_its_unit_body_and_model_and_a_drive_is_not_negative():
+    estimate = quick()
+    friction, moment = estimate["Fc(bend)"], estimate["m3rx3"]
+    assert (friction.kind, friction.unit, friction.body) == ("drive", "N m", "bend")
+    assert (moment.kind, moment.unit, moment.body) == ("base", "kg m", "fore")
+    assert friction.model == pytest.approx(0.4) and moment.model == pytest.approx(1.5 * 0.15)
+    assert str(moment).startswith("m3rx3 = 0.22") and "kg m, 95 % interval" in str(moment)
+    assert replace(friction, value=0.01, std_setup=1.0).interval() == (0.0, pytest.approx(0.01 + 1.959964))
+    with pytest.raises(InputError, match=r"has no parameter 'm3rx4'; near that are .*m3rx3"):
+        estimate["m3rx4"]
+    with pytest.raises(InputError, match="has no parameter 3; near"):
+        estimate[3]
+
+
+def test_groups_hold_every_parameter_once():
+    estimate = quick()
+    groups = estimate.by_body
+    assert [each.name for group in groups.values() for each in group if each.kind == "base"] == list(estimate.names)
+    assert {"column", "upper", "fore", "turn", "lift", "bend"} == {*groups}
+    assert sum(map(len, groups.values())) == len(estimate.parameters)
+
+
+def test_units_are_those_of_the_quantity():
+    tree = quick().prepared.mechanism.tree
+    for name, unit in {
+        "m2": "kg",
+        "m12rx12": "kg m",
+        "Ixx1": "kg m²",
+        "Ia(turn)": "kg m²",
+        "K(lift)": "N m/rad",
+        "offset(Fz)": "N",
+        "offset(Mx)": "N m",
+        "offset(turn)": "N m",
+    }.items():
+        assert unit_of_coefficient(name, tree) == unit
+
+
+@pytest.mark.parametrize("estimate", [quick, jointly])
+def test_repr_is_short_and_print_has_everything(estimate):
+    estimate = estimate()
+    lines = repr(estimate).splitlines()
+    assert len(lines) <= SHORT and max(map(len, lines)) <= 100
+    assert "verdict" in repr(estimate) and "base parameters" in lines[0]
+    text = str(estimate)
+    assert text == estimate.summary()
+    for each in estimate.parameters:
+        assert re.search(rf"^{re.escape(each.name)} +{re.escape(each.body)} ", text, re.MULTILINE)
+    assert str(estimate.verdict()) in text
+    assert all(finding.text in text for finding in estimate.findings)
+    assert all(note in text for note in estimate.prepared.notes)
+
+
+def test_html_is_well_formed_and_escaped(tmp_path):
+    estimate = jointly()
+    tags = Tags()
+    tags.feed(estimate._repr_html_())
+    assert not tags.open
+    text = " ".join(tags.text)
+    assert all(name in text for name in estimate.names) and str(estimate.verdict()) in text
+    assert "Replay" not in text
+    html.PAGES[estimate] = tmp_path / 'a "page"' / "report.html"
+    try:
+        linked = estimate._repr_html_()
+    finally:
+        del html.PAGES[estimate]
+    assert "Replay and figures" in linked and "&quot;page&quot;" in linked
+    assert html.table(["<b>"], [["a & b"]]) == (
+        "<table><thead><tr><th>&lt;b&gt;</th></tr></thead><tbody><tr><td>a &amp; b</td></tr></tbody></table>"
+    )
+
+
+@pytest.mark.parametrize("name", ["plot", "plot_fit", "plot_spectra"])
+def test_plots_are_figures_of_the_estimate(name):
+    estimate = jointly()
+    figure = getattr(estimate, name)()
+    assert type(figure).__module__ == "matplotlib.figure"
+    if name == "plot":
+        (ax,) = figure.axes
+        assert [label.get_text() for label in ax.get_yticklabels()] == list(estimate.names)
+        return
+    assert {ax.get_ylabel().partition("\n")[0] for ax in figure.axes if ax.axison} == {*estimate.channels}
+    lines = figure.axes[0].lines
+    assert len(lines) == 2 and all(line.get_xdata().size > 10 for line in lines)
+    if name == "plot_fit":
+        np.testing.assert_allclose(lines[0].get_ydata(), estimate.held_out.samples.measured[:, 0])
+        np.testing.assert_allclose(lines[0].get_ydata() - lines[1].get_ydata(), estimate.held_out.residual[:, 0])
+
+
+@pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is an extra")
+def test_a_data_frame_has_every_parameter():
+    estimate = jointly()
+    frame = estimate.to_frame()
+    assert tuple(frame.index) == estimate.fit.names
+    base = frame[frame["kind"] == "base"]
+    np.testing.assert_array_equal(base["value"], estimate.psi)
+    np.testing.assert_array_equal(base["std_setup"], estimate.std_setup)
+    np.testing.assert_allclose(base[["lower", "upper"]], estimate.interval())
+    assert frame.loc["Fc(bend)", "unit"] == "N m" and frame.loc["Fc(bend)", "model"] == pytest.approx(0.4)
+
+
+def test_without_pandas_a_sentence_names_the_extra(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(InputError, match=r"A data frame needs pandas: pip install 'multicontact\[pandas\]'"):
+        quick().to_frame()
+
+
+def test_digits_follow_the_standard_deviation():
+    assert rounded(2.51934, 0.0312) == ("2.519", "0.031")
+    assert rounded(2.51934, 0.0996) == ("2.52", "0.10")
+    assert rounded(1234.5, 27.0) == ("1234", "27")
+    assert rounded(0.5, 0.0) == ("0.5", "0")
+    assert aligned(["a", "n"], [["x", "1.5"], ["yy", "22"]], [1]) == ["a     n", "x   1.5", "yy   22"]

@@ -1,0 +1,101 @@
+"""Estimates in files: exactly what was saved, without code, and one sentence for what cannot be read."""
+
+import json
+import pickle
+import zipfile
+
+import driven_arm
+import numpy as np
+import pytest
+from estimates import jointly, quick
+
+import ident
+from ident.errors import InputError
+from ident.files.objects import load_object, save_object
+
+
+@pytest.mark.parametrize("make", [quick, jointly])
+def test_an_estimate_read_back_answers_the_same(tmp_path, make):
+    estimate = make()
+    estimate.save(tmp_path / "arm.npz")
+    again = ident.Estimate.load(tmp_path / "arm.npz")
+    assert str(again) == str(estimate) and again.to_dict() == estimate.to_dict()
+    np.testing.assert_array_equal(again.psi, estimate.psi)
+    np.testing.assert_array_equal(again.covariance_setup, estimate.covariance_setup)
+    np.testing.assert_array_equal(again.consistent().phi, estimate.consistent().phi)
+    motion = estimate.held_out.samples.motion
+    np.testing.assert_array_equal(again.predict(motion), estimate.predict(motion))
+    assert again.compare(estimate).p_value == pytest.approx(1)
+    assert again.prepared.mechanism.source is None
+    assert again.drives_updated == estimate.drives_updated
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.npz"]
+
+
+def test_the_model_is_written_with_the_mechanism_of_its_file(tmp_path):
+    import sim
+
+    (tmp_path / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
+    quick().save(tmp_path / "arm.npz")
+    again = ident.Estimate.load(tmp_path / "arm.npz")
+    sim.write_model(tmp_path / "new.xml", sim.mechanism(tmp_path / "arm.xml"), again.consistent(), again.drives_updated)
+    np.testing.assert_allclose(sim.mechanism(tmp_path / "new.xml").known, again.consistent().phi, rtol=1e-9, atol=1e-12)
+
+
+def saved(tmp_path):
+    """Content of a saved estimate, and a function that writes it again."""
+    path = tmp_path / "arm.npz"
+    quick().save(path)
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+
+    def write(content):
+        np.savez(path, **(arrays | {"objects": np.array(json.dumps(content))}))
+        return path
+
+    return json.loads(str(arrays["objects"])), write
+
+
+def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
+    content, write = saved(tmp_path)
+    at = next(k for k, each in enumerate(content["objects"]) if each[0] == "data" and "Fit" in each[1])
+    name, own = content["objects"][at][1:]
+    for entry, message in (
+        (["data", name, {**own, "more": 0}], "Fit has other fields in this version"),
+        (["data", "os:system", own], "it holds 'os:system'"),
+        (["data", "ident.files.objects:json", own], "it holds 'ident.files.objects:json'"),
+        (["data", "ident.files.objects:_class", own], "it holds 'ident.files.objects:_class'"),
+        (["enum", "subprocess:Popen", "x"], "it holds 'subprocess:Popen'"),
+        (["tuple", [at]], "recursion"),
+        (["array", "none"], "none"),
+        (["thing", 1], ""),
+    ):
+        objects = list(content["objects"])
+        objects[at] = entry
+        with pytest.raises(InputError, match=rf"arm.npz is no saved estimate that this version can read \(.*{message}"):
+            ident.Estimate.load(write({**content, "objects": objects}))
+    with pytest.raises(InputError, match=r"arm.npz holds a saved payload; needed is a saved estimate"):
+        ident.Estimate.load(write({**content, "kind": "payload"}))
+
+
+def test_what_is_no_saved_estimate_is_one_sentence(tmp_path):
+    path = tmp_path / "arm.npz"
+    with pytest.raises(InputError, match=r"arm.npz cannot be read \(No such file"):
+        ident.Estimate.load(path)
+    path.write_bytes(pickle.dumps({}))
+    with pytest.raises(InputError, match=r"arm.npz is no saved estimate that this version can read"):
+        ident.Estimate.load(path)
+    driven_arm.log(6.0, 50.0).save(path)
+    with pytest.raises(InputError, match=r"arm.npz is no saved estimate that this version can read"):
+        ident.Estimate.load(path)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("objects.npy", bytes(10_000_000))
+    with pytest.raises(InputError, match="takes 10 MB in memory where at most 1 MB are expected"):
+        load_object(path, "estimate", limit=1_000_000)
+
+
+def test_what_occurs_twice_is_one_object_again(tmp_path):
+    x = np.arange(3.0)
+    save_object(tmp_path / "x.npz", "thing", {"a": x, "b": [x, (1, None, True)], 3: slice(1, None), "d": np.float64(2)})
+    again = load_object(tmp_path / "x.npz", "thing")
+    assert again["a"] is again["b"][0] and again["b"][1] == (1, None, True)
+    assert again[3] == slice(1, None) and again["d"] == 2.0 and type(again["d"]) is float
