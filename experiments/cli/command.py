@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command `multicontact`: `multicontact NAME` runs `python -m experiments.NAME`."""
+"""The command `multicontact`: `multicontact NAME` is `python -m experiments.NAME`."""
 
 import argparse
 import importlib.metadata

@@ -25,11 +25,14 @@ from experiments.reports.identify_figures import (
 from experiments.reports.identify_replay import channel_unit, replay
 from ident.estimate import Estimate
 from ident.geometry.inertia import PARAMETERS, with_bodies
+from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.servo import Servo
 from ident.recordings.several_files import name_of
 from ident.tolerances import DRIVE, DRIVE_UNITS
+from sim.models.mechanism import Origin
 from sim.models.model_update import write_model
+from sim.models.opensim.mechanism import OpenSimOrigin
 from sim.models.urdf import parsed
 
 OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim")
@@ -41,11 +44,11 @@ def parameters_table(result: Estimate) -> tabular.Table:
     base, fit = result.base, result.fit
     model = fit.equations.from_model.tolist()
     priors = [*model[: base.rank], *(x or None for x in model[base.rank :])]
-    priors += [None] * (len(result.names) - len(priors))
-    regroupings = [*base.expressions(digits=4), *[""] * (len(result.names) - base.rank)]
+    priors += [None] * (len(result.fit.names) - len(priors))
+    regroupings = [*base.expressions(digits=4), *[""] * (len(result.fit.names) - base.rank)]
     wider = np.sqrt(np.diag(result.covariance_setup))
     columns = {
-        "parameter": result.names,
+        "parameter": result.fit.names,
         "estimate": fit.values.tolist(),
         "std": fit.std.tolist(),
         "std_setup": wider.tolist(),
@@ -54,7 +57,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         "regrouping": regroupings,
     }
     if result.trajectory is not None and result.trajectory.known:
-        moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.names) - base.rank)]
+        moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.fit.names) - base.rank)]
         columns |= {"moved_from_model_std": moved}
     return tabular.Table(
         "Base parameters, SI units",
@@ -71,7 +74,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
 
 def _units(result: Estimate) -> tuple[str, ...]:
     """Units of all coefficients: base parameters, parameters of drives, offsets of channels."""
-    return tuple(coefficient_unit(result, name) for name in result.names)
+    return tuple(coefficient_unit(result, name) for name in result.fit.names)
 
 
 def coefficient_unit(result: Estimate, name: str) -> str:
@@ -187,7 +190,7 @@ def text(result: Estimate, following: Following | None = None) -> str:
 
 def document(
     result: Estimate,
-    model: Path,
+    model: Path | None,
     logs: Sequence[Path],
     provenance: dict[str, Any],
     layout: Layout = PAPER,
@@ -197,15 +200,16 @@ def document(
 
     Args:
         result: The identification.
-        model: The model file to update.
-        logs: The identified logs.
+        model: The model's file, None for one without.
+        logs: The identified logs, none for recordings without files.
         provenance: Provenance of the results.
         layout: Layout in print, whose parameters the figure shows if they exist.
         following: Errors of models that are simulated with the recorded commands, if there are any.
     """
-    updated = {"robot": "model.urdf", "OpenSimDocument": "model.osim"}.get(parsed(model).tag, "model.xml")
+    updated = updated_file(result.prepared.mechanism)
+    recordings = ", ".join(map(name_of, logs)) or f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
     made = Document(
-        f"{model.name}, identified from {', '.join(map(name_of, logs))}",
+        f"{model.name if model else 'A mechanism'}, identified from {recordings}",
         verdict=str(result.verdict()),
         findings=[(finding.text, finding.doubt) for finding in result.findings],
         lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
@@ -220,7 +224,7 @@ def document(
         figures=_figures(result, PAPER),
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
-        files={updated: partial(_write_updated, result)},
+        files={updated: partial(_write_updated, result)} if updated else {},
         screen=text(result, following),
     )
     chosen, _ = made.chosen(layout)
@@ -279,10 +283,23 @@ def _write_updated(result: Estimate, path: Path) -> None:
     write_model(path, result.prepared.mechanism, result.consistent(), result.drives_updated)
 
 
-def _left_out_of(updated: str, result: Estimate) -> list[str]:
+def updated_file(mechanism: Mechanism) -> str | None:
+    """Name of the file of a mechanism's updated model; None for a mechanism that came compiled or without a model."""
+    source = mechanism.source
+    if isinstance(source, OpenSimOrigin):
+        return "model.osim"
+    if not isinstance(source, Origin) or source.text is None:
+        return None
+    file = source.text if isinstance(source.text, str | Path) else None
+    return "model.urdf" if file and parsed(Path(file)).tag == "robot" else "model.xml"
+
+
+def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
     """Line on the fitted drives that the updated model's format cannot hold."""
-    kinds = {"model.urdf": ("rotor", "spring", "stribeck"), "model.osim": tuple(DRIVE)}.get(updated, ("stribeck",))
-    columns = tuple(f"{DRIVE[kind]}(" for kind in kinds)
+    kinds = {"model.urdf": ("rotor", "spring", "stribeck"), "model.osim": tuple(DRIVE)}.get(
+        updated or "", ("stribeck",)
+    )
+    columns = tuple(f"{DRIVE[kind]}(" for kind in kinds) if updated else ()
     names = [name for name in result.fit.equations.drives if name.startswith(columns)]
     return [f"{updated} cannot hold {', '.join(names)}."] if names else []
 

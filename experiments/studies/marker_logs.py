@@ -72,6 +72,6 @@ def _fitted(source: Path, file: Path, base: str | None, fix: Mapping[str, Sequen
     left_out = f" No marker of the model is called {', '.join(unmatched)}." if unmatched else ""
     return [
         f"Angles are fitted to {len(marked.labels)} markers of {file.name}, with noise of {1e3 * postures.sigma:.2g} "
-        f"mm in each coordinate; python -m experiments.angles says more of that.{left_out}",
+        f"mm in each coordinate; `multicontact angles` says more of that.{left_out}",
         *trial.notes,
     ]

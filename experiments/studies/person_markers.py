@@ -35,7 +35,7 @@ def from_markers(
     felt: Recording,
     base: str = "pelvis",
 ) -> Recording:
-    """Recording with angles and base pose fitted to noisy markers, as by `python -m experiments.angles`.
+    """Recording with angles and base pose fitted to noisy markers, as by `multicontact angles`.
 
     Skin moves over bone at random, correlated over about `LASTS`, and shifts as the joint turns, each marker in its
     own direction.

@@ -15,7 +15,7 @@ from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.wrench import GROUND, Sensor, sensors_of
 from ident.tolerances import HUGE
 
-SUGGESTION = " python -m experiments.columns MODEL LOG writes a mapping to correct."
+SUGGESTION = " `multicontact columns MODEL LOG` writes a mapping to correct."
 """Advice for logs whose columns cannot be assigned by name."""
 
 
