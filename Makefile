@@ -34,7 +34,8 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/trajectory/test_pieces.py::test_of_eight_recordings_the_intervals_cover_the_truth tests/studies/test_lifting.py
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/test_against_sysid.py \
-	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py \
+	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/docs/test_notebook.py \
+	tests/display/test_estimate.py tests/recordings/test_in_memory.py \
 	tests/studies/test_benchmark.py::test_peers_have_the_same_regressor \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
 	tests/files/test_markers.py tests/studies/test_identify_formats.py
@@ -77,7 +78,7 @@ $(INSTALLED)-docs: $(INSTALLED)
 	touch $@
 
 $(INSTALLED)-extras: $(INSTALLED)
-	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,docs]"
+	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,notebook,docs]"
 	$(PIP) --no-deps $(MODELS)
 	touch $@
 
