@@ -44,7 +44,7 @@ def test_markers_become_angles_beside_plates(folder):
         assert np.sqrt(np.mean((ready.recording.as_measured(f"{name}_position").values - q[:, k]) ** 2)) < 0.02
     notes = " ".join(ready.recording.notes)
     assert "Angles are fitted to 12 markers of walk.trc, with noise of 1 mm in each coordinate" in notes
-    assert "noise of 1 mm" in notes and "python -m experiments.angles" in notes
+    assert "noise of 1 mm" in notes and "`multicontact angles`" in notes
 
 
 def test_what_is_wrong_is_said_of_the_files_that_were_given(folder, tmp_path, capsys):
@@ -61,5 +61,5 @@ def test_what_is_wrong_is_said_of_the_files_that_were_given(folder, tmp_path, ca
 def test_a_log_of_markers_alone_mentions_angles(folder):
     arm = sim.mechanism(folder / "leg.osim")
     for log in (folder / "walk.trc", log_of(folder)):
-        with pytest.raises(LogError, match=r"become angles by python -m experiments\.angles MODEL walk\.trc\."):
+        with pytest.raises(LogError, match=r"become angles by `multicontact angles MODEL walk\.trc`\."):
             read_log(log, arm)
