@@ -14,10 +14,16 @@ from ident.setup import OWN
 from ident.tolerances import HOLDOUT
 
 if TYPE_CHECKING:
+    from experiments.document.document import Document
+    from experiments.document.writer import Output
+    from ident.estimate import Estimate
     from ident.estimation.preparation import Prepared
 
 PRIOR = {"auto": None, "on": True, "off": False, **dict.fromkeys(("winter", "deleva", "dumas"), True)}
 """True if the bodies of the model or of a table of people are a prior; None to decide by the motion."""
+
+FORMATS = ("pdf", "svg", "png")
+"""Formats of the figures."""
 
 PAYS = 30_000
 """Samples times joints above which several processes save more time than they take to start."""
@@ -26,6 +32,19 @@ PAYS = 30_000
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
     from experiments.document.writer import write
+    from experiments.reports import identify_report
+
+    folder = own_model.folder(args)
+    _, document, out = identified_from(args, folder)
+    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args))
+
+
+def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate", "Document", "Output"]:
+    """The estimate of the options' logs, its document, and where that belongs.
+
+    Raises:
+        InputError: Something is missing or does not fit; the message names it.
+    """
     from experiments.reports import identify_report
     from experiments.studies.following import following
     from experiments.studies.identification import prepare
@@ -37,7 +56,6 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(
             "Samples may be missing (--gaps) for the trajectory estimate only: a filter would invent them."
         )
-    folder = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"filters": args.estimator != "trajectory"}
     read |= {"drive": options.drives(args.drive), "leave_out": tuple(args.leave_out)}
@@ -48,9 +66,10 @@ def run(args: argparse.Namespace) -> None:
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
-    out, origin = print_options.output_of(args, folder, ("pdf", "svg", "png")), own_model.provenance(args, result.logs)
+    origin = own_model.provenance(args, result.logs)
+    out = print_options.output_of(args, folder, getattr(args, "formats", FORMATS))
     document = identify_report.document(result, args.model, args.logs, origin, out.layout, following(result))
-    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args))
+    return result, document, out
 
 
 @contextmanager
@@ -95,6 +114,15 @@ def parser() -> argparse.ArgumentParser:
         help=f"{options.LOGS}; several share their parameters",
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
+    add_options(out)
+    options.add_film(out)
+    otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
+    options.add_local_workers(out, default=None, otherwise=otherwise)
+    return out
+
+
+def add_options(out: argparse.ArgumentParser) -> None:
+    """Adds the options of an identification."""
     options.add_mechanism(out)
     options.add_fit(out, several=True)
     out.add_argument(
@@ -134,9 +162,6 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
-    options.add_film(out)
-    otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
-    options.add_local_workers(out, default=None, otherwise=otherwise)
     options.add_drive(out)
     out.add_argument(
         "--leave-out",
@@ -146,7 +171,6 @@ def parser() -> argparse.ArgumentParser:
         help="channels that are neither fitted nor judged: Fx to Mz of the total wrench, joints for their torques; as "
         "Fz Mx My, which a model that moves in a plane across z cannot explain",
     )
-    return out
 
 
 main = running.main(__name__, run, parser)

@@ -11,6 +11,7 @@ from importlib.util import find_spec
 import experiments.__main__
 from experiments import (
     angles,
+    batch,
     columns,
     compare,
     derive,
@@ -42,6 +43,7 @@ COMMANDS = {
     "angles": angles,
     "columns": columns,
     "identify": identify,
+    "batch": batch,
     "compare": compare,
     "payload": payload,
     "stream": stream,

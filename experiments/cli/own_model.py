@@ -15,19 +15,29 @@ if TYPE_CHECKING:
 
 def folder(args: argparse.Namespace) -> Path:
     """Folder of the results; a folder that holds an input is refused, so that no file of the user's is replaced."""
-    name = args.name or f"{args.model.stem}-{_files(args.logs[0])[0].stem}"
+    name = args.name or f"{args.model.stem}-{log_name(args.logs[0])}"
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
         raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
     out: Path = args.out / name
     for given in inputs(args):
         if given.resolve().parent == out.resolve():
             raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
+    check_different(args)
+    return out
+
+
+def log_name(log: Path) -> str:
+    """Name of a log, that of its first file."""
+    return _files(log)[0].stem
+
+
+def check_different(args: argparse.Namespace) -> None:
+    """Refuses a log that is given twice, or to be fitted and to judge by."""
     fitted, judges = ([_resolved(log) for log in several] for several in (args.logs, _judges(args)))
     if set(judges) & set(fitted):
         raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
     if len(set(fitted)) < len(fitted):
         raise InputError("A log can be fitted once only, but one of them is given twice.")
-    return out
 
 
 def inputs(args: argparse.Namespace) -> list[Path]:
@@ -67,27 +77,27 @@ def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[
     from experiments.document.provenance import provenance as origin
 
     fitted = [
-        _file_entry(path)
+        file_entry(path)
         | {"samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
         for path, (log, part) in zip(args.logs, logs, strict=True)
     ]
-    judges = [_file_entry(path) for path in _judges(args)]
-    files = {"model": _file_entry(args.model), "logs": fitted, "held_out": judges}
-    given = {key: _text(value) for key, value in vars(args).items() if key != "workers"}
-    return origin(given, files | ({"columns": _file_entry(args.columns)} if args.columns else {}))
+    judges = [file_entry(path) for path in _judges(args)]
+    files = {"model": file_entry(args.model), "logs": fitted, "held_out": judges}
+    given = {key: as_text(value) for key, value in vars(args).items() if key != "workers"}
+    return origin(given, files | ({"columns": file_entry(args.columns)} if args.columns else {}))
 
 
-def _file_entry(path: Path) -> dict[str, Any]:
+def file_entry(path: Path) -> dict[str, Any]:
     """Name and SHA-256 sum of a file, or of each file of a log in several files or of a bag's folder."""
     files = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else _files(path)
     sums = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]
     return {"files": sums} if path.is_dir() or len(sums) > 1 else sums[0]
 
 
-def _text(value: Any) -> Any:
+def as_text(value: Any) -> Any:
     """An option as JSON."""
     if isinstance(value, list):
-        return [_text(each) for each in value]
+        return [as_text(each) for each in value]
     return str(value) if isinstance(value, Path) else value
 
 

@@ -1,0 +1,116 @@
+"""Base parameters from many logs one by one: a folder for each, one table of all, and the failures by name."""
+
+import argparse
+import contextlib
+import io
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from experiments import identify
+from experiments.cli import options, own_model, print_options, running
+from ident.errors import InputError
+
+if TYPE_CHECKING:
+    from experiments.data.batch import Outcome
+
+PROGRESS = "batch_outcomes.npz"
+"""File with the outcomes so far, by which an interrupted run is resumed."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """Identifies every log, and writes and prints a table of all."""
+    from experiments.data.batch import Outcome
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import check_inputs, writable
+    from experiments.document.writer import write
+    from experiments.reports import batch_report
+    from experiments.runs.checkpoint import Checkpoint
+
+    tasks = tasks_of(args)
+    out = print_options.output_of(args)
+    check_inputs([out.folder / PROGRESS], own_model.inputs(args))
+    with writable(out.folder):
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args))
+        workers = options.workers_of(args)
+        outcomes = [Outcome(**each) for each in workers.collected(outcome_in_json, tasks, kept)]
+    origin = provenance({**kept.identity, **out.choices})
+    write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
+    if failed := [each for each in outcomes if each.error]:
+        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {', '.join(each.log for each in failed)}.")
+
+
+def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
+    """The options of each log's identification, which writes into a folder of its own.
+
+    Raises:
+        InputError: A log is given twice, or an input is in a folder of the results.
+    """
+    names = [own_model.log_name(log) for log in args.logs]
+    unique = [f"{name}_{k}" if names.count(name) > 1 else name for k, name in enumerate(names, start=1)]
+    tasks = [
+        argparse.Namespace(**{**vars(args), "logs": [log], "name": name, "workers": 1, "film": False})
+        for log, name in zip(args.logs, unique, strict=True)
+    ]
+    own_model.check_different(args)
+    for task in tasks:
+        own_model.folder(task)
+    return tasks
+
+
+def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
+    """Outcome of one log, whose results are written, as a batch of JSON texts."""
+    return [json.dumps(outcome_of(task).to_dict())]
+
+
+def outcome_of(task: argparse.Namespace) -> "Outcome":
+    """Outcome of one log, whose results are written; a failure is an outcome as well."""
+    from experiments.data.batch import Outcome
+    from experiments.document.writer import written
+    from experiments.reports import identify_report
+
+    begun, name = time.process_time(), str(task.logs[0])
+    try:
+        folder = own_model.folder(task)
+        with contextlib.redirect_stderr(io.StringIO()), print_options.style_of(task):
+            result, document, out = identify.identified_from(task, folder)
+            written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+    except (InputError, OSError, MemoryError) as error:
+        return Outcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
+    known = [each for each in result.parameters if each.kind != "offset"]
+    verdict = result.verdict()
+    return Outcome(
+        log=name,
+        folder=folder.name,
+        verdict=verdict.outcome.value,
+        doubts=list(verdict.doubts),
+        ratios=dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True)),
+        values={each.name: each.value for each in known},
+        std={each.name: each.std_setup for each in known},
+        units={each.name: each.unit for each in known},
+        seconds=time.process_time() - begun,
+    )
+
+
+def _identity(args: argparse.Namespace) -> dict[str, Any]:
+    """Options that all outcomes share, and the files' SHA-256 sums."""
+    left_out = ("out", "workers", "scheduler", "tls", "resume", "logs", "held_out", "model", "columns")
+    given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
+    files = [args.model, *([args.columns] if args.columns else []), *args.logs, *args.held_out]
+    return {"options": given, "files": [own_model.file_entry(file) for file in files if Path(file).exists()]}
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.print_parser("batch", __doc__)
+    out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
+    out.add_argument("logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; each by itself")
+    options.add_formats(out)
+    identify.add_options(out)
+    options.add_workers(out)
+    return out
+
+
+main = running.main(__name__, run, parser)

@@ -1,0 +1,113 @@
+"""Many logs, each identified by itself: one table, failures by name, and nothing done twice."""
+
+import json
+from pathlib import Path
+
+import driven_arm
+import numpy as np
+import pytest
+
+from experiments import batch, identify
+from experiments.data.batch import Outcome, spreads
+
+OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the arm's model, two logs, and a file that is none."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
+    for seed in range(2):
+        driven_arm.log(4.0, 50.0, seed=seed).save(tmp_path / f"run{seed}.csv")
+    (tmp_path / "bad.csv").write_text("time,q\n0,1\n", encoding="utf-8")
+    return tmp_path
+
+
+def logs():
+    return json.loads(Path("out/batch.json").read_text(encoding="utf-8"))["logs"]
+
+
+def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
+    assert batch.main(["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
+    shown = capsys.readouterr()
+    assert "3 logs: " in shown.out and "error: 1 of 3 logs failed: bad.csv." in shown.err
+    assert "bad.csv: a log needs at least" in shown.out.replace("\n", " ")
+    first, bad, second = logs()
+    assert bad["error"].startswith("bad.csv: a log needs at least 10 samples") and not bad["folder"]
+    assert (first["folder"], second["folder"]) == ("run0", "run1")
+    # The same as of the command for one log.
+    assert identify.main(["arm.xml", "run1.csv", "--out", "alone", "--name", "x", *OPTIONS[:-2]]) == 0
+    alone = json.loads((folder / "alone" / "x" / "estimate.json").read_text(encoding="utf-8"))
+    assert json.loads((folder / "out" / "run1" / "estimate.json").read_text(encoding="utf-8")) == alone
+    assert second["verdict"] in ("usable", "doubtful")
+    assert (folder / "out" / "run0" / "model.xml").exists() and (folder / "out" / "report.html").exists()
+    assert not list((folder / "out" / "run0").glob("*.pdf"))
+    table = (folder / "out" / "table_parameters.csv").read_text(encoding="utf-8")
+    assert "Fc(bend),2," in table
+
+
+def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatch):
+    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
+    done, one = [], batch.outcome_of
+
+    def interrupted(task):
+        if done:
+            raise KeyboardInterrupt
+        done.append(task.name)
+        return one(task)
+
+    class Here:
+        """Executor that works at once."""
+
+        def submit(self, function, *args):
+            from concurrent.futures import Future
+
+            future = Future()
+            future.set_result(function(*args))
+            return future
+
+    from contextlib import contextmanager
+
+    from experiments.runs.workers import WorkerPool, Workers
+
+    @contextmanager
+    def pool(self, tasks):
+        yield WorkerPool(Here(), 1, 1)
+
+    monkeypatch.setattr(Workers, "pool", pool)
+    monkeypatch.setattr(batch, "outcome_of", interrupted)
+    assert batch.main(command) == 130
+    assert "run again with --resume" in capsys.readouterr().err
+    again = []
+    monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
+    assert batch.main([*command, "--resume"]) == 0
+    assert done == ["run0"] and again == ["run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
+    assert batch.main([*command, "--resume", "--holdout", "0.3"]) == 2
+    assert "are of another run: options differ; leave out --resume" in capsys.readouterr().err
+    driven_arm.log(4.0, 50.0, seed=5).save(folder / "run1.csv")
+    assert batch.main([*command, "--resume"]) == 2
+    assert "are of another run: files differ" in capsys.readouterr().err
+
+
+def test_logs_of_one_name_have_folders_of_their_own_and_none_is_given_twice(folder, capsys):
+    (folder / "more").mkdir()
+    (folder / "more" / "run0.csv").write_bytes((folder / "run0.csv").read_bytes())
+    args = batch.parser().parse_args(["arm.xml", "run0.csv", "more/run0.csv", "run1.csv"])
+    assert [task.name for task in batch.tasks_of(args)] == ["run0_1", "run0_2", "run1"]
+    assert batch.main(["arm.xml", "run0.csv", "run0.csv", "--out", "out"]) == 2
+    assert "one of them is given twice" in capsys.readouterr().err and not (folder / "out").exists()
+
+
+def test_the_spread_over_logs_tells_if_their_deviations_are_right():
+    rng = np.random.default_rng(0)
+    outcomes = [
+        Outcome(f"{k}", "x", values={"m1": 2 + 0.1 * rng.normal()}, std={"m1": 0.1}, units={"m1": "kg"})
+        for k in range(400)
+    ]
+    (spread,) = spreads([*outcomes, Outcome("bad", error="No.")])
+    assert spread.logs == 400 and spread.unit == "kg" and abs(spread.mean - 2) < 3 * spread.std
+    assert spread.std == pytest.approx(0.1 / 20) and spread.between == pytest.approx(0.1, rel=0.1)
+    assert spread.rms_z == pytest.approx(1, rel=0.1)
+    (alone,) = spreads(outcomes[:1])
+    assert np.isnan(alone.between) and np.isnan(alone.rms_z) and alone.mean == outcomes[0].values["m1"]
