@@ -28,6 +28,7 @@ NEEDED = {
     "study": ["misaligned"],
     "in_vivo": ["--data", "absent"],
     "identify": ["absent.xml", "absent.csv"],
+    "batch": ["absent.xml", "absent.csv"],
     "stream": ["absent.xml", "absent.csv"],
     "compare": ["a", "b"],
     "angles": ["absent.xml", "absent.trc"],
