@@ -8,14 +8,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from experiments.document.kernels import advice, features, kernels
+
 
 def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Everything needed to repeat a study: options, scene, versions and commit."""
+    """Everything needed to repeat a study: options, scene, versions, kernels of linear algebra and commit."""
     packages = ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")
+    chosen = kernels()
+    remark = advice(chosen, features())
     return {
         "options": dict(options),
         "recording": dict(recording or {}),
         "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
+        "linear_algebra": {"openblas_kernels": chosen} | ({"remark": remark} if remark else {}),
         "git_commit": _git_commit(),
     }
 
