@@ -161,3 +161,63 @@ def _message(store, kind, content, i, stamp, one):
         return types[kind](header=header, wrench=types["geometry_msgs/msg/Wrench"](force=force, torque=torque))
     layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
     return types[kind](layout=layout, data=np.array(content[i], float))
+
+
+def write_lerobot(folder, episodes, version=3, names=None, fps=100, together=2):
+    """Writes a LeRobot dataset of `{number: {feature: (N,) or (N, d)}}`, of version 3 with so many episodes in a file.
+
+    `names` has the components' names of some features, else they have none.
+    """
+    import json
+
+    import pyarrow
+    import pyarrow.parquet
+
+    numbers = sorted(episodes)
+    files = (
+        [[k] for k in numbers]
+        if version == 2
+        else [numbers[i : i + together] for i in range(0, len(numbers), together)]
+    )
+    places, index = [], 0
+    features = {"observation.images.top": {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "c"]}}
+    for at, those in enumerate(files):
+        parts = []
+        for k in those:
+            features |= {name: _feature(x, (names or {}).get(name)) for name, x in episodes[k].items()}
+            columns, rows = {name: _cells(x) for name, x in episodes[k].items()}, len(next(iter(episodes[k].values())))
+            counts = {
+                "frame_index": np.arange(rows),
+                "episode_index": np.full(rows, k),
+                "task_index": np.zeros(rows, int),
+            }
+            times = {"timestamp": (np.arange(rows) / fps).astype(np.float32)}
+            parts.append(pyarrow.table({**columns, **times, **counts, "index": index + np.arange(rows)}))
+            places.append({"episode_index": k, "data/chunk_index": 0, "data/file_index": at, "length": rows})
+            index += rows
+        path = (
+            folder
+            / "data/chunk-000"
+            / (f"episode_{those[0]:06d}.parquet" if version == 2 else f"file-{at:03d}.parquet")
+        )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pyarrow.parquet.write_table(pyarrow.concat_tables(parts), path, row_group_size=64)
+    features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in counts}
+    features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
+    (folder / "meta").mkdir()
+    info = {"codebase_version": "v2.1" if version == 2 else "v3.0", "fps": fps, "features": features}
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    if version == 3:
+        (folder / "meta/episodes/chunk-000").mkdir(parents=True)
+        listed = pyarrow.Table.from_pylist(places)
+        pyarrow.parquet.write_table(listed, folder / "meta/episodes/chunk-000/file-000.parquet")
+
+
+def _feature(x, names):
+    return {"dtype": "float32", "shape": [1 if x.ndim == 1 else x.shape[1]], "names": names}
+
+
+def _cells(x):
+    import pyarrow
+
+    return pyarrow.array(x) if x.ndim == 1 else pyarrow.FixedSizeListArray.from_arrays(x.ravel(), x.shape[1])

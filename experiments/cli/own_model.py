@@ -27,8 +27,9 @@ def folder(args: argparse.Namespace) -> Path:
 
 
 def log_name(log: Path) -> str:
-    """Name of a log, that of its first file."""
-    return _files(log)[0].stem
+    """Name of a log in the names of folders, that of its first file."""
+    # In the address of a page, a name would end at the mark of a dataset's episode.
+    return _files(log)[0].stem.replace("#", "-")
 
 
 def check_different(args: argparse.Namespace) -> None:
@@ -88,8 +89,10 @@ def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[
 
 
 def file_entry(path: Path) -> dict[str, Any]:
-    """Name and SHA-256 sum of a file, or of each file of a log in several files or of a bag's folder."""
-    files = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else _files(path)
+    """Name and SHA-256 sum of a file, or of each file of a log in several files or in a folder."""
+    from ident.files.readers import files_in
+
+    files = [each for file in _files(path) for each in files_in(file)]
     sums = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]
     return {"files": sums} if path.is_dir() or len(sums) > 1 else sums[0]
 

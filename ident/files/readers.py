@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.atomic import replacing
 from ident.files.csv_file import Layout, csv_pieces, write_csv
-from ident.files.formats import bag, c3d, mat, opensim, parquet, trc
+from ident.files.formats import bag, c3d, lerobot, mat, opensim, parquet, trc
 from ident.files.npz import LIMIT
 from ident.files.npz_file import npz_pieces, write_npz
 from ident.files.table import Table, in_pieces
@@ -53,14 +53,25 @@ def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Map
 
 
 def is_log(path: Path) -> bool:
-    """True if a file can be read by its suffix, or is a bag's folder."""
+    """True if a file can be read by its suffix, or is a bag's folder or an episode of a dataset."""
     known = path.suffix.lower() in (".npz", *ONE_CLOCK, *SEVERAL_CLOCKS)
-    return known or path.name.lower().endswith(TEXT) or is_bag(path)
+    return known or path.name.lower().endswith(TEXT) or is_bag(path) or lerobot.is_dataset(path)
 
 
 def is_bag(path: Path) -> bool:
     """True if a file is a ROS bag, or the folder of one."""
     return SEVERAL_CLOCKS.get(path.suffix.lower()) is bag.tables or (path / BAG_FOLDER).is_file()
+
+
+def files_in(path: Path) -> tuple[Path, ...]:
+    """Files that a log consists of: itself, those of a bag's folder, or those of an episode of a dataset.
+
+    Raises:
+        LogError: A dataset is damaged.
+    """
+    if lerobot.is_dataset(path):
+        return lerobot.parts(path)
+    return tuple(sorted(each for each in path.iterdir() if each.is_file())) if path.is_dir() else (path,)
 
 
 def has_several_clocks(path: Path) -> bool:
@@ -96,7 +107,8 @@ def read_tables(
     """Reads a file that is one table piece by piece, so that text or an archive may be larger than memory.
 
     Args:
-        path: A text file or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet` or `.mat` file.
+        path: A text file or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet` or `.mat` file, or the folder of a LeRobot
+            dataset, `DATASET#3` for its episode 3.
         samples: Samples of each piece; the last one may have fewer.
         overlap: Samples that each piece repeats from the one before, in addition.
         truth: True to read an archive's true values as well.
@@ -108,21 +120,34 @@ def read_tables(
         LogError: The file is missing or malformed; an error in a later piece is raised when that piece is read.
         InputError: The library that reads it is not installed.
     """
-    name, suffix = path.name.lower(), path.suffix.lower()
-    if not (path.is_file() and (name.endswith((*TEXT, ".npz")) or suffix in ONE_CLOCK)):
-        raise LogError(_needed())
-    if name.endswith(TEXT):
+    kind = _kind(path)
+    if kind in TEXT:
         return csv_pieces(path, samples, overlap=overlap, layout=layout, limit=limit)
     if layout not in (None, Layout()):
         raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
-    if suffix == ".npz":
+    if kind == ".npz":
         return npz_pieces(path, samples, overlap=overlap, truth=truth, limit=limit)
-    (table,) = ONE_CLOCK[suffix](path, limit)
+    (table,) = (lerobot.tables if kind == lerobot.INFO else ONE_CLOCK[kind])(path, limit)
     return in_pieces(table, samples, overlap)
+
+
+def _kind(path: Path) -> str:
+    """Suffix of a file that is one table, or `lerobot.INFO` for an episode of a dataset.
+
+    Raises:
+        LogError: It is none of them.
+    """
+    if lerobot.is_dataset(path):
+        return lerobot.INFO
+    suffixes = (suffix for suffix in (*TEXT, ".npz", *ONE_CLOCK) if path.name.lower().endswith(suffix))
+    if path.is_file() and (suffix := next(suffixes, "")):
+        return suffix
+    raise LogError(_needed())
 
 
 def _needed() -> str:
     return (
         "a log is a .csv, .tsv, .txt or .npz file that exists, text perhaps packed as .gz, or one that ends in "
-        f"{', '.join((*ONE_CLOCK, *SEVERAL_CLOCKS))}, or the folder of a ROS 2 bag."
+        f"{', '.join((*ONE_CLOCK, *SEVERAL_CLOCKS))}, or the folder of a ROS 2 bag or of a LeRobot dataset, which has "
+        f"{lerobot.INFO}."
     )

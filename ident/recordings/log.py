@@ -47,9 +47,10 @@ def read_log(
     Args:
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
             OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
-            folder), or what `Recording.save` wrote. `FILE+FILE` is one log in several files, each with times of its own
-            on one clock, as angles in one and forces in another. Or columns in memory: a mapping of arrays (N,) or
-            (N, d), a pandas data frame, or an xarray dataset.
+            folder), a LeRobot dataset's folder, with its episode if there are several, `DATASET#3`, or what
+            `Recording.save` wrote. `FILE+FILE` is one log in several files, each with times of its own on one clock, as
+            angles in one and forces in another. Or columns in memory: a mapping of arrays (N,) or (N, d), a pandas data
+            frame, or an xarray dataset.
         mechanism: The mechanism that was recorded. Its weight, if it has a prior, shows if a force is in kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ, or its
             content as a mapping. Columns that it does not mention are found by name.

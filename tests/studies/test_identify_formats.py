@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from commands import refusal
 from fuzz.undrawn import leave_undrawn
-from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet
+from written_formats import DEG, write_bag, write_c3d, write_csv, write_lerobot, write_mat, write_mot, write_parquet
 
 import ident
 import scenes
@@ -122,6 +122,28 @@ def test_a_damaged_log_ends_the_command_with_one_sentence(tmp_path, capsys, reco
         error = refusal(identify.main, [*arguments(path), "--out", str(tmp_path / "out")], capsys)
         assert error.startswith(f"python -m experiments.identify: error: {path}: ") and error.count("\n") == 1
         assert path.read_bytes() == damaged and not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_episode_of_a_dataset_gives_the_same_estimate(tmp_path, capsys, recording, from_csv):
+    pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
+    q = DEG * recording.of_joints(JOINTS, "position")
+    features = {"observation.state": q, "action": q + 0.1}
+    features |= {f"observation.ground_{kind}": recording[f"ground_{kind}"] for kind in ("force", "torque")}
+    names = {key: {"motors": [f"{joint}.pos" for joint in JOINTS]} for key in ("observation.state", "action")}
+    names |= {f"observation.ground_{kind}": list("xyz") for kind in ("force", "torque")}
+    write_lerobot(tmp_path / "dataset", {0: {name: x[:100] for name, x in features.items()}, 1: features}, 3, names)
+    error = refusal(identify.main, [str(MODEL), str(tmp_path / "dataset"), "--out", str(tmp_path)], capsys)
+    assert "an episode of the dataset is chosen as dataset#0; the dataset has episodes 0 to 1." in error
+    model, path, mapping = str(MODEL), str(tmp_path / "dataset#1"), str(tmp_path / "c.toml")
+    assert columns_command.main([model, path, "--base", "base", "--out", mapping]) == 0
+    assert f"{model} '{path}' --columns {mapping} --base base" in capsys.readouterr().out
+    assert identify.main([model, path, "--base", "base", "--columns", mapping, "--out", str(tmp_path)]) == 0
+    folder = tmp_path / "double_pendulum-dataset-1"
+    result = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
+    assert np.abs((np.array(result["values"]) - from_csv["values"]) / from_csv["std"]).max() < 0.02
+    (log,) = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
+    assert [each["file"] for each in log["files"]] == ["info.json", "file-000.parquet"]
 
 
 @pytest.mark.usefixtures("undrawn")

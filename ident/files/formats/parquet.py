@@ -23,17 +23,17 @@ def tables(path: Path, limit: int) -> list[Table]:
     with undamaged("a parquet file"), path.open("rb") as stream:
         file = pyarrow.parquet.ParquetFile(stream)
         columns = file.schema_arrow
-        numbers = [field for field in columns if _width(field.type)]
-        check_size(path, NUMBER * file.metadata.num_rows * sum(_width(field.type) for field in numbers), limit)
+        numeric = [field for field in columns if _width(field.type)]
+        check_size(path, NUMBER * file.metadata.num_rows * sum(_width(field.type) for field in numeric), limit)
         twice = [name for name in columns.names if columns.names.count(name) > 1]
         if twice:
             raise LogError(f"columns of a log need different names, '{twice[0]}' is more than one.")
-        content = file.read([field.name for field in numbers])
+        content = file.read([field.name for field in numeric])
         cells: dict[str, np.ndarray] = {}
         units: dict[str, str] = {}
-        for field in numbers:
+        for field in numeric:
             column = content.column(field.name)
-            cells |= vector_columns(field.name, _numbers(column.combine_chunks(), field.type))
+            cells |= vector_columns(field.name, numbers(column))
             if _is_time(field.type):
                 units[field.name] = "SI"
     return [Table(cells, range(content.num_rows), "row", units=units)]
@@ -55,8 +55,13 @@ def _is_time(kind: Any) -> bool:
     return bool(types.is_timestamp(kind) or types.is_duration(kind))
 
 
+def numbers(column: Any) -> np.ndarray:
+    """Numbers of a column of any numeric type, NaN for its nulls (N,) or (N, d)."""
+    return _numbers(column.combine_chunks(), column.type)
+
+
 def _numbers(column: Any, kind: Any) -> np.ndarray:
-    """Numbers of a column, NaN for its nulls (N,) or (N, d)."""
+    """Numbers of an array, as `numbers`."""
     import pyarrow
 
     if _width(kind) > 1:

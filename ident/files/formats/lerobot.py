@@ -1,0 +1,239 @@
+"""LeRobot's datasets, of versions 2 and 3: one episode of a folder of parquet files, vectors by components' names.
+
+Version 2 has a file for each episode, `data/chunk-000/episode_000003.parquet`. Version 3 has several in a file,
+`data/chunk-000/file-000.parquet`, and lists in `meta/episodes` which is where. `meta/info.json` describes the columns.
+"""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.files.formats.parquet import numbers
+from ident.files.formats.reading import library, undamaged
+from ident.files.npz import NUMBER, check_size
+from ident.files.table import Table
+
+INFO = "meta/info.json"
+"""File that marks a folder as a dataset, and describes its columns."""
+
+EPISODE, TIME = "episode_index", "timestamp"
+"""Columns of an episode's number, and of times in s from its beginning."""
+
+NO_VALUES = (TIME, EPISODE, "frame_index", "index", "task_index")
+"""Columns that measure nothing."""
+
+NUMERIC = ("bool", "float", "int", "uint")
+"""Beginnings of the names of numeric types; others are videos, images and texts."""
+
+LONGEST = 10_000
+"""Largest number of components of a vector; longer ones are pictures or what networks made of them."""
+
+
+def is_dataset(path: Path) -> bool:
+    """True if a path is the folder of a dataset, or one with an episode, `DATASET#3`."""
+    return (folder_and_episode(path)[0] / INFO).is_file()
+
+
+def folder_and_episode(path: Path) -> tuple[Path, str]:
+    """Folder of a dataset, and its episode as it is given after `#`; an empty text if none is."""
+    folder, mark, episode = str(path).rpartition("#")
+    return (Path(folder), episode) if mark and not path.exists() else (path, "")
+
+
+def parts(path: Path) -> tuple[Path, ...]:
+    """Files that are read of a dataset: its description, and the data of the episode; raises as `tables`."""
+    folder, _ = folder_and_episode(path)
+    version, _ = _description(folder)
+    episodes = _episodes(folder, version)
+    return folder / INFO, episodes[_chosen(path, episodes)]
+
+
+def tables(path: Path, limit: int) -> list[Table]:
+    """The table of one episode.
+
+    Vectors are split into components by the names in `meta/info.json`, `observation.state.shoulder`, or by their
+    numbers, `observation.state.0`, if they have none; components of one name get their numbers as well. Times are the
+    column `time`, in s.
+
+    Args:
+        path: The folder of a dataset with one episode, or `DATASET#3` for episode 3.
+        limit: Bytes that the episode may take in memory.
+
+    Raises:
+        LogError: The dataset is damaged, of another version, or has not the episode.
+        InputError: The library is not installed.
+    """
+    folder, _ = folder_and_episode(path)
+    check_size(folder / INFO, (folder / INFO).stat().st_size, limit)
+    version, features = _description(folder)
+    with library("parquet"):
+        import pyarrow.parquet  # noqa: F401
+    episodes = _episodes(folder, version)
+    episode = _chosen(path, episodes)
+    file = episodes[episode]
+    name = file.relative_to(folder).as_posix()
+    if not file.is_file():
+        raise LogError(f"episode {episode} is in {name}, which does not exist.")
+    with undamaged(f"a LeRobot dataset, and {name} a parquet file of its columns"):
+        cells = _cells(file, name, episode, features, limit)
+    return [Table(cells, range(len(cells["time"])), "frame", units={"time": "SI"})]
+
+
+def _description(folder: Path) -> tuple[int, Mapping[str, Any]]:
+    """Main version of a dataset, and its features by name."""
+    with undamaged(f"a LeRobot dataset, whose {INFO} describes it in JSON"):
+        info = json.loads((folder / INFO).read_text(encoding="utf-8"))
+        version, features = info.get("codebase_version"), info.get("features")
+    if not (match := re.fullmatch(r"v?([23])\.\d+", str(version))):
+        raise LogError(
+            f"LeRobot's datasets of versions 2 and 3 are read; {INFO} says codebase_version {version!r:.40}."
+        )
+    if not (isinstance(features, dict) and all(isinstance(each, dict) for each in features.values())):
+        raise LogError(f"{INFO} of a LeRobot dataset needs 'features', which describe its columns; it has none.")
+    return int(match[1]), features
+
+
+def _episodes(folder: Path, version: int) -> dict[int, Path]:
+    """File of each episode, by number.
+
+    Raises:
+        LogError: There is none.
+    """
+    with undamaged("a LeRobot dataset that lists its episodes"):
+        episodes = dict(sorted(_listed(folder) if version == 3 else _single(folder)))
+    if not episodes:
+        needed = "meta/episodes/chunk-000/file-000.parquet" if version == 3 else "data/chunk-000/episode_000000.parquet"
+        raise LogError(f"a LeRobot dataset of version {version} has its first episode in {needed}; here is none.")
+    return episodes
+
+
+def _single(folder: Path) -> Iterator[tuple[int, Path]]:
+    """Yields number and file of each episode of version 2."""
+    for file in folder.glob("data/chunk-*/episode_*.parquet"):
+        if (number := file.stem.removeprefix("episode_")).isdecimal():
+            yield int(number), file
+
+
+def _listed(folder: Path) -> Iterator[tuple[int, Path]]:
+    """Yields number and file of each episode of version 3."""
+    from pyarrow import parquet
+
+    names = [EPISODE, "data/chunk_index", "data/file_index"]
+    for file in folder.glob("meta/episodes/chunk-*/*.parquet"):
+        with file.open("rb") as stream:
+            listed = parquet.ParquetFile(stream).read(names)
+        for episode, chunk, k in zip(*(listed.column(name).to_pylist() for name in names), strict=True):
+            yield int(episode), folder / f"data/chunk-{int(chunk):03d}/file-{int(k):03d}.parquet"
+
+
+def _chosen(path: Path, episodes: Mapping[int, Path]) -> int:
+    """Number of the episode that a path names, or of the only one."""
+    folder, asked = folder_and_episode(path)
+    if asked.isdecimal() and int(asked) in episodes:
+        return int(asked)
+    if not asked and len(episodes) == 1:
+        return next(iter(episodes))
+    there = f"the dataset has {_spans([*episodes])}"
+    if not asked:
+        raise LogError(f"an episode of the dataset is chosen as {folder.name}#{next(iter(episodes))}; {there}.")
+    raise LogError(f"an episode is chosen by its number, got '{asked:.40}'; {there}.")
+
+
+def _spans(numbers: Sequence[int]) -> str:
+    """Sorted numbers in words, `episodes 0 to 4, 7`."""
+    runs = [[k for _, k in run] for _, run in groupby(enumerate(numbers), lambda each: each[1] - each[0])]
+    shown = [f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs]
+    return f"episode{'s' * (len(numbers) > 1)} {', '.join(shown[:20])}{', ...' * (len(shown) > 20)}"
+
+
+def _cells(file: Path, name: str, episode: int, features: Mapping[str, Any], limit: int) -> dict[str, np.ndarray]:
+    """Columns of an episode by name (N,)."""
+    measured = {feature: each for feature, each in features.items() if _is_numeric(each) and feature not in NO_VALUES}
+    components = {feature: _components(feature, each) for feature, each in measured.items()}
+    table = _rows(file, name, episode, components, limit)
+    cells = {"time": numbers(table.column(TIME))}
+    for feature, names in components.items():
+        vectors = _vectors(table.column(feature), feature, len(names))
+        cells |= dict(zip(names, vectors.T, strict=True))
+    return cells
+
+
+def _rows(file: Path, name: str, episode: int, components: Mapping[str, Sequence[str]], limit: int) -> Any:
+    """Times and features of an episode, as a table of the library."""
+    from pyarrow import parquet
+
+    with file.open("rb") as stream:
+        content = parquet.ParquetFile(stream)
+        there = content.schema_arrow.names
+        if missing := [column for column in (EPISODE, TIME, *components) if column not in there]:
+            raise LogError(f"{name} needs a column '{missing[0]}', as of a LeRobot dataset; it has {', '.join(there)}.")
+        check_size(file, NUMBER * content.metadata.num_rows, limit)
+        own = np.flatnonzero(numbers(content.read([EPISODE]).column(0)) == episode)
+        if not len(own):
+            raise LogError(f"{name} has no rows of episode {episode}.")
+        groups, first = _groups(content, own)
+        rows = sum(content.metadata.row_group(k).num_rows for k in groups)
+        check_size(file, NUMBER * rows * (1 + sum(map(len, components.values()))), limit)
+        return content.read_row_groups(groups, [TIME, *components]).take(own - first)
+
+
+def _groups(content: Any, rows: np.ndarray) -> tuple[list[int], int]:
+    """Row groups of a file that hold the sorted rows, and the first row of these groups."""
+    sizes = [content.metadata.row_group(k).num_rows for k in range(content.num_row_groups)]
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    first, last = np.searchsorted(starts, [rows[0], rows[-1]], side="right") - 1
+    return list(range(first, last + 1)), int(starts[first])
+
+
+def _is_numeric(feature: Mapping[str, Any]) -> bool:
+    """True if a feature is a number or a vector of numbers, and no longer than any robot's."""
+    shape = feature.get("shape")
+    vector = isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and 0 < shape[0] <= LONGEST
+    return vector and str(feature.get("dtype")).startswith(NUMERIC)
+
+
+def _components(name: str, feature: Mapping[str, Any]) -> list[str]:
+    """Names of the columns of a feature."""
+    (size,) = feature["shape"]
+    names = _flat(feature.get("names"))
+    if names is None:
+        return [name] if size == 1 else [f"{name}.{k}" for k in range(size)]
+    if not isinstance(names, list) or len(names) != size:
+        got = f"{len(names)}" if isinstance(names, list) else "no list"
+        raise LogError(f"{INFO} needs a name for each of the {size} components of '{name}', or null; it has {got}.")
+    count = Counter(map(str, names))
+    return [f"{name}.{one}.{k}" if count[str(one)] > 1 else f"{name}.{one}" for k, one in enumerate(names)]
+
+
+def _flat(names: Any) -> Any:
+    """Names of components as one list, where they are lists under headings, {"motors": [...]}, or have places."""
+    if not isinstance(names, dict):
+        return names
+    lists = [each for each in names.values() if isinstance(each, list)]
+    return [one for each in lists for one in each] if lists else sorted(names, key=names.__getitem__)
+
+
+def _vectors(column: Any, name: str, size: int) -> np.ndarray:
+    """Vectors of a column of lists, or its numbers (N, size)."""
+    from pyarrow import compute, types
+
+    if not (types.is_list(column.type) or types.is_large_list(column.type) or types.is_fixed_size_list(column.type)):
+        if size > 1:
+            raise LogError(
+                f"column '{name}' needs vectors of {size} numbers, as {INFO} has them; it has {column.type}."
+            )
+        return numbers(column)[:, None]
+    lengths = numbers(compute.list_value_length(column))
+    if (wrong := lengths != size).any():
+        frame = int(wrong.argmax())
+        raise LogError(
+            f"frame {frame} needs {size} numbers in '{name}', as {INFO} has them; it has {lengths[frame]:g}."
+        )
+    return numbers(compute.list_flatten(column)).reshape(-1, size)
