@@ -31,11 +31,14 @@ PAYS = 30_000
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
+    from experiments.document import rerun_file
     from experiments.document.writer import write
     from experiments.reports import identify_report
 
-    folder = own_model.folder(args)
-    _, document, out = identified_from(args, folder)
+    if args.rerun:
+        rerun_file.check_installed()
+    _, document, out = identified_from(args, own_model.folder(args))
+    document = rerun_file.with_rerun(document) if args.rerun else document
     write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args))
 
 
@@ -116,6 +119,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     add_options(out)
     options.add_film(out)
+    options.add_rerun(out)
     otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
     return out

@@ -54,7 +54,7 @@ EXTRAS = {
     "symbols": {"sympy"},
     "runs": {"distributed"},
     "benchmark": {"pinocchio"},
-    "document": {"PIL"},
+    "document": {"PIL", "rerun"},
     "files": {"ezc3d", "rosbags", "pyarrow"},
     "display": {"matplotlib", "pandas"},
     "estimate.py": {"matplotlib", "pandas"},

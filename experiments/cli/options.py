@@ -156,6 +156,13 @@ def add_film(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
 
 
+def add_rerun(parser: argparse.ArgumentParser) -> None:
+    """Adds the choice of a file of the page's replay for Rerun's viewer."""
+    parser.add_argument(
+        "--rerun", action="store_true", help="write the replay for Rerun's viewer too, replay.rrd (extra 'rerun')"
+    )
+
+
 def add_mechanism(parser: argparse._ActionsContainer) -> None:
     """Adds the options of a user's model."""
     parser.add_argument("--base", help="body whose frame is {0}, by default the world")

@@ -70,7 +70,7 @@ class Replay:
     def to_page(self) -> dict[str, Any]:
         """The replay in JSON types."""
         shown = evenly(len(self.recording.time), min(FRAMES, POSE_NUMBERS // (7 * len(self.mechanism.tree.bodies))))
-        poses, solids = self._poses(shown), shapes(self.mechanism)
+        poses, solids = self.poses(shown), shapes(self.mechanism)
         bodies, arrows = self._bodies(), list(self._arrows(shown, poses))
         center, radius = _extent(poses, solids, [each.get("estimate") for each in bodies])
         gravity = self.mechanism.gravity
@@ -103,8 +103,12 @@ class Replay:
             "findings": [_readable(each) for each in self.findings],
         }
 
-    def _poses(self, shown: np.ndarray) -> np.ndarray:
-        """Poses of the tree's bodies in the base frame, or in the inertial frame of a moving base (F, b, 4, 4)."""
+    def poses(self, shown: np.ndarray) -> np.ndarray:
+        """Poses of the bodies at some samples, in the base frame or a moving base's inertial frame (F, b, 4, 4).
+
+        Args:
+            shown: Indices of the samples (F,).
+        """
         poses = self.mechanism.tree.poses(self.motion.q[shown])
         base = self.motion.base_poses
         return poses if base is None else base[shown][:, None] @ poses
@@ -132,7 +136,17 @@ class Replay:
                 yield {"body": i, "point": _short(point), "direction": _short(direction), "slides": not body.turns}
 
     def _arrows(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[dict[str, Any]]:
-        """Measured forces on the mechanism, with their points of application."""
+        """The forces in JSON types."""
+        for name, points, forces in self.forces(shown, poses):
+            yield {"name": visible(name), "points": _short(points.ravel()), "forces": _short(forces.ravel())}
+
+    def forces(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Yields the measured forces on the mechanism: name, points of application in m and forces in N (F, 3).
+
+        Args:
+            shown: Indices of the samples (F,).
+            poses: Poses of the bodies at them, of `poses`, whose axes the forces are in.
+        """
         base = self.motion.base_poses
         T_base = np.eye(4) if base is None else base[shown]
         for name in self.recording.wrenches:
@@ -147,7 +161,7 @@ class Replay:
                 pose = carrier @ own
             pose = np.broadcast_to(pose, (len(shown), 4, 4))
             force = (pose[:, :3, :3] @ np.nan_to_num(wrench.on_mechanism[shown, :3, None]))[..., 0]
-            yield {"name": visible(name), "points": _short(pose[:, :3, 3].ravel()), "forces": _short(force.ravel())}
+            yield name, pose[:, :3, 3], force
 
 
 def every_nth(N: int, numbers: int) -> np.ndarray:

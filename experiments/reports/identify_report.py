@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data.following import Following
-from experiments.document import tabular
+from experiments.document import rerun_file, tabular
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout, unit_of
 from experiments.document.result_folder import OUTPUTS as RESULTS
@@ -35,7 +35,7 @@ from sim.models.model_update import write_model
 from sim.models.opensim.mechanism import OpenSimOrigin
 from sim.models.urdf import parsed
 
-OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim")
+OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
 """Patterns of the files that it writes."""
 
 
