@@ -38,7 +38,7 @@ OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_
 	tests/display/test_estimate.py tests/recordings/test_in_memory.py \
 	tests/studies/test_benchmark.py::test_peers_have_the_same_regressor \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
-	tests/files/test_markers.py tests/studies/test_identify_formats.py tests/document/test_rerun_file.py
+	tests/files/test_markers.py tests/studies/test_identify_formats.py tests/document/test_rerun_file.py tests/test_repository.py
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
 .PHONY: paper test test-extras check docs readme install extras clean

@@ -1,0 +1,113 @@
+"""The files around the code: workflows, hooks, forms and the recipe parse, and agree with the packages."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import ident
+
+ROOT = Path(ident.__file__).parents[1]
+pytestmark = pytest.mark.skipif(not (ROOT / ".github").exists(), reason="only a checkout has workflows")
+FORMS = [ROOT / ".github/ISSUE_TEMPLATE" / f"{name}.yml" for name in ("bug", "estimate", "feature")]
+FILES = [*sorted((ROOT / ".github").rglob("*.yml")), ROOT / ".pre-commit-config.yaml", ROOT / ".conda/recipe.yaml"]
+TEXTS = [*FILES, *(ROOT / ".github").rglob("*.md"), ROOT / ".conda/README.md", ROOT / "SECURITY.md"]
+KINDS = {"textarea", "input", "dropdown", "checkboxes", "markdown"}
+"""Kinds of fields that forms may have."""
+
+
+def parsed(path):
+    yaml = pytest.importorskip("yaml", reason="PyYAML comes with the extra 'docs'")
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def project():
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        return tomllib.load(file)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_yaml_parses(path):
+    assert isinstance(parsed(path), dict)
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_named_paths_exist(path):
+    text = path.read_text(encoding="utf-8")
+    named = re.findall(r"(?<![\w/.])(?:\.ci|\.conda|docs|tests|ident|experiments)/[\w./]+\w", text)
+    named += re.findall(r"`([A-Z]+\.md|pyproject\.toml|recipe\.yaml)`", text)
+    folders = (ROOT, path.parent)
+    assert [name for name in named if not any((folder / name).exists() for folder in folders)] == []
+
+
+def test_no_registry_is_named():
+    assert [
+        path.name for path in TEXTS if re.search(r"https?://|pypi|anaconda", path.read_text(encoding="utf-8"))
+    ] == []
+
+
+def test_workflow_runs_everything_and_builds_wheels_on_three_systems():
+    jobs = parsed(ROOT / ".github/workflows/ci.yml")["jobs"]
+    steps = [step for job in jobs.values() for step in job["steps"]]
+    assert {"run": ".ci/run"} in jobs["everything"]["steps"] and jobs["everything"]["runs-on"].startswith("ubuntu")
+    systems = {name.split("-")[0] for name in jobs["wheels"]["strategy"]["matrix"]["os"]}
+    assert systems == {"ubuntu", "macos", "windows"}
+    assert any("python -m cibuildwheel" in step.get("run", "") for step in jobs["wheels"]["steps"])
+    used = [step["uses"] for step in steps if "uses" in step]
+    assert len(used) >= 5 and [name for name in used if not re.fullmatch(r"actions/[\w-]+@v\d+", name)] == []
+
+
+def test_wheels_are_tried_for_every_python_that_is_admitted():
+    options = project()["tool"]["cibuildwheel"]
+    oldest = int(re.fullmatch(r">=3\.(\d+)", project()["project"]["requires-python"])[1])
+    versions = [int(re.fullmatch(r"cp3(\d+)-\*", name)[1]) for name in options["build"]]
+    assert versions == list(range(oldest, oldest + len(versions)))
+    command, script = options["test-command"].split()
+    assert command == "python" and Path(script.replace("{project}", str(ROOT))).is_file()
+
+
+def test_the_script_that_tries_a_wheel_refuses_the_checkout(tmp_path):
+    run = [sys.executable, str(ROOT / ".ci/try_wheel.py")]
+    done = subprocess.run(run, capture_output=True, text=True, check=False, env={"PYTHONPATH": str(ROOT)}, cwd=tmp_path)
+    assert done.returncode == 1 and "is the checkout's, not the wheel's" in done.stderr
+
+
+def test_hooks_are_those_of_make_check():
+    hooks = {hook["id"]: hook for repo in parsed(ROOT / ".pre-commit-config.yaml")["repos"] for hook in repo["hooks"]}
+    own = {name: hook["entry"] for name, hook in hooks.items() if hook["language"] == "system"}
+    make = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for entry in own.values():
+        assert f"$(BIN)/{entry.replace(' --force-exclude', '')}" in make
+    assert own.keys() == {"ruff-check", "ruff-format", "mypy"}
+    extra = project()["project"]["optional-dependencies"]["dev"]
+    assert {re.match(r"[\w-]+", name)[0] for name in extra} >= {"ruff", "mypy", "pre-commit"}
+
+
+def test_recipe_agrees_with_the_package():
+    recipe, own = parsed(ROOT / ".conda/recipe.yaml"), project()
+    other = {"mujoco-python": "mujoco", "matplotlib-base": "matplotlib"}
+    stated = [line.split(" ") for line in recipe["requirements"]["run"] if line != "python"]
+    assert [other.get(name, name) + versions for name, versions in stated] == own["project"]["dependencies"]
+    assert recipe["context"]["version"] == own["project"]["version"]
+    assert [f"setuptools {own['build-system']['requires'][0].removeprefix('setuptools')}"] == [
+        name for name in recipe["requirements"]["host"] if name.startswith("setuptools")
+    ]
+    commands = [f"{name} = {target}" for name, target in own["project"]["scripts"].items()]
+    assert recipe["build"]["python"]["entry_points"] == commands
+    script = [name for test in recipe["tests"] if "files" in test for name in test["files"]["source"]]
+    assert script == [".ci/try_wheel.py"]
+
+
+@pytest.mark.parametrize("path", FORMS, ids=lambda path: path.name)
+def test_forms_ask_by_fields_that_have_labels(path):
+    form = parsed(path)
+    assert {"name", "description", "body"} <= form.keys()
+    ids = [field["id"] for field in form["body"]]
+    assert len(set(ids)) == len(ids) and {field["type"] for field in form["body"]} <= KINDS
+    assert all(field["attributes"]["label"] for field in form["body"])
+    required = {field["id"] for field in form["body"] if field.get("validations", {}).get("required")}
+    needed = {"bug": {"command", "provenance"}, "estimate": {"verdict", "provenance"}, "feature": {"aim"}}
+    assert needed[path.stem] <= required
