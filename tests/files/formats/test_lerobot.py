@@ -22,7 +22,9 @@ parquet = pytest.importorskip("pyarrow.parquet")
 
 NAMES = {"observation.state": ["ankle.pos", "hip.pos"], "action": {"motors": ["ankle.pos", "hip.pos"]}}
 COLUMNS = "".join(
-    f'[joints.{joint}]\nposition = {{ column = "observation.state.{joint}.pos", unit = "deg" }}\n' for joint in JOINTS
+    f'[joints.{joint}]\nposition = {{ column = "observation.state.{joint}.pos", unit = "deg" }}\n'
+    f'command = {{ column = "action.{joint}.pos", unit = "deg" }}\nkp = 20.0\n'
+    for joint in JOINTS
 )
 
 
@@ -92,6 +94,8 @@ def test_a_log_of_an_episode_has_its_angles(tmp_path, version):
     for log in logs:
         expected = np.deg2rad(episode(4, N + 40)["observation.state"])
         np.testing.assert_allclose(log.of_joints(JOINTS, "position"), expected, rtol=1e-12)
+        for joint, x in zip(JOINTS, expected.T, strict=True):
+            np.testing.assert_allclose(log[f"{joint}_command"], x + np.deg2rad(0.5), rtol=1e-12)
     with pytest.raises(LogError, match=r"pick#5: .* the dataset has episode 4\."):
         read_log(tmp_path / "pick#5", arm)
 
