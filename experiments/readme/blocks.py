@@ -1,4 +1,4 @@
-"""Generated parts of README.md and of docs: tables of both studies, figures, and the benchmark."""
+"""Generated parts of README.md and of docs: tables of both studies, figures, the benchmark, and the example's log."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from experiments.benchmark.figure import figure_benchmark
 from experiments.data.key_numbers import summary
 from experiments.data.simulated import Study
 from experiments.document import figures, result_folder, tabular
-from experiments.readme import moving_picture
+from experiments.readme import arm_log, moving_picture
 from experiments.readme.estimator_figure import figure_estimator
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
@@ -84,7 +84,7 @@ def with_block(text: str, name: str, content: str) -> str:
 
 
 def write(root: Path) -> None:
-    """Writes the generated parts of the pages, the figures, and the benchmark's record."""
+    """Writes the generated parts of the pages, the figures, the benchmark's record, and the log of README's example."""
     docs = root / "docs"
     if not ((root / "README.md").is_file() and docs.is_dir()):
         raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
@@ -103,6 +103,7 @@ def write(root: Path) -> None:
         figures.save(figure_estimator(), folder, "estimator", ["svg"])
         moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
         result_folder.write_json(folder / sections.FILE, measured)
+    arm_log.save(root / "scenes" / "arm.csv")
 
 
 def _replace_blocks(page: Path, contents: Mapping[str, str]) -> None:

@@ -27,7 +27,7 @@ def blocks(language):
 
 
 EXPECTED = {
-    "README.md": "m2rz2 \\+ 0.425 m3.*Usable: held-out residuals",
+    "README.md": "m1 \\+ m2 \\+ m3.*Usable: held-out residuals.*tool 1.29 kg",
     "identify.md": r"'ground' is turned by 5\.0\d+ ± 0\.0\d+° about -z .* a turn of all joint axes about z",
     "python.md": r"± 0\.\d+   m2rz2 \+ 0\.425 m3",
     "models.md": r"\d bodies touch the floor.*sum of contacts - Y phi: \de-1[0-9]",
@@ -48,7 +48,7 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
             exec(compile(code, page, "exec"), {})
     assert re.search(EXPECTED.get(page, ""), capsys.readouterr().out, re.DOTALL)
     if page == "README.md":
-        assert len(sim.mechanism("identified.xml", base="base").bodies) == 3
+        assert len(sim.mechanism("identified.xml", base="base").bodies) == 5
         guess, fit = (shlex.split(line, comments=True)[3:] for line in blocks("sh")[page][-1].splitlines())
         columns.main(guess)
         args = identify.parser().parse_args(fit)
