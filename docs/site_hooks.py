@@ -4,6 +4,7 @@ import contextlib
 import io
 import re
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +24,25 @@ ROOT_PAGES = {
     "paper.md": "paper.md",
     "CITATION.cff": "CITATION.cff",
 }
+GALLERY = "Each picture is drawn by the short script behind it, which runs when these pages are built."
+"""Opening of the gallery."""
+
 FORMULA = re.compile(r"(```.*?```|`[^`\n]+`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 """Code, which stays as it is, or a formula on lines of its own, or one within a line."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds pages that are made from other files, and figures that tutorials draw."""
+    """Adds pages that are made from other files, and figures that their scripts draw."""
     pages: dict[str, str | bytes] = {page: _of_root(name) for name, page in ROOT_PAGES.items()}
     for package in (ident, sim):
         names = [f"::: {getattr(package, name).__module__}.{name}" for name in package.__all__]
         pages[f"reference/{package.__name__}.md"] = "\n\n".join([f"# {package.__name__}", *names])
     for script in sorted((DOCS / "tutorials").glob("*.py")):
-        pages |= tutorial(script)
+        pages |= script_page(script)
+    drawn = {script.stem: script_page(script) for script in sorted((DOCS / "gallery").glob("*.py"))}
+    pages["gallery.md"] = gallery(drawn)
+    for each in drawn.values():
+        pages |= each
     for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files
@@ -47,10 +55,10 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         code, block, inline = match.groups()
         return code or convert(block or inline, display="block" if block else "inline")
 
-    return FORMULA.sub(written, re.sub(r"\]\((tutorials/\w+)\.py\)", r"](\1.md)", markdown))
+    return FORMULA.sub(written, re.sub(r"\]\(((?:tutorials|gallery)/\w+)\.py\)", r"](\1.md)", markdown))
 
 
-def tutorial(script: Path) -> dict[str, str | bytes]:
+def script_page(script: Path) -> dict[str, str | bytes]:
     """The page of a script, remarks at the margin being its text, and its figures; it runs in a folder of its own."""
     matplotlib.use("Agg")
     from matplotlib import pyplot
@@ -62,7 +70,7 @@ def tutorial(script: Path) -> dict[str, str | bytes]:
             if part.startswith("#"):
                 lines.append(re.sub(r"^# ?", "", part, flags=re.MULTILINE))
             elif part.strip():
-                with contextlib.redirect_stdout(io.StringIO()) as printed:
+                with contextlib.redirect_stdout(io.StringIO()) as printed, contextlib.redirect_stderr(io.StringIO()):
                     exec(compile(part, str(script), "exec"), names)
                 lines.append(f"```python\n{part.strip()}\n```\n")
                 if printed.getvalue():
@@ -70,15 +78,28 @@ def tutorial(script: Path) -> dict[str, str | bytes]:
             for figure in pyplot.get_fignums():
                 drawn, name = io.BytesIO(), f"{script.stem}_{len(files)}.png"
                 pyplot.figure(figure).savefig(drawn, dpi=120)
-                files[f"tutorials/{name}"] = drawn.getvalue()
+                files[f"{script.parent.name}/{name}"] = drawn.getvalue()
                 lines.append(f"![{pyplot.figure(figure).get_suptitle()}]({name})\n")
             pyplot.close("all")
-    return {f"tutorials/{script.stem}.md": "\n".join(lines), **files}
+    return {f"{script.parent.name}/{script.stem}.md": "\n".join(lines), **files}
+
+
+def gallery(drawn: Mapping[str, Mapping[str, str | bytes]]) -> str:
+    """A page with the picture of each script and the sentence below its title, both links to the script's page."""
+    cards = []
+    for name, files in drawn.items():
+        title, sentence = re.findall(r"\A# (.*)\n\n((?:.+\n)+)", str(files[f"gallery/{name}.md"]))[0]
+        picture = next(file for file in files if file.endswith(".png"))
+        link = f'<a href="gallery/{name}.html">'
+        image = f'{link}<img src="{picture}" alt="{title}"></a>'
+        cards.append(f"<figure>{image}<figcaption>{link}{title}</a><br>{sentence.strip()}</figcaption></figure>")
+    return "\n".join(["# Gallery", "", GALLERY, "", '<div class="gallery">', *cards, "</div>", ""])
 
 
 def _of_root(name: str) -> str:
     """A page of the root, with links as they are from docs."""
-    text = (DOCS.parent / name).read_text(encoding="utf-8").replace("](docs/", "](")
+    text = (DOCS.parent / name).read_text(encoding="utf-8")
+    text = text.replace("](docs/", "](").replace("](gallery/)", "](gallery.md)")
     for page, moved in ROOT_PAGES.items():
         text = text.replace(f"]({page}", f"]({moved}")
     return text
