@@ -86,7 +86,7 @@ def inverse(T: np.ndarray) -> np.ndarray:
 def Ad(T: np.ndarray) -> np.ndarray:
     """Adjoint of a pose: `hat(Ad(T) @ V) == T @ hat(V) @ inverse(T)`.
 
-    `Ad(T_ab)` transforms a twist from frame b to frame a.
+    `Ad(T_ab)` transforms a twist from frame b to frame a (Eq. 6).
 
     Args:
         T: Poses (…, 4, 4).
@@ -103,6 +103,9 @@ def Ad(T: np.ndarray) -> np.ndarray:
 
 def ad(V: np.ndarray) -> np.ndarray:
     """Lie bracket with a twist: `hat(ad(V) @ W) == hat(V) @ hat(W) - hat(W) @ hat(V)`.
+
+    A constant twist, written as W in a frame that moves with V, changes at the rate `-ad(V) @ W`: the derivative of
+    Eq. 6.
 
     Args:
         V: Twists (…, 6).

@@ -124,7 +124,7 @@ def find_base_parameters(
     gravity: np.ndarray = STANDARD_GRAVITY,
     sensors: Sensors | None = None,
 ) -> BaseParameters:
-    """Base parameters of a mechanism, from its structure, or of a regressor, from its numbers.
+    """Base parameters of a mechanism, from its structure, or of a regressor, from its numbers (Eq. 4).
 
     The rank is that of the unit-norm columns, by singular values. The first independent columns, left to right, are
     kept, which is the rule of the paper's tables, unless a coefficient between unit-norm columns would exceed

@@ -145,7 +145,7 @@ class TotalWrench:
 
 
 def transform_wrench(T_ab: np.ndarray, wrench: np.ndarray) -> np.ndarray:
-    """Wrench given in frame b, expressed in frame a: `coAd(T_ab) @ wrench` (Eq. 16).
+    """Wrench given in frame b, expressed in frame a: `coAd(T_ab) @ wrench` (Eq. 15, 16).
 
     Args:
         T_ab: Poses of frame b in frame a (…, 4, 4).
@@ -189,9 +189,9 @@ def total_wrench(
     *,
     base: np.ndarray | None = None,
 ) -> TotalWrench:
-    """Total wrench, which the mechanism's motion and weight need: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E` (Eq. 17).
+    """Total wrench, which the mechanism's motion and weight need: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E` (Eq. 17, 18).
 
-    If nothing holds the base there is no Γ_0, and Γ is the sum of the contacts alone (Eq. 3).
+    If nothing holds the base there is no Γ_0, and Γ is the sum of the contacts alone (Eq. 1-3).
 
     Args:
         tree: The mechanism.

@@ -156,7 +156,7 @@ def least_squares(
         ahead: Number of pieces to submit ahead, more than there are workers; by default that of `in_order`.
 
     Returns:
-        The fit, independent of the division into pieces to rounding.
+        The fit, independent of the division into pieces to rounding; its `epsilon` is the residual of Eq. 5.
 
     Raises:
         InputError: A piece does not fit the equations or the others, or a covariance is not positive definite.

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -60,6 +61,43 @@ def test_pages_load_nothing_from_elsewhere(site):
         assert not re.search(r"""(?:url\(|@import)\s*["']?(?:https?:)?//""", text), style
 
 
+def test_links_lead_somewhere(site):
+    """Pages' links among themselves, with their anchors."""
+    texts = {path: path.read_text(encoding="utf-8") for path in site.rglob("*.html") if path.name != "404.html"}
+    anchors = {path: set(re.findall(r"""\bid=["']?([^"' >]+)""", text)) for path, text in texts.items()}
+    broken = []
+    for page, text in texts.items():
+        for target in re.findall(r"""<a\b[^>]*?href=["']?([^"' >]+)""", text):
+            path, _, anchor = unescape(target).partition("#")
+            if re.match(r"\w+:", target):
+                continue
+            file = (page.parent / path).resolve() if path else page
+            if not file.exists() or (anchor and anchor not in anchors[file]):
+                broken.append(f"{page.relative_to(site)}: {target}")
+    assert broken == []
+
+
+def test_equations_link_to_functions_and_functions_back(site):
+    page = (site / "equations.html").read_text(encoding="utf-8")
+    parts = re.split(r'<a id="eq-(\d+)"></a>(?:<a id="eq-\d+"></a>)*', page.partition('id="axes-from-poses"')[0])
+    assert parts[1] == "1" and parts[-2] == "17" and len(parts) > 28
+    for number, text in zip(parts[1::2], parts[2::2], strict=True):
+        targets = re.findall(r'href="(reference/\w+\.html)#([\w.]+)"><code>ident', text)
+        assert targets, number
+        for file, name in targets:
+            reference = (site / file).read_text(encoding="utf-8")
+            entry = reference[reference.index(f'id="{name}"') :].split("<h2 ")[0]
+            assert f'equations.html#eq-{number}"' in entry, name
+
+
+def test_the_gallery_shows_every_script(site):
+    page = (site / "gallery.html").read_text(encoding="utf-8")
+    for script in (ROOT / "docs" / "gallery").glob("*.py"):
+        assert f'<a href="gallery/{script.stem}.html"><img src="gallery/{script.stem}_0.png"' in page
+        code = re.sub(r"<[^>]+>", "", (site / "gallery" / f"{script.stem}.html").read_text(encoding="utf-8"))
+        assert "plt.subplots(" in code and (site / "gallery" / f"{script.stem}_0.png").stat().st_size > 8_000
+
+
 def test_formulas_are_shown_without_a_script(site):
     page = (site / "equations.html").read_text(encoding="utf-8")
     assert page.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"') > 10
@@ -82,3 +120,22 @@ def test_a_browser_has_nothing_to_complain_of(site, tmp_path):
         command = ["chromium", *options, "--dump-dom", (site / page).as_uri()]
         ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
         assert "</html>" in ended.stdout and "CONSOLE" not in ended.stderr, ended.stderr
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="the browser chromium is not installed")
+@pytest.mark.parametrize(
+    ("page", "words", "first"),
+    [
+        ("index.html", "total wrench", "./reference/ident.html#ident.recordings.wrench.total_wrench"),
+        ("tutorials/arm.html", "force plates person", "../tutorials/person.html"),
+        ("index.html", "friktion", None),
+    ],
+)
+def test_search_works_in_a_folder(site, tmp_path, page, words, first):
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", f"--user-data-dir={tmp_path}"]
+    address = f"{(site / page).as_uri()}?q={words.replace(' ', '+')}"
+    command = ["chromium", *options, "--virtual-time-budget=10000", "--dump-dom", address]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert "CONSOLE" not in ended.stderr, ended.stderr
+    results = re.findall(r'<article><a href="([^"]+)"', ended.stdout)
+    assert first in results[:5] if first else not results and "No page has these words." in ended.stdout
