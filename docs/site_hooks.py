@@ -41,8 +41,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         pages |= script_page(script)
     drawn = {script.stem: script_page(script) for script in sorted((DOCS / "gallery").glob("*.py"))}
     pages["gallery.md"] = gallery(drawn)
-    for each in drawn.values():
-        pages |= each
+    for name, each in drawn.items():
+        pages |= each | {f"gallery/{name}.md": f"{each[f'gallery/{name}.md']}\n[All pictures](../gallery.md)\n"}
     for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files

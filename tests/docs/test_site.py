@@ -127,6 +127,7 @@ def test_a_browser_has_nothing_to_complain_of(site, tmp_path):
     ("page", "words", "first"),
     [
         ("index.html", "total wrench", "./reference/ident.html#ident.recordings.wrench.total_wrench"),
+        ("index.html", "regressor", "./reference/ident.html#ident.model.regressor.base_wrench_regressor"),
         ("tutorials/arm.html", "force plates person", "../tutorials/person.html"),
         ("index.html", "friktion", None),
     ],

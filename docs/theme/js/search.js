@@ -16,6 +16,8 @@ document.addEventListener("DOMContentLoaded", () => {
 
   async function build() {
     await Promise.all([load("search/lunr.js"), load("search/search_index.js")]);
+    // Names such as base_wrench_regressor are found by their words.
+    lunr.tokenizer.separator = /[\s\-_.,()[\]]+/;
     return lunr(function () {
       this.ref("location");
       this.field("title", { boost: 10 });
