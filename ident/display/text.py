@@ -1,5 +1,6 @@
 """Results as lines of text for the terminal."""
 
+import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,9 @@ from ident.display.parameters import Parameter
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
+
+WIDTH = 120
+"""Longest line of a sentence."""
 
 SHOWN = 30
 """Largest number of parameters that a summary shows."""
@@ -55,17 +59,22 @@ def estimate_summary(estimate: "Estimate") -> str:
     parameters = estimate.parameters
     rows = [(*row[:-1], f"{row[-1]:.40}") for row in parameter_rows(parameters[:SHOWN])]
     more = [f"… and {len(parameters) - SHOWN} more; estimate.to_frame() has all"] * (len(parameters) > SHOWN)
+    notes = [f"  {note}" for part in estimate.logs for note in part.log.notes]
+    sentences = [
+        f"Residual over signal: {ratios(estimate)}; condition number {estimate.condition_number:.3g}.",
+        str(estimate.verdict()),
+        *notes,
+        *(finding.line for finding in estimate.findings),
+    ]
     return "\n".join(
-        [
-            f"{headline(estimate)}, SI units",
-            *aligned(HEADS, rows, (2, 3, 4, 6)),
-            *more,
-            f"Residual over signal: {ratios(estimate)}; condition number {estimate.condition_number:.3g}.",
-            str(estimate.verdict()),
-            *(f"  {note}" for part in estimate.logs for note in part.log.notes),
-            *(finding.line for finding in estimate.findings),
-        ]
+        [f"{headline(estimate)}, SI units", *aligned(HEADS, rows, (2, 3, 4, 6)), *more, *map(_wrapped, sentences)]
     )
+
+
+def _wrapped(sentence: str) -> str:
+    """A sentence in lines of at most `WIDTH`, further ones indented as the first."""
+    indent = " " * (len(sentence) - len(sentence.lstrip()))
+    return textwrap.fill(sentence, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def headline(estimate: "Estimate") -> str:

@@ -49,7 +49,7 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
     assert re.search(EXPECTED.get(page, ""), capsys.readouterr().out, re.DOTALL)
     if page == "README.md":
         assert len(sim.mechanism("identified.xml", base="base").bodies) == 5
-        guess, fit = (shlex.split(line, comments=True)[3:] for line in blocks("sh")[page][-1].splitlines())
+        guess, fit = (shlex.split(line, comments=True)[2:] for line in blocks("sh")[page][-1].splitlines())
         columns.main(guess)
         args = identify.parser().parse_args(fit)
         assert all(Path(path).exists() for path in (args.model, *args.logs, args.columns))
