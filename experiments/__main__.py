@@ -21,8 +21,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies.study_entries import packaged
     from experiments.studies.trials import FILE
 
-    # The page embeds the figures as PNG.
-    out = print_options.output_of(args, formats=list(dict.fromkeys(["png", *args.formats])))
+    out = print_options.output_of(args)
     documents = {"mechanism": mechanism.report(replace(out, folder=args.out / "mechanism"))}
     print()
     for name in STUDIES:

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
     result = angles(args.model, args.markers, **given)
     document = angles_report.document(result, args.model, args.markers, provenance(options.as_text(args)))
     inputs = [*filter(None, (args.model, args.markers, args.places, args.scale_from, args.wrenches))]
-    out = print_options.output_of(args, formats=list(dict.fromkeys(["png", *args.formats])))
+    out = print_options.output_of(args)
     then = f"With forces of plates on the same clock, then:\n{_identify(args, result)}"
     write(document, out, stale=angles_report.OUTPUTS, inputs=inputs, then=then)
 

@@ -6,9 +6,6 @@ from pathlib import Path
 
 from experiments.cli import options, print_options, running
 
-FORMATS = ("pdf", "svg", "png")
-"""Formats of the figures."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Compares results or models, and writes and prints the differences."""
@@ -32,7 +29,7 @@ def _compare_models(args: argparse.Namespace) -> None:
 
     fix, ignore = options.fixed(args.fix), tuple(args.ignore)
     compared = compared_models(args.results, args.base, ignore=ignore, fix=fix, packages=args.packages)
-    out = print_options.output_of(args, formats=FORMATS)
+    out = print_options.output_of(args)
     read = {"base": args.base, "ignore": args.ignore, "fix": fix, "packages": list(map(str, args.packages))}
     origin = provenance({"models": list(map(str, args.results)), **read, **out.choices})
     document = compare_models_report.document(compared, origin, out.layout)
@@ -49,7 +46,7 @@ def _compare_results(args: argparse.Namespace) -> None:
     for name in ("base", "ignore", "packages", "fix"):
         if getattr(args, name):
             raise InputError(f"--{name} is for model files; results are compared as they were identified.")
-    compared, out = read_results(args.results), print_options.output_of(args, formats=FORMATS)
+    compared, out = read_results(args.results), print_options.output_of(args)
     if args.out.resolve() in {folder.resolve() for folder in args.results}:
         raise InputError(f"The comparison needs a folder of its own, but '{args.out}' holds one of the results.")
     origin = provenance({"results": list(map(str, args.results)), **out.choices})
@@ -60,7 +57,7 @@ def _compare_results(args: argparse.Namespace) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.print_parser("compare", __doc__)
+    out = options.output_parser("compare", __doc__)
     out.add_argument(
         "results",
         type=Path,

@@ -47,7 +47,7 @@ def report(
     choices: dict[str, Any] = {"seed": seed, "seconds": seconds, "activities": activities, "rate": rate}
     choices |= {"source": source, "noise": None if laboratory.markers else laboratory.angle_deg}
     origin = provenance({**choices, "persons": persons, "formats": out.formats, **out.choices})
-    return write(human_report.document(first, feet_alone, others, origin), out)
+    return write(human_report.document(first, feet_alone, others, origin), out, stale=human_report.OUTPUTS)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 PRIOR = {"auto": None, "on": True, "off": False, **dict.fromkeys(("winter", "deleva", "dumas"), True)}
 """True if the bodies of the model or of a table of people are a prior; None to decide by the motion."""
 
-FORMATS = ("pdf", "svg", "png")
-"""Formats of the figures."""
-
 PAYS = 30_000
 """Samples times joints above which several processes save more time than they take to start."""
 
@@ -69,8 +66,7 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
-    origin = own_model.provenance(args, result.logs)
-    out = print_options.output_of(args, folder, getattr(args, "formats", FORMATS))
+    out, origin = print_options.output_of(args, folder), own_model.provenance(args, result.logs)
     document = identify_report.document(result, args.model, args.logs, origin, out.layout, following(result))
     return result, document, out
 
@@ -106,7 +102,7 @@ def _person(args: argparse.Namespace) -> Any:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.print_parser("identify", __doc__)
+    out = options.output_parser("identify", __doc__)
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(

@@ -26,13 +26,13 @@ def run(args: argparse.Namespace) -> None:
     payload = identify_payload(robot, logs, body=args.body, sensor=args.sensor, **fitting)
     report = payload_report.PayloadReport(payload, args.flange or args.body)
     document = report.document(args.model, args.logs, own_model.provenance(args, payload.estimate.logs))
-    out = print_options.output_of(args, folder, ("pdf", "png"))
+    out = print_options.output_of(args, folder)
     write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args))
 
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.print_parser("payload", __doc__)
+    out = options.output_parser("payload", __doc__)
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF or URDF file of the robot")
     out.add_argument(

@@ -65,7 +65,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     run_ = Run.of(study, trials, out.folder)
     if source is not None:
         origin["study"] = {"file": source.name, "sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
-    document, missing = written(study_report.document(study, origin), out, inputs=inputs)
+    document, missing = written(study_report.document(study, origin), out, stale=study_report.OUTPUTS, inputs=inputs)
     print(document.text())
     if trials.trials:
         more = monte_carlo_report.document(
@@ -76,7 +76,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
         print(more.text())
         document |= more
         write_page(document, out.folder, out.formats)
-    end(out, missing)
+    end(document, out, missing)
     return document
 
 

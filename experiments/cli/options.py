@@ -30,6 +30,19 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
         return action.help if action.default in (None, []) else super()._get_help_string(action)
 
 
+class _Distinct(argparse.Action):
+    """Stores several values without repetitions, in their order."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        setattr(namespace, self.dest, list(dict.fromkeys(values or ())))
+
+
 def plain_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser of any command; arguments as for `command_parser`."""
     prog = f"python -m experiments.{name}".rstrip(".")
@@ -49,14 +62,14 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
 
 
 def print_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of a command that writes tables and figures for print; arguments as for `command_parser`."""
+    """Parser of a command that writes tables for print; arguments as for `command_parser`."""
     parser = command_parser(name, description)
     add_print(parser)
     return parser
 
 
 def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of a command whose user chooses the formats of figures; arguments as for `command_parser`."""
+    """Parser of a command that writes tables and figures for print; arguments as for `command_parser`."""
     parser = print_parser(name, description)
     add_formats(parser)
     return parser
@@ -64,7 +77,14 @@ def output_parser(name: str, description: str | None) -> argparse.ArgumentParser
 
 def add_formats(parser: argparse.ArgumentParser) -> None:
     """Adds the formats of figures."""
-    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["pdf", "png"], help="formats of the figures")
+    parser.add_argument(
+        "--formats",
+        nargs="+",
+        choices=FORMATS,
+        default=["pdf", "png"],
+        action=_Distinct,
+        help="formats of the figures, each drawn once; pages show png or svg",
+    )
 
 
 def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:

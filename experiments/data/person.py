@@ -13,6 +13,7 @@ from experiments.data.laboratory import Laboratory
 from ident.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import conditioned, known_covariance
+from ident.recordings.recording import Recording
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.piece_equations import linearised
 from ident.trajectory.fit.precision import inverse_of_precision
@@ -32,6 +33,7 @@ class Study:
         estimate: The estimate of all recordings.
         true: The person.
         activities: Activity of each recording.
+        recordings: The recordings.
         seconds: Length of each, s.
         filtered: Base parameters by least squares at filtered states (r,).
         held_out: Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: only ψ has errors.
@@ -41,6 +43,7 @@ class Study:
     estimate: Estimate
     true: Mechanism
     activities: tuple[str, ...]
+    recordings: tuple[Recording, ...]
     seconds: float
     filtered: np.ndarray
     held_out: np.ndarray

@@ -13,6 +13,7 @@ from experiments.document.tabular import Table
 from experiments.document.terminal import wrapped
 from ident.errors import InputError
 from ident.geometry.inertia import body_of_parameter
+from ident.recordings.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,7 @@ class Document:
         numbers: Contents of JSON files.
         blocks: Texts to copy, by purpose.
         replay: Replay of the motion.
+        recordings: Recordings, by the names of their files, `.npz` or `.csv`.
         files: Functions that write other files, given their path, by name; None for one that is written already.
         screen: Text for the terminal, by default tables, verdict and lines.
     """
@@ -46,6 +48,7 @@ class Document:
     numbers: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     blocks: Mapping[str, str] = field(default_factory=dict)
     replay: Replay | None = None
+    recordings: Mapping[str, Recording] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object] | None] = field(default_factory=dict)
     screen: str = ""
 
@@ -62,6 +65,14 @@ class Document:
         """Text for the terminal."""
         shown = [*(table.text() for table in self.tables.values()), *filter(None, [self.verdict]), *self.lines]
         return self.screen or wrapped("\n".join(shown))
+
+    def loading(self, folder: Path) -> str:
+        """Sentence on how to load the recordings from a folder in Python; empty without any."""
+        first, *others = [name for name in self.recordings if name.endswith(".npz")] or [""]
+        if not first:
+            return ""
+        like = f"; likewise {', '.join(others)}" if others else ""
+        return wrapped(f'In Python, ident.Recording.load("{(folder / first).as_posix()}") is the recording{like}.')
 
     def chosen(self, layout: Layout) -> tuple[Layout, str]:
         """An author's choices, or none of them if one names a table, figure or parameter that does not exist.

@@ -90,7 +90,7 @@ def wrench_panels(
                 _logarithmic(ax, [wrench[:, component] for wrench, _ in wrenches.values()], lowest)
             for label, when in (shaded or {}).items():
                 for k, (start, end) in enumerate(spans(x, when)):
-                    ax.axvspan(start, end, color="0.87", lw=0, zorder=0, label=label if k == 0 else None)
+                    ax.axvspan(start, end, color="0.87", lw=0, zorder=0, label=f"_{label}" if k else label)
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
         align_ylabels(axes.flat)

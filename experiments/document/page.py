@@ -10,9 +10,12 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from experiments.document import escape, figures
+from experiments.document import escape
 from experiments.document.document import Document
 from experiments.document.symbols import pieces
+
+EMBEDDED = {"png": "image/png", "svg": "image/svg+xml"}
+"""Formats of figures that a page can embed, the first of those that are written, and their media types."""
 
 
 def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iterable[str], **values: object) -> str:
@@ -22,15 +25,20 @@ def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iter
         template: File of the folder `templates`.
         root: Folder of the page.
         shown: Written documents by folder name in `root`; the empty name stands for `root` itself.
-        formats: Formats of the figures.
+        formats: Formats in which the figures are written. No figure is drawn again for the page: it embeds the file of
+            one of these formats, and links to a figure that is written as PDF alone.
         values: Other variables of the template.
     """
+    chosen = sorted(set(formats))
+    embedded = next((ending for ending in EMBEDDED if ending in chosen), None)
 
-    def png(folder: str, name: str) -> str:
-        drawn = root / folder / f"{name}.png"
-        return base64.b64encode(drawn.read_bytes() if drawn.is_file() else _png(shown[folder], name)).decode()
+    def picture(folder: str, name: str) -> str:
+        if embedded is None:
+            return ""
+        content = (root / folder / f"{name}.{embedded}").read_bytes()
+        return f"data:{EMBEDDED[embedded]};base64,{base64.b64encode(content).decode()}"
 
-    given = {"results": shown, "formats": sorted(set(formats)), "png": png}
+    given = {"results": shown, "formats": chosen, "picture": picture}
     return _environment().get_template(template).render(**given, **values)
 
 
@@ -48,11 +56,6 @@ def _environment() -> Environment:
     )
     environment.filters |= {"pieces": pieces, "indented": _indented, "digest": _digest}
     return environment
-
-
-def _png(document: Document, name: str) -> bytes:
-    """A figure as PNG that was written in other formats only."""
-    return figures.drawn(document.figures[name][0], "png")
 
 
 def _visible(value: Any) -> Any:

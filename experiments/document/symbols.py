@@ -14,6 +14,9 @@ SYMBOL = re.compile(r"(-?)([A-Za-zα-ω])_(\w)|(-?)([α-ω])(/\d)?|(alpha|theta|
 
 _NAMED = re.compile(rf"{PARAMETER.pattern}|(?<![\w'])([FMτ])([xyz])(?![\w'])")
 
+_GREEK = {"Delta": "Δ", "tau": "τ", "theta": "θ", "psi": "ψ"}
+"""Letters that formulas in figures name."""
+
 Symbol = tuple[tuple[str, str], ...]
 """Letters, each with its index."""
 
@@ -61,3 +64,19 @@ def named_symbol(name: str, bodies: Sequence[str]) -> str:
     """A parameter's symbol with the name of its body, bodies numbered from 1, for labels in figures."""
     body = body_of_parameter(name, bodies)
     return parameter_symbol(name) + (f", {escape.label(body)}" if body else "")
+
+
+def plain(label: str) -> str:
+    r"""A label of a figure as plain text, with names of parameters as in CSV files.
+
+    >>> [plain(label) for label in (r"$|\Delta \tau_x|$ (N m)", "$m_{2}r_{z,2}$, shank", "knee\n(N m)", r"\$a_b")]
+    ['|Δτx| (N m)', 'm2rz2, shank', 'knee (N m)', '$a_b']
+    """
+    text = re.sub(r"(?<!\\)\$(.*?)(?<!\\)\$", lambda formula: _plain_formula(formula[1]), label)
+    return " ".join(text.replace(r"\$", "$").split())
+
+
+def _plain_formula(formula: str) -> str:
+    """A formula in TeX as letters alone."""
+    greek = re.sub(r"\\([A-Za-z]+) ?", lambda name: _GREEK.get(name[1], name[1]), formula)
+    return re.sub(r"[{}_,]", "", greek)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from experiments.document import figures, print_table
+from experiments.document import drawn_data, figures, print_table
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout
 from experiments.document.page import page
@@ -60,19 +60,19 @@ def write(
     """
     document, missing = written(document, out, stale=stale, inputs=inputs)
     print(document.text())
-    end(out, missing, then)
+    end(document, out, missing, then)
     return document
 
 
-def end(out: Output, missing: str = "", then: str = "") -> None:
-    """Prints where everything is; raises an error, after all output, if a request could not be met.
+def end(document: Document, out: Output, missing: str = "", then: str = "") -> None:
+    """Prints where everything is and how to load recordings; raises an error, after all, if a request was not met.
 
     Raises:
         InputError: The sentence `missing` is not empty.
     """
     print(f"Everything is in {out.folder}; open {PAGE}.")
-    if then:
-        print(then)
+    for line in filter(None, (document.loading(out.folder), then)):
+        print(line)
     if missing:
         raise InputError(missing)
 
@@ -89,6 +89,8 @@ def written(
     layout, refused = (out.layout, "") if out.checked else document.chosen(out.layout)
     with results_folder(out.folder, stale=stale, inputs=inputs) as folder:
         write_parts(document, replace(out, folder=folder, layout=layout))
+        for name, recording in document.recordings.items():
+            recording.save(folder / name)
         for name, save in document.files.items():
             if save is not None:
                 save(folder / name)
@@ -98,11 +100,12 @@ def written(
 
 
 def write_parts(document: Document, out: Output) -> None:
-    """Writes tables, figures and numbers into a folder."""
+    """Writes tables, figures with their data, and numbers into a folder."""
     for name, table in document.tables.items():
         _write_table(table, out.folder, name, out.layout)
     for name, (figure, caption) in document.figures.items():
         figures.save(figure, out.folder, name, out.formats)
+        (out.folder / f"{name}.csv").write_text(drawn_data.csv_text(figure), encoding="utf-8")
         if "pdf" in out.formats:
             content = print_table.figure(name, caption, float(figure.get_figwidth()), out.layout)
             (out.folder / f"{name}.tex").write_text(content, encoding="utf-8")

@@ -94,7 +94,7 @@ def _parameters(ax: Axes, study: Study) -> None:
         psi, std = study.candidates[name]
         bars = None if std is None else HALF_WIDTH * std[which] / model
         at = places + 0.15 * (number - 1.5)
-        ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0)
+        ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0, label=f"_{name}")
     ax.axhline(0, color="0.8", lw=0.6, zorder=0)
     ax.set_xticks(places, [symbols.named_symbol(name, study.trajectory.prepared.mechanism.bodies) for name in SHOWN])
     ax.set_ylabel("Estimate over the model's", labelpad=2)

@@ -110,9 +110,14 @@ def _compare(ax: Axes, study: Study, subject: str) -> None:
             mean, spread, predicted = (percent * float(y[k]) for y in (errors.mean, errors.std, errors.predicted_std))
             color, marker = LINES[key]
             half = HALF_WIDTH * predicted
-            ax.bar(x, 2 * half, 0.6 / len(shown), mean - half, color=color, alpha=0.25, lw=0)
-            ax.vlines(x, mean - HALF_WIDTH * spread, mean + HALF_WIDTH * spread, color=color, lw=0.9)
-            ax.plot(x, mean, marker, color=color, ms=3)
+            label = f"_{LABELS[key]}"
+            ax.bar(
+                x, 2 * half, 0.6 / len(shown), mean - half, color=color, alpha=0.25, lw=0, label=f"{label}, predicted"
+            )
+            ax.vlines(
+                x, mean - HALF_WIDTH * spread, mean + HALF_WIDTH * spread, color=color, lw=0.9, label=f"{label}, 95 %"
+            )
+            ax.plot(x, mean, marker, color=color, ms=3, label=f"{label}, mean")
     title, xlabel = PANELS[subject]
     ax.set_title(title)
     ax.set_yscale("symlog", linthresh=LINEAR, linscale=0.7)
@@ -137,14 +142,14 @@ def _honesty(axes: Sequence[Axes], study: Study) -> None:
     rows = np.arange(len(shown))
     chance = HALF_WIDTH / np.sqrt(study.recordings)
     for ax, middle, half in ((left, 95, 100 * chance * np.sqrt(0.95 * 0.05)), (right, 0, chance)):
-        ax.axvspan(middle - half, middle + half, color="0.88", lw=0)
+        ax.axvspan(middle - half, middle + half, color="0.88", lw=0, label="_chance, 95 %")
         ax.axvline(middle, color="0.4", lw=0.6)
     for row, errors in enumerate(shown.values()):
         for ax, each in ((left, 100 * errors.coverage), (right, errors.mean / errors.std)):
-            ax.plot(each, np.full(len(each), row), "o", color="C0", ms=2, alpha=0.5, mew=0)
+            ax.plot(each, np.full(len(each), row), "o", color="C0", ms=2, alpha=0.5, mew=0, label="_parameter")
         mean, half = 100 * float(errors.coverage.mean()), _uncertainty(errors)
-        left.hlines(row, mean - half, min(mean + half, 100), color="C0", lw=0.9)
-        left.plot(mean, row, "o", color="C0", ms=3.5)
+        left.hlines(row, mean - half, min(mean + half, 100), color="C0", lw=0.9, label="_mean, 95 %")
+        left.plot(mean, row, "o", color="C0", ms=3.5, label="_mean")
     left.set_yticks(rows, [_row(study, name) for name in shown])
     left.invert_yaxis()
     left.set_xlabel("Intervals with the truth (%)", labelpad=2)

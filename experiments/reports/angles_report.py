@@ -147,8 +147,6 @@ def document(angles: Angles, model: Path, markers: Path, provenance: dict[str, A
     covariance = {"time": angles.markers.time, "names": np.array(postures.marked.dof_names)}
     covariance |= {"covariance": postures.covariance}
     files: dict[str, Callable[[Path], object]] = {
-        "angles.csv": angles.recording.save,
-        "angles.npz": angles.recording.save,
         "covariance.npz": lambda path: save_arrays(path, covariance),
     }
     if lengths is not None:
@@ -161,5 +159,6 @@ def document(angles: Angles, model: Path, markers: Path, provenance: dict[str, A
         tables=tables,
         figures={"figure_residuals": (residuals_figure(angles), "Distances of the markers from the fit.")},
         numbers={"provenance": provenance},
+        recordings=dict.fromkeys(("angles.csv", "angles.npz"), angles.recording),
         files=files,
     )

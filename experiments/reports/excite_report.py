@@ -97,9 +97,9 @@ def _panel(
     ax: Axes, time: np.ndarray, before: np.ndarray, after: np.ndarray, limits: tuple[float, float]
 ) -> list[Line2D]:
     """Draws one quantity of one joint, and returns the lines of the design, of the motion before, and of the limits."""
-    bounds = [ax.axhline(limit, color="C1", lw=0.7, ls="--") for limit in limits]
-    (old,) = ax.plot(time, before, color="0.6")
-    (new,) = ax.plot(time, after, color="C0", lw=1.0)
+    bounds = [ax.axhline(limit, color="C1", lw=0.7, ls="--", label="_limit") for limit in limits]
+    (old,) = ax.plot(time, before, color="0.6", label="_before")
+    (new,) = ax.plot(time, after, color="C0", lw=1.0, label="_designed")
     room = 0.08 * (limits[1] - limits[0])
     ax.set_ylim(limits[0] - room, limits[1] + room)
     ax.set_xlim(time[0], time[-1])
@@ -135,5 +135,5 @@ def document(design: Design, model: str, provenance: dict[str, Any]) -> Document
         },
         figures={"figure_excitation": (figure(design), caption)},
         numbers={"provenance": provenance},
-        files=dict.fromkeys(("trajectory.csv", "trajectory.npz"), design.recording.save),
+        recordings=dict.fromkeys(("trajectory.csv", "trajectory.npz"), design.recording),
     )

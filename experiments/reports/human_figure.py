@@ -63,7 +63,7 @@ def _growth(ax: Axes, study: Study, feet_alone: Study) -> None:
     numbers = np.arange(len(study.activities) + 1)
     for each, style, contacts in ((study, "-", "plates and rail"), (feet_alone, "--", "plates")):
         for name, marker, color, ratio in zip(KINDS, "osD", KIND_COLORS, growth(each).T, strict=True):
-            label = name if each is study else None
+            label = name if each is study else f"_{name}, {contacts}"
             ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=label)
         ax.plot([], [], style, color="0.3", lw=0.9, label=contacts)
     ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=20, ha="right")

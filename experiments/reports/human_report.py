@@ -11,9 +11,11 @@ from experiments.data.laboratory import Laboratory
 from experiments.data.person import MOVED, Study
 from experiments.document import tabular
 from experiments.document.document import Document
+from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.reports import identify_replay
 from experiments.reports.human_figure import figure, growth, predicted_deviations
 from ident.geometry.inertia import com_from_parameters
+from sim.motion.person import ACTIVITIES
 
 ABOUT = (
     "A simulated person moves on two force plates and holds a rail, and is identified from a prior whose bodies are "
@@ -21,6 +23,15 @@ ABOUT = (
     "segment and of the wrench of motions that were not recorded."
 )
 """The page's text on the study."""
+
+
+def recording_file(number: int | str, activity: str) -> str:
+    """File name of a simulated recording, numbered from 1."""
+    return f"recording_{number}_{activity.replace(' ', '_')}.npz"
+
+
+OUTPUTS = (*RESULTS, *(recording_file("*", activity) for activity in ACTIVITIES))
+"""Patterns of the files that it writes."""
 
 
 def table_segments(study: Study) -> tabular.Table:
@@ -150,4 +161,8 @@ def document(study: Study, feet_alone: Study, others: Sequence[Study], provenanc
         },
         # There is no table of base parameters, whose rows could be pressed.
         replay=replace(identify_replay.replay(estimate), parameters=()),
+        recordings={
+            recording_file(number, activity): recording
+            for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), 1)
+        },
     )

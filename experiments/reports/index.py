@@ -17,7 +17,7 @@ def write_index(out: Path, results: Mapping[str, Document], formats: Iterable[st
     Args:
         out: Folder of the studies' folders.
         results: Documents of the studies of `python -m experiments`, by folder name.
-        formats: Formats of the figures, PNG among them.
+        formats: Formats of the figures.
     """
     shown = {
         folder: replace(study, tables={name: compared(table) for name, table in study.tables.items()})

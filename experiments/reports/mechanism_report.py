@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc
 
 from experiments.data import paper
 from experiments.data.outcomes import Drawing
@@ -51,6 +50,7 @@ def figure_1(drawing: Drawing) -> Figure:
         for ax in (left, right):
             _draw_links(ax, drawing)
             ax.set_aspect("equal")
+            ax.set(xlabel="To the right (m)", ylabel="Upwards (m)")
             ax.set_axis_off()
         _label_mechanism(left, drawing)
         labels = (
@@ -75,14 +75,15 @@ def _draw_links(ax: Axes, drawing: Drawing) -> None:
     """Draws pedestal, links, joints and centres of mass from the front."""
     foot = drawing.base * [1, 1, 0]
     shoulder, elbow = drawing.poses[1, :3, 3], drawing.poses[2, :3, 3]
-    for a, b, width in ((foot, shoulder, 6), (shoulder, elbow, 4), (elbow, drawing.end, 3)):
-        ax.plot(*_flat(np.array([a, b])).T, color="0.75", lw=width, solid_capstyle="round")
-    ax.plot(*_flat(foot + np.array([[0, -0.25, 0], [0, 0.25, 0]])).T, color="0.3", lw=1)
+    links = {"base": (foot, shoulder, 6), "link 1": (shoulder, elbow, 4), "link 2": (elbow, drawing.end, 3)}
+    for name, (a, b, width) in links.items():
+        ax.plot(*_flat(np.array([a, b])).T, color="0.75", lw=width, solid_capstyle="round", label=name)
+    ax.plot(*_flat(foot + np.array([[0, -0.25, 0], [0, 0.25, 0]])).T, color="0.3", lw=1, label="floor")
     for joint in (shoulder, elbow):
-        ax.plot(*_flat(joint), "o", color="white", mec="black", ms=5, mew=0.8)
-    for T, mass in zip(drawing.poses, drawing.masses, strict=True):
-        ax.plot(*_flat(np.array([T[:3, 3], mass])).T, color="0.3", lw=0.6)
-    ax.plot(*_flat(drawing.masses).T, "o", color="C4", ms=4, mec="black", mew=0.4)
+        ax.plot(*_flat(joint), "o", color="white", mec="black", ms=5, mew=0.8, label="joint")
+    for k, (T, mass) in enumerate(zip(drawing.poses, drawing.masses, strict=True), start=1):
+        ax.plot(*_flat(np.array([T[:3, 3], mass])).T, color="0.3", lw=0.6, label=f"frame to centre of mass {k}")
+    ax.plot(*_flat(drawing.masses).T, "o", color="C4", ms=4, mec="black", mew=0.4, label="centre of mass")
 
 
 def _label_mechanism(ax: Axes, drawing: Drawing) -> None:
@@ -95,12 +96,12 @@ def _label_mechanism(ax: Axes, drawing: Drawing) -> None:
         _note(ax, mass, f"$m_{i}$", shift)
     for k, (origin, direction) in enumerate(((base, base), (elbow, elbow - base)), start=1):
         center, up = _flat(origin), _flat(direction) / np.linalg.norm(_flat(direction))
-        ax.plot(*np.array([center, center + 0.36 * up]).T, color="0.4", lw=0.5, ls="--")
+        ax.plot(*np.array([center, center + 0.36 * up]).T, color="0.4", lw=0.5, ls="--", label=f"straight on {k}")
         # A positive angle about X turns Y towards Z, counterclockwise in the figure.
-        start = np.degrees(np.arctan2(up[1], up[0]))
-        sweep = start, start + np.degrees(drawing.q[k - 1])
-        ax.add_patch(Arc((center[0], center[1]), 0.5, 0.5, theta1=sweep[0], theta2=sweep[1], lw=0.7))
-        middle = np.radians(np.mean(sweep))
+        sweep = np.arctan2(up[1], up[0]) + np.linspace(0, drawing.q[k - 1], 31)
+        arc = center[:, None] + 0.25 * np.array([np.cos(sweep), np.sin(sweep)])
+        ax.plot(*arc, color="black", lw=0.7, label=rf"angle $\theta_{k}$")
+        middle = np.mean(sweep)
         label = center + 0.34 * np.array([np.cos(middle), np.sin(middle)])
         ax.text(label[0], label[1], rf"$\theta_{k}$", ha="center", va="center")
 

@@ -11,8 +11,15 @@ from experiments.document import tabular
 from experiments.document.document import Document
 from experiments.document.layout import Layout
 from experiments.document.replay import Replay, every_nth
+from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.reports import study_figures, study_tables
 from ident.mechanism.motion import Motion
+
+RECORDING = "recording.npz"
+"""File of the simulated recording."""
+
+OUTPUTS = (*RESULTS, RECORDING)
+"""Patterns of the files that it writes."""
 
 
 def lines(study: Study) -> list[str]:
@@ -92,7 +99,7 @@ def replay(study: Study) -> Replay:
 
 
 def document(study: Study, provenance: dict[str, Any]) -> Document:
-    """All tables and figures that the file describes, the summary, and a replay."""
+    """All tables and figures that the file describes, the summary, a replay, and the recording with its load cells."""
     file = study.file
     models = [model.title for model in file.models.values()]
     about = (
@@ -110,6 +117,7 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
             "provenance": provenance,
         },
         replay=replay(study),
+        recordings={RECORDING: study.problem.with_cells(study.recording)},
     )
 
 

@@ -83,17 +83,18 @@ def study(
     activities = ACTIVITIES if activities is None else activities
     who, first = mistaken(humanoid(), np.random.default_rng((seed, 2))), seed * len(ACTIVITIES)
     faults = drawn(humanoid(), SENSORS, laboratory.setup, np.random.default_rng((seed, 3)))
-    fitted, judges = (
-        [
-            prepared(who, recorded(activity, seconds, start + number, laboratory, faults), name=activity)
-            for number, activity in enumerate(activities)
-        ]
+    recordings, unseen = (
+        tuple(recorded(activity, seconds, start + k, laboratory, faults) for k, activity in enumerate(activities))
         for start in (first, HELD_OUT + first)
+    )
+    fitted, judges = (
+        [prepared(who, each, name=activity) for each, activity in zip(several, activities, strict=True)]
+        for several in (recordings, unseen)
     )
     estimate = identified(fitted, judges=judges, known=True, executor=executor, report=report)
     held_out = held_out_regressor(estimate.base, activities, seconds, first)
     filtered = least_squares_from_prior(estimate)
-    return Study(estimate, humanoid(), tuple(activities), seconds, filtered, held_out, laboratory)
+    return Study(estimate, humanoid(), tuple(activities), recordings, seconds, filtered, held_out, laboratory)
 
 
 def laboratory(source: str, rate: float, noise: float | None = None) -> Laboratory:

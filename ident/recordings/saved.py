@@ -35,7 +35,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
     annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
     annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
-    annotations["scales"] = dict(fields["scales"])
+    annotations |= {name: dict(fields[name]) for name in ("setup", "known", "scales")}
     annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
