@@ -5,12 +5,15 @@ import re
 import shlex
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
+from fuzz.undrawn import leave_undrawn
+from truth import use_truth
 
 import experiments
 import scenes
 import sim
-from experiments import columns, identify
+from experiments import columns, identify, misaligned
 from experiments.cli.command import COMMANDS
 from sim.motion.excitation import DOUBLE_PENDULUM
 
@@ -31,6 +34,7 @@ EXPECTED = {
     "identify.md": r"'ground' is turned by 5\.0\d+ ± 0\.0\d+° about -z .* a turn of all joint axes about z",
     "python.md": r"± 0\.\d+   m2rz2 \+ 0\.425 m3",
     "models.md": r"\d bodies touch the floor.*sum of contacts - Y phi: \de-1[0-9]",
+    "tables_and_figures.md": r"60 samples of .*ground_force",
     "long_recordings.md": "3000 samples, one pass in QR coordinates, 0 of 6 chunks by stacked QR",
 }
 """Output of each page's examples, as a regular expression."""
@@ -43,9 +47,16 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
     if page != "README.md":
         (tmp_path / "arm.xml").symlink_to(Path(scenes.__file__).parent / "double_pendulum.xml")
         sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
+    if page == "tables_and_figures.md":
+        leave_undrawn(monkeypatch)
+        use_truth(monkeypatch)
+        assert misaligned.main(["--samples", "60"]) == 0
     for code in blocks("python")[page]:
         if "viewer" not in code:
             exec(compile(code, page, "exec"), {})
+    if page == "tables_and_figures.md":
+        assert len(plt.gcf().axes) == 6 and {len(ax.lines) for ax in plt.gcf().axes} == {3}
+        plt.close()
     assert re.search(EXPECTED.get(page, ""), capsys.readouterr().out, re.DOTALL)
     if page == "README.md":
         assert len(sim.mechanism("identified.xml", base="base").bodies) == 5

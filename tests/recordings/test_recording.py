@@ -30,6 +30,8 @@ RECORDING = Recording(
     provenance={"scene": 'arm, and "more"', "seed": 3, "nested": {"a": [1, 2.5, None]}},
     sensors={"plate": PLATE},
     base=se3.exp(np.array([0.1, 0.2, 0.3, 0, 0.6, 0.8]), RNG.normal(size=20)),
+    setup={"delay": 0.02, "lever": 0.0},
+    known={"mass": 0.1},
     notes=["one", "two, three"],
     unused=["remark"],
 )
@@ -46,8 +48,9 @@ def test_saving_and_loading_lose_nothing(tmp_path, suffix, with_truth):
         assert list(getattr(loaded, kind)) == list(getattr(recording, kind))
         for name, x in getattr(recording, kind).items():
             np.testing.assert_array_equal(getattr(loaded, kind)[name], x)
-    for kind in ("units", "noise", "provenance", "notes", "unused"):
+    for kind in ("units", "noise", "provenance", "setup", "known", "notes", "unused"):
         assert list(getattr(loaded, kind)) == list(getattr(recording, kind))
+    assert (loaded.setup, loaded.known) == (recording.setup, recording.known)
     np.testing.assert_array_equal(loaded.base, recording.base)
     for name in recording.sensors:
         for key, x in vars(PLATE).items():

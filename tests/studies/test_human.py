@@ -3,16 +3,20 @@
 import csv
 import json
 from dataclasses import replace
+from fnmatch import fnmatch
 
 import numpy as np
 import persons
 import pytest
 from commands import refusal
 from pages import replayed
+from same_recording import assert_same_recording
 
 from experiments.data.person import beginning
 from experiments.human import main
+from experiments.reports import human_report
 from experiments.studies import human
+from ident.recordings.recording import Recording
 from ident.trajectory.fit.piece_equations import linearised
 
 
@@ -35,7 +39,12 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
         == 0
     )
     assert r"\caption{Ours.}" in (out / "table_segments.tex").read_text(encoding="utf-8")
-    assert "trajectory estimate" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "trajectory estimate" in printed
+    names = {file.name for file in out.glob("recording_*")}
+    assert names == {"recording_1_squats.npz", "recording_2_arm_swings.npz"}
+    assert f'ident.Recording.load("{out / "recording_1_squats.npz"}")' in " ".join(printed.split())
+    assert "recording_2_arm_swings.npz" in printed
     assert replayed(out / "report.html")["estimated"]
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     numbers = summary["plates_and_rail"]
@@ -100,3 +109,13 @@ def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
 def test_a_piece_that_begins_later_tells_nothing():
     share = persons.at_a_rail()._share(0, -1.0)
     assert share.shape == (len(share), len(share)) and not share.any()
+
+
+def test_recordings_are_saved_as_they_were_simulated(tmp_path):
+    study = persons.at_a_rail()
+    for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), start=1):
+        name = human_report.recording_file(number, activity)
+        assert any(fnmatch(name, pattern) for pattern in human_report.OUTPUTS)
+        recording.save(tmp_path / name)
+        assert_same_recording(Recording.load(tmp_path / name), recording)
+        assert recording.setup and recording.provenance["activity"] == activity

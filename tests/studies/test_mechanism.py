@@ -87,7 +87,7 @@ def out(tmp_path_factory):
 def test_everything_on_one_page(out):
     assert {path.name for path in out.iterdir()} == {*STUDIES, "index.html"}
     page = (out / "index.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 12
+    assert page.count("data:image/svg+xml;base64,") == 12
     targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)|url\(([^)]*)""", page)
     links = {link for pair in targets for link in pair if link and not link.startswith("data:")}
     sections = {link for link in links if link.startswith("#")}

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refusal
+from same_recording import assert_same_recording
 
 from experiments import misaligned
 from experiments.data import defaults, fitting, paper, study_file
@@ -20,6 +21,7 @@ from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
 from ident.identification import identified
+from ident.recordings.recording import Recording
 
 NAMES = ("table_3", "table_3_full", "table_wrench_errors")
 TABLES = [f"{name}.{suffix}" for name in NAMES for suffix in ("csv", "md", "tex")]
@@ -51,10 +53,29 @@ def results(tmp_path_factory):
 
 
 def test_everything_is_written(results):
-    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in (*defaults.FORMATS, "tex")]
-    expected = {*TABLES, *drawings, "summary.json", "provenance.json", "report.html"}
+    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in (*defaults.FORMATS, "tex", "csv")]
+    expected = {*TABLES, *drawings, "summary.json", "provenance.json", "report.html", "recording.npz"}
     assert {file.name for file in results.iterdir()} == expected
     assert all(file.stat().st_size > 100 for file in results.iterdir())
+
+
+def test_the_recording_loads_as_it_was_simulated(results, study):
+    loaded, simulated = Recording.load(results / "recording.npz"), study.problem.with_cells(study.recording)
+    assert_same_recording(loaded, simulated)
+    assert loaded.provenance["seed"] == 3
+    page = (results / "report.html").read_text(encoding="utf-8")
+    assert 'ident.Recording.load("recording.npz")' in page
+
+
+def test_figures_have_their_data_beside_them(results, study):
+    with (results / "figure_2.csv").open(newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["y_axis"] == "τy (N m)"]
+    drawn = study.file.figures["figure_2"]["curves"]
+    assert len(drawn) == 3 and {row["curve"] for row in rows} == set(drawn)
+    for label, what in drawn.items():
+        points = [(float(row["x"]), float(row["y"])) for row in rows if row["curve"] == label]
+        wrench = study_figures.wrench(study, what)[:, 4]
+        assert points == list(zip(study.recording.time.tolist(), wrench.tolist(), strict=True))
 
 
 def test_table_3_holds_both_models_beside_the_paper(results, study):
@@ -332,9 +353,12 @@ def test_help_explains_every_option(capsys):
 def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0
+    first = (tmp_path / "recording.npz").read_bytes()
+    assert (tmp_path / "figure_monte_carlo.csv").exists()
     assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "1"]) == 0
     names = {file.name for file in tmp_path.iterdir()}
-    assert not {name for name in names if name.startswith("monte_carlo") or name.endswith(".svg")}
+    assert not {name for name in names if "monte_carlo" in name or name.endswith(".svg")}
+    assert (tmp_path / "recording.npz").read_bytes() != first
     assert {"notes.txt", "figure_2.png", "table_3.csv"} <= names
 
 

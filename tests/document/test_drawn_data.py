@@ -1,0 +1,131 @@
+import csv
+import io
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from experiments.document import drawn_data, figures
+from experiments.document.row_panels import row_panels
+
+
+def rows(figure):
+    """Rows of a figure's data, with numbers as numbers and NaN for empty cells."""
+    out = list(csv.DictReader(io.StringIO(drawn_data.csv_text(figure))))
+    for row in out:
+        row |= {name: float(row[name] or "nan") for name in drawn_data.NUMBERS if name in row}
+    return out
+
+
+def column(shown, name, **wanted):
+    """Cells of a column in the rows with these texts."""
+    return [row[name] for row in shown if all(row[key] == text for key, text in wanted.items())]
+
+
+def test_curves_keep_all_digits_and_gaps():
+    figure = Figure()
+    ax = figure.subplots()
+    x, y = np.array([0.0, 1 / 3, np.nan, 1.0]), np.array([1e-300, np.pi, np.nan, -2.0])
+    ax.plot(x, y, label="a")
+    ax.plot(x[:2], y[:2], "o", label="b")
+    ax.plot(x[:2], y[:2], ".", label="_c")
+    ax.set(xlabel="Time (s)", ylabel=r"$|\Delta \tau_x|$ (N m)")
+    shown = rows(figure)
+    np.testing.assert_array_equal(column(shown, "x", curve="a"), x)
+    np.testing.assert_array_equal(column(shown, "y", curve="a"), y)
+    assert [*shown[0]] == ["panel", "x_axis", "y_axis", "curve", "mark", "x", "y"]
+    assert {(row["panel"], row["x_axis"], row["y_axis"]) for row in shown} == {("1", "Time (s)", "|Δτx| (N m)")}
+    assert {row["curve"]: row["mark"] for row in shown} == {"a": "line", "b": "points", "c": "points"}
+
+
+def test_intervals_bars_and_spans_have_ends():
+    figure = Figure()
+    ax = figure.subplots()
+    ax.hlines([1, 2], [0.5, -1.0], [0.75, 4.0], label="interval")
+    ax.vlines(3, -1, 1, label="upright")
+    ax.barh([1, 2], [3.0, 4.0], left=[-1.5, -2.0], label="predicted")
+    ax.bar([7], [2.0], bottom=[1.0], label="column")
+    ax.errorbar([1.0, 2.0], [3.0, 4.0], xerr=[0.5, 0.25], fmt="o", label="error")
+    ax.axvspan(10, 12, label="contact")
+    ax.broken_barh([(20, 1), (22, 2)], (0, 1), transform=ax.get_xaxis_transform(), label="slow")
+    ax.axhline(5, label="limit")
+    ax.axvline(0)
+    shown = rows(figure)
+    ends = {
+        name: [
+            [row[key] for key in ("x", "y", "x_low", "x_high", "y_low", "y_high")]
+            for row in shown
+            if row["curve"] == name
+        ]
+        for name in dict.fromkeys(row["curve"] for row in shown)
+    }
+    no = np.nan
+    expected = {
+        "limit": [[no, 5, no, no, no, no]],
+        "interval": [[no, 1, 0.5, 0.75, no, no], [no, 2, -1, 4, no, no]],
+        "upright": [[3, no, no, no, -1, 1]],
+        "predicted": [[no, 1, -1.5, 1.5, no, no], [no, 2, -2, 2, no, no]],
+        "column": [[7, no, no, no, 1, 3]],
+        "error": [
+            [1, 3, no, no, no, no],
+            [2, 4, no, no, no, no],
+            [no, 3, 0.5, 1.5, no, no],
+            [no, 4, 1.75, 2.25, no, no],
+        ],
+        "contact": [[no, no, 10, 12, no, no]],
+        "slow": [[no, no, 20, 21, no, no], [no, no, 22, 24, no, no]],
+    }
+    assert ends.keys() == expected.keys()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(ends[name], values)
+    marks = {row["curve"]: row["mark"] for row in shown if row["curve"] not in ("error", "limit")}
+    assert marks == {
+        **dict.fromkeys(("interval", "upright"), "interval"),
+        **dict.fromkeys(("predicted", "column"), "bar"),
+        **dict.fromkeys(("contact", "slow"), "span"),
+    }
+
+
+def test_rows_of_parameters_have_their_names():
+    figure, panels = row_panels([r"$m_{2}r_{z,2}$, shank", r"Fv(\$a_b)"], "Estimate")
+    for ax, own in panels:
+        ax.plot([0.5, 0.25], own + 0.15, "o", label="estimate")
+    shown = rows(figure)
+    assert column(shown, "y_category") == ["m2rz2, shank", "Fv($a_b)"]
+    assert {row["x_axis"] for row in shown} == {"Estimate"} and "x_category" not in shown[0]
+
+
+def test_panels_share_the_labels_of_their_axes():
+    wrench = np.random.default_rng(0).normal(size=(50, 6))
+    lines = {"True": (wrench, figures.Line("black")), "Dots": (wrench, figures.Line("C0", style="", first=1))}
+    time = np.arange(50) / 100
+    touching = (time // 0.1) % 2 == 1
+    shown = rows(figures.wrench_panels(time, lines, "Time (s)", shaded={"In contact": touching}))
+    names = ["Fx (N)", "τx (N m)", "Fy (N)", "τy (N m)", "Fz (N)", "τz (N m)"]
+    assert [*dict.fromkeys((row["panel"], row["x_axis"], row["y_axis"]) for row in shown)] == [
+        (str(k), "Time (s)", name) for k, name in enumerate(names, start=1)
+    ]
+    for k, name in enumerate(names):
+        order = (k % 2) * 3 + k // 2
+        np.testing.assert_array_equal(column(shown, "y", curve="True", y_axis=name), wrench[:, order])
+        np.testing.assert_array_equal(column(shown, "x", curve="Dots", y_axis=name), time[1::2])
+        spans = [(row["x_low"], row["x_high"]) for row in shown if row["mark"] == "span" and row["y_axis"] == name]
+        np.testing.assert_array_equal(spans, figures.spans(time, touching))
+
+
+def test_texts_are_no_formulas_of_spreadsheets():
+    figure = Figure()
+    figure.subplots().plot([1], [2], label="=1+2")
+    assert [row["curve"] for row in rows(figure)] == ["'=1+2"]
+
+
+def test_a_figure_without_data_has_a_head_alone():
+    assert drawn_data.csv_text(Figure()) == "panel,x_axis,y_axis,curve,mark,x,y\n"
+
+
+@pytest.mark.parametrize("draw", [lambda ax: ax.imshow(np.eye(2)), lambda ax: ax.fill_between([0, 1, 2], [0, 1, 0])])
+def test_artists_that_cannot_be_read_are_named(draw):
+    figure = Figure()
+    artist = draw(figure.subplots())
+    with pytest.raises(TypeError, match=f"not of {type(artist).__name__}"):
+        drawn_data.csv_text(figure)

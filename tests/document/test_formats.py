@@ -1,0 +1,67 @@
+"""Formats of figures: each that is chosen is drawn once, and nothing else is."""
+
+from collections import Counter
+
+import pytest
+from commands import refusal
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+from experiments import misaligned
+from experiments.cli.command import COMMANDS
+from experiments.data.defaults import FORMATS
+
+CANVASES = {"png": FigureCanvasAgg, "pdf": FigureCanvasPdf, "svg": FigureCanvasSVG}
+SHORT = ["--samples", "60", "--trials", "2", "--redraw", "sensors"]
+FIGURES = ("figure_2", "figure_3", "figure_monte_carlo")
+
+
+@pytest.fixture
+def drawings(monkeypatch):
+    """Number of files that were drawn, by format."""
+    drawn = Counter()
+
+    def counted(extension, write):
+        def write_and_count(*args, **options):
+            drawn[extension] += 1
+            return write(*args, **options)
+
+        return write_and_count
+
+    for extension, canvas in CANVASES.items():
+        name = f"print_{extension}"
+        monkeypatch.setattr(canvas, name, counted(extension, getattr(canvas, name)))
+    return drawn
+
+
+@pytest.mark.usefixtures("no_trajectory", "here")
+@pytest.mark.parametrize("formats", [["pdf"], ["svg"], ["pdf", "png", "png"]], ids="+".join)
+def test_one_format_costs_one_drawing(tmp_path, drawings, formats):
+    assert misaligned.main([*SHORT, "--out", str(tmp_path), "--formats", *formats]) == 0
+    assert drawings == dict.fromkeys(formats, len(FIGURES))
+    endings = {*formats, "csv", *(["tex"] if "pdf" in formats else [])}
+    assert {path.name for path in tmp_path.glob("figure_*")} == {f"{n}.{ending}" for n in FIGURES for ending in endings}
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    shown = "png" if "png" in formats else "svg+xml" if "svg" in formats else ""
+    assert page.count("data:image/") == (len(FIGURES) if shown else 0)
+    assert page.count(f"data:image/{shown};base64,") == page.count("<img ")
+    assert page.count("written as PDF only") == (0 if shown else len(FIGURES))
+    assert all(f'<a href="{name}.csv">data of the figure as CSV</a>' in page for name in FIGURES)
+
+
+WITHOUT_FIGURES = {"columns", "derive", "stream", "readme"}
+
+
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_FIGURES))
+def test_every_command_with_figures_offers_their_formats(name, capsys):
+    parser = COMMANDS[name].parser()
+    (option,) = (action for action in parser._actions if action.dest == "formats")
+    assert tuple(option.choices) == FORMATS and option.default == ["pdf", "png"]
+
+
+def test_a_wrong_format_is_refused_with_the_choices(tmp_path, capsys):
+    message = refusal(misaligned.main, ["--formats", "gif", "--out", str(tmp_path / "out")], capsys)
+    sentence = message.strip().splitlines()[-1]
+    assert "--formats: invalid choice: 'gif'" in sentence and all(name in sentence for name in FORMATS)
+    assert not (tmp_path / "out").exists()
