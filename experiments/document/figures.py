@@ -104,7 +104,7 @@ def wrench_panels(
 
 
 def align_ylabels(axes: Iterable[Axes]) -> None:
-    """Aligns the labels of ordinates in each column of panels, beside its widest ticks.
+    """Aligns the labels of ordinates in each column of panels, beside its widest ticks, which have to be final.
 
     `Figure.align_ylabels` gives the same result, but measures all ticks of a column again for each label, at each
     step of the layout and in each file.
@@ -143,10 +143,15 @@ def visible_spans(spans: np.ndarray, shown: float) -> np.ndarray:
 
 def _tidy(ax: Axes, x: np.ndarray) -> None:
     """Sets limits and few ticks of a panel."""
-    ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
+    few_ticks(ax)
     ax.set_xlim(x[0], x[-1])
     widen_flat(ax)
+
+
+def few_ticks(ax: Axes) -> None:
+    """Sets few ticks, whose number does not depend on the panel's size: `align_ylabels` measures them before layout."""
+    ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
 
 
 def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:

@@ -49,6 +49,7 @@ def held_out_figure(result: Estimate) -> Figure:
                 bars = np.stack([spans[:, 0], np.diff(spans)[:, 0]], axis=1)
                 ax.broken_barh(bars.tolist(), (0, 1), transform=ax.get_xaxis_transform(), **UNCERTAIN)
             ax.set_ylabel(_label(result, k), labelpad=2)
+            figures.few_ticks(ax)
             ax.set_xlim(held.time[0], held.time[-1])
         _finish(figure, axes, "Time (s)", [Patch(**UNCERTAIN)] if slow.any() else [])
     return figure
@@ -119,13 +120,14 @@ def spectra_figure(result: Estimate) -> Figure:
     with styles.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
-            for x, color, label in (
-                (held.samples.measured, MEASURED, "Measured"),
-                (held.residual, ESTIMATED, "Residual"),
+            # Where nothing is explained the residual is what is measured, which shows on both sides.
+            for x, color, width, label in (
+                (held.samples.measured, MEASURED, 1.6, "Measured"),
+                (held.residual, ESTIMATED, 0.6, "Residual"),
             ):
                 frequency, amplitude = amplitude_spectrum(x[:, k], prepared.recording.rate)
                 shown = (frequency > 0) & (frequency <= highest)
-                ax.loglog(frequency[shown], np.maximum(amplitude[shown], 1e-12), color=color, lw=0.8, label=label)
+                ax.loglog(frequency[shown], np.maximum(amplitude[shown], 1e-12), color=color, lw=width, label=label)
             ax.set_ylabel(_label(result, k, "/√Hz"), labelpad=2)
             ax.xaxis.set_minor_formatter(NullFormatter())
             ax.margins(x=0)

@@ -15,6 +15,7 @@ from experiments.reports.identify_figures import (
     held_out_figure,
     parameters_caption,
     parameters_figure,
+    spectra_figure,
 )
 from experiments.reports.identify_replay import replay
 from ident.estimation.preparation import LeftOut
@@ -49,6 +50,25 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
     figure = held_out_figure(slow)
     assert labels(figure) == ["Measured", "Predicted", "Low velocity, down-weighted"]
     assert sum(len(axes.collections) for axes in figure.axes) == 1
+
+
+@pytest.mark.parametrize("draw", [held_out_figure, spectra_figure])
+def test_labels_of_ordinates_are_beside_their_ticks(estimate, draw):
+    figure = draw(estimate)
+    figures.drawn(figure, "png")
+    for ax in figure.axes:
+        label, view = ax.yaxis.label.get_window_extent(), ax.get_window_extent()
+        ticks = [text.get_window_extent() for text in ax.get_yticklabels() if text.get_text()]
+        visible = [box for box in ticks if view.y0 <= (box.y0 + box.y1) / 2 <= view.y1]
+        assert visible and label.x1 <= min(box.x0 for box in visible)
+
+
+def test_ticks_that_labels_are_aligned_beside_do_not_depend_on_the_layout(estimate):
+    figure = held_out_figure(estimate)
+    before = [ax.get_yticks().tolist() for ax in figure.axes]
+    figure.set_size_inches(figure.get_figwidth(), 2 * figure.get_figheight())
+    figures.drawn(figure, "png")
+    assert [ax.get_yticks().tolist() for ax in figure.axes] == before
 
 
 def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
