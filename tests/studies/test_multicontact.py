@@ -119,8 +119,8 @@ def test_the_scene_differs_from_the_paper_in_the_marked_entries_only(result):
 def test_command_line_writes_everything(results, contact, result):
     more = ("contacts",) if result.several else ()
     tables = [f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")]
-    charts = [f"figure_{n}.png" for n in ("4", "5", *more)]
-    expected = {*tables, *charts, "summary.json", "provenance.json", "report.html"}
+    charts = [f"figure_{n}.{ending}" for n in ("4", "5", *more) for ending in ("png", "csv")]
+    expected = {*tables, *charts, "recording.npz", "summary.json", "provenance.json", "report.html"}
     assert {file.name for file in results.iterdir()} == expected
     rows = list(csv.DictReader((results / "table_4.csv").read_text().splitlines()))
     assert list(rows[0]) == [
