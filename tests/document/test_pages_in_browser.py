@@ -1,5 +1,6 @@
 """Pages in a browser: no errors, no requests, replays that move, and accessibility."""
 
+import csv
 import os
 from functools import cache
 from pathlib import Path
@@ -98,6 +99,15 @@ def test_parameters_and_findings_tell_what_they_are_about(page, window):
 
 def test_every_command_with_a_page_is_looked_at():
     assert set(every_page.COMMANDS) == set(COMMANDS) - {"columns", "derive", "readme"}
+
+
+@pytest.mark.parametrize("name", every_page.COMMANDS)
+def test_every_figure_has_its_data_with_named_curves(page_of, name):
+    for drawing in page_of(name).parent.rglob("figure_*.png"):
+        rows = list(csv.DictReader(drawing.with_suffix(".csv").read_text(encoding="utf-8").splitlines()))
+        curves = {(row["panel"], row["curve"]) for row in rows}
+        assert len(rows) > 5 and (len(curves) == 1 or "" not in {curve for _, curve in curves}), drawing
+        assert all(row["x_axis"] or row.get("x_category") for row in rows if row["mark"] != "span"), drawing
 
 
 @pytest.mark.parametrize("dark", [False, True])
