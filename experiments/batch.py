@@ -104,10 +104,9 @@ def _identity(args: argparse.Namespace) -> dict[str, Any]:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.print_parser("batch", __doc__)
+    out = options.output_parser("batch", __doc__)
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument("logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; each by itself")
-    options.add_formats(out)
     identify.add_options(out)
     options.add_workers(out)
     return out
