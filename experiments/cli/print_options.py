@@ -39,6 +39,11 @@ def add_page(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     print_.add_argument(
         "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
     )
+    print_.add_argument(
+        "--brackets",
+        action="store_true",
+        help="tables in LaTeX with standard deviations in brackets behind their estimates, as 2.519(31), by siunitx",
+    )
     print_.add_argument("--style", type=Path, help="style file of matplotlib's, whose settings go before the paper's")
     return print_
 
@@ -68,7 +73,7 @@ def layout_of(args: argparse.Namespace) -> "Layout":
     captions = {name: text for name, text in given}
     if len(captions) < len(given):
         raise InputError("--caption gives each table or figure one caption, but one of them is given two.")
-    return Layout(args.page_columns, captions, tuple(getattr(args, "parameters", ())))
+    return Layout(args.page_columns, captions, tuple(getattr(args, "parameters", ())), getattr(args, "brackets", False))
 
 
 @contextmanager
@@ -97,6 +102,7 @@ def author_choices(args: argparse.Namespace) -> dict[str, Any]:
     """Options that differ from their defaults, for the provenance."""
     given = {
         "page_columns": args.page_columns if args.page_columns != 2 else None,
+        "brackets": getattr(args, "brackets", False),
         "style": args.style and args.style.name,
     }
     given |= {name: getattr(args, name, None) for name in ("caption", "parameters")}

@@ -131,6 +131,8 @@ class StudyFile:
     def with_options(self, **options: Any) -> "StudyFile":
         """The study with other values for some of its `options`.
 
+        Published numbers are those of the file's values; they are left out if another than the seed differs.
+
         Raises:
             InputError: It has no such option, or no such contact.
         """
@@ -140,7 +142,9 @@ class StudyFile:
         scene: dict[str, Any] = {name: options.pop(name) for name in ("tilt_deg", "azimuth_deg") if name in options}
         if "contact" in options:
             scene["contacts"] = scenes.load_cells(options.pop("contact"))
-        return replace(self, scene=replace(self.scene, **scene), **options)
+        changed = replace(self, scene=replace(self.scene, **scene), **options)
+        same = {**changed.options, "seed": self.seed} == self.options
+        return changed if same else replace(changed, published={})
 
     def ignored(self, model: str) -> tuple[str, ...]:
         """Contacts that a model omits."""

@@ -88,5 +88,6 @@ class Document:
         try:
             layout.check([*self.tables, *self.figures], [*names], [*bodies])
         except InputError as error:
-            return Layout(layout.columns), f"All is written, with captions and parameters as by default: {error}"
+            usual = replace(layout, captions={}, parameters=())
+            return usual, f"All is written, with captions and parameters as by default: {error}"
         return layout, ""

@@ -23,11 +23,13 @@ class Layout:
         columns: Columns of the page.
         captions: Captions that replace the program's, by file name.
         parameters: Symbols of the parameters, or names of bodies, that tables and figures show; empty for all.
+        brackets: True for standard deviations in brackets behind their estimates, `2.519(31)`.
     """
 
     columns: int = 2
     captions: Mapping[str, str] = field(default_factory=dict)
     parameters: tuple[str, ...] = ()
+    brackets: bool = False
 
     def shows(self, parameter: str, bodies: Sequence[str]) -> bool:
         """True if a parameter is shown; bodies are numbered from 1."""

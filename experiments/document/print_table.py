@@ -2,14 +2,17 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby, pairwise
 from math import ceil
 
 from experiments.document import escape
+from experiments.document.decimals import bracketed
 from experiments.document.layout import HEIGHTS, PAPER, WIDTHS, Layout
+from experiments.document.print_columns import LONG, NORMAL, SMALL, Column, Size, capital, letters_of, lines_of
+from experiments.document.regrouped import DAGGER
 from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
-from experiments.document.tabular import Table
+from experiments.document.tabular import Table, heading
 from ident.geometry.inertia import body_of_parameter
 
 PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
@@ -19,29 +22,11 @@ AROUND = 60.0
 """Approximate height of a table's heads, rules and notes, pt."""
 
 
-@dataclass(frozen=True)
-class _Size:
-    """A font size: its LaTeX command, and approximate widths of letters and gaps and height of lines, pt."""
-
-    command: str
-    letter: float
-    gap: float
-    line: float
-
-
-NORMAL = _Size(r"\footnotesize", 4.4, 12.0, 9.6)
-SMALL = _Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0, 8.1)
-
-NARROW = 10
-"""Largest number of letters in a line of a head, if its words permit."""
-
-LONG = 28
-"""Number of letters above which a cell may break into lines."""
+_MARKS = {DAGGER: r"$^\dagger$"}
+"""Marks of first cells that LaTeX writes otherwise."""
 
 CHANNEL = re.compile(r"([FMτ])([xyz])")
 _GREEK = {"α": r"\alpha", "θ": r"\theta", "π": r"\pi", "τ": r"\tau", "ω": r"\omega", "β": r"\beta"}
-NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
-
 _UNITS = {
     "kg m²": r"\kilo\gram\metre\squared",
     "kg m": r"\kilo\gram\metre",
@@ -82,46 +67,13 @@ def text_with_symbols(text: str) -> str:
     return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", mixed)
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A column: words of its head, the remark it shares with its neighbours, cells, and True if these are numbers."""
-
-    head: str
-    remark: str
-    cells: Sequence[str]
-    numeric: bool
-
-    @property
-    def long(self) -> bool:
-        """True if its cells may break into lines."""
-        return not self.numeric and max(map(_letters, self.cells), default=0) > LONG
-
-    @property
-    def format(self) -> str:
-        """Column type in the preamble."""
-        numbers = [match for cell in self.cells if (match := NUMBER.fullmatch(cell))]
-        if self.long:
-            return r">{\raggedright\arraybackslash}X"
-        if not self.numeric or not numbers:
-            return "l" if not self.numeric else "c"
-        sign = "-" if any(match[1] for match in numbers) else ""
-        whole = max(len(match[2]) for match in numbers)
-        decimals = max(len(match[3] or "") for match in numbers)
-        power = max((len(match[5]) for match in numbers if match[5]), default=0)
-        exponent = f"e{'-' if any(match[4] == '-' for match in numbers) else ''}{power}" if power else ""
-        return f"S[table-format={sign}{whole}.{decimals}{exponent}]"
-
-    def width(self, size: _Size) -> float:
-        """Approximate smallest width, pt."""
-        words = max(len(line) for line in (*_lines(self.head), *_lines(self.remark)))
-        widest = max([words, *(min(_letters(cell), LONG) for cell in self.cells)])
-        return size.letter * widest + size.gap
-
-
 def tex(table: Table, label: str = "", layout: Layout = PAPER) -> str:
     """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
     table = table.shown(layout).filled()
     columns, caption = _columns(table), _caption(label, table.caption or table.title, layout)
+    notes = _notes(table)
+    if layout.brackets and table.bracketed():
+        columns, notes = _with_brackets(columns, table), _notes(table, _bracket_note(table))
     narrow, wide = (72.27 * width for width in WIDTHS[layout.columns])
     needed = sum(column.width(NORMAL) for column in columns)
     star = "*" if layout.columns == 2 and needed > narrow else ""
@@ -136,13 +88,13 @@ def tex(table: Table, label: str = "", layout: Layout = PAPER) -> str:
             same = "\\addtocounter{table}{-1}\n" if floats else ""
             floats.append(
                 f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
-                f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{_notes(table)}"
+                f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{notes}"
                 f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
             )
     return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(floats)
 
 
-def _parts(columns: Sequence[_Column], keys: int, size: _Size, room: float) -> list[list[_Column]]:
+def _parts(columns: Sequence[Column], keys: int, size: Size, room: float) -> list[list[Column]]:
     """The columns, in as many sets as it takes for each to fit; all sets begin with the first `keys` columns."""
     first = list(columns[:keys])
     parts = [list(first)]
@@ -153,13 +105,13 @@ def _parts(columns: Sequence[_Column], keys: int, size: _Size, room: float) -> l
     return parts if len(parts) == 1 else [_with_cells(part, keys) for part in parts]
 
 
-def _with_cells(columns: Sequence[_Column], keys: int) -> list[_Column]:
+def _with_cells(columns: Sequence[Column], keys: int) -> list[Column]:
     """A set of columns without the rows that are empty beyond the first `keys` columns."""
     kept = [k for k in range(len(columns[0].cells)) if any(column.cells[k] for column in columns[keys:])]
     return [replace(column, cells=[column.cells[k] for k in kept]) for column in columns]
 
 
-def _pages(columns: Sequence[_Column], size: _Size, room: float, height: float) -> list[slice]:
+def _pages(columns: Sequence[Column], size: Size, room: float, height: float) -> list[slice]:
     """Slices of rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
     most = (height - AROUND) / size.line
     long = [column for column in columns if column.long]
@@ -167,7 +119,7 @@ def _pages(columns: Sequence[_Column], size: _Size, room: float, height: float) 
     letters = max(left / max(len(long), 1) - size.gap, LONG * size.letter) / size.letter
     starts, used = [0], 0
     for row in range(len(columns[0].cells)):
-        lines = max([1, *(ceil(_letters(column.cells[row]) / letters) for column in long)])
+        lines = max([1, *(ceil(letters_of(column.cells[row]) / letters) for column in long)])
         if used and used + lines > most:
             starts, used = [*starts, row], 0
         used += lines
@@ -189,12 +141,12 @@ def _caption(name: str, caption: str, layout: Layout) -> str:
     return layout.captions.get(name, text if not text or text.endswith(".") else f"{text}.")
 
 
-def _columns(table: Table) -> list[_Column]:
+def _columns(table: Table) -> list[Column]:
     rows = list(zip(*_texts(table), strict=True)) or [()] * len(table.headings())
     out = []
     for head, cells, numeric in zip(table.headings(), rows, table.numeric(), strict=True):
         words, _, remark = head.partition(", ")
-        out.append(_Column(words, remark, cells, numeric))
+        out.append(Column(words, remark, cells, numeric))
     return out
 
 
@@ -204,6 +156,7 @@ def _texts(table: Table) -> list[list[str]]:
     has_units = len(table.headings()) > len(table.columns)
     for row, (first, *_), plain in zip(rows, table.rows, table.texts(), strict=True):
         row[:] = [number if n else text for number, text, n in zip(plain, row, numeric, strict=True)]
+        row[0] = row[0].replace(DAGGER, _MARKS[DAGGER])
         if (body := body_of_parameter(str(first), table.bodies)) is not None:
             row[0] = f"{row[0][: -len(escape.tex(body))]}\\emph{{{escape.tex(body)}}}"
         if has_units:
@@ -214,7 +167,7 @@ def _texts(table: Table) -> list[list[str]]:
     return rows
 
 
-def _tabular(columns: Sequence[_Column]) -> str:
+def _tabular(columns: Sequence[Column]) -> str:
     """Rules, heads and rows; a column with long cells takes the rest of the line's width."""
     preamble = "@{}" + "".join(column.format for column in columns) + "@{}"
     kind, width = ("tabularx", r"{\linewidth}") if any(column.long for column in columns) else ("tabular", "")
@@ -223,15 +176,15 @@ def _tabular(columns: Sequence[_Column]) -> str:
     return f"{begin}\n\\toprule\n{_heads(columns)}\\midrule\n{rows}\\bottomrule\n\\end{{{kind}}}\n"
 
 
-def _heads(columns: Sequence[_Column]) -> str:
+def _heads(columns: Sequence[Column]) -> str:
     """One row of heads, under another one if neighbours share a remark."""
     groups = [(remark, len(list(members))) for remark, members in groupby(columns, lambda column: column.remark)]
     shared = any(remark and size > 1 for remark, size in groups)
     top, rules, first = [], "", 1
     for remark, size in groups:
-        lines = [text_with_symbols(line) for line in _lines(remark)]
+        lines = [text_with_symbols(line) for line in lines_of(remark)]
         # Several columns have room for one line.
-        text = _stack(lines, True) if size == 1 and len(lines) > 1 else text_with_symbols(_capital(remark))
+        text = _stack(lines, True) if size == 1 and len(lines) > 1 else text_with_symbols(capital(remark))
         top.append(f"\\multicolumn{{{size}}}{{c}}{{{text}}}" if remark else " & ".join([""] * size))
         rules += f"\\cmidrule(lr){{{first}-{first + size - 1}}}" if remark else ""
         first += size
@@ -242,7 +195,7 @@ def _heads(columns: Sequence[_Column]) -> str:
 
 def _head(text: str, numeric: bool) -> str:
     """A head in lines, in braces above aligned numbers."""
-    lines = [unit_line(line) for line in _lines(text)]
+    lines = [unit_line(line) for line in lines_of(text)]
     shown = lines[0] if len(lines) == 1 else _stack(lines, numeric)
     return f"{{{shown}}}" if numeric else shown
 
@@ -261,34 +214,35 @@ def unit_line(text: str) -> str:
     return f"({unit(match[1])})" if match and match[1] in _UNITS else text_with_symbols(text)
 
 
-def _lines(head: str) -> list[str]:
-    """Lines of a head, split before brackets and after commas; long ones are broken in the middle."""
-    lines = []
-    for k, part in enumerate(re.split(r", | (?=\()", head)):
-        words = (_capital(part) if k == 0 else part).split(" ")
-        while len(" ".join(words)) > NARROW and len(words) > 1:
-            cut = min(range(1, len(words)), key=lambda n: abs(len(" ".join(words[:n])) - len(" ".join(words[n:]))))
-            lines.append(" ".join(words[:cut]))
-            words = words[cut:]
-        lines.append(" ".join(words))
-    return lines
+def _with_brackets(columns: Sequence[Column], table: Table) -> list[Column]:
+    """The columns with standard deviations in brackets behind the estimates, and without columns of their own."""
+    keys = len(columns) - len(table.columns)
+    place = {name: k + keys * (k > 0) for k, name in enumerate(table.columns)}
+    out, pairs = list(columns), table.bracketed()
+    for name, std in pairs.items():
+        given = [(row[table.columns.index(name)], row[table.columns.index(std)]) for row in table.rows]
+        cells = [
+            bracketed(value, deviation) if isinstance(value, float) and isinstance(deviation, float) else cell
+            for cell, (value, deviation) in zip(out[place[name]].cells, given, strict=True)
+        ]
+        out[place[name]] = replace(out[place[name]], cells=cells)
+    gone = {place[std] for std in pairs.values()}
+    return [column for k, column in enumerate(out) if k not in gone]
 
 
-def _capital(text: str) -> str:
-    """A head with a capital letter, unless it is a symbol."""
-    return text if len(text) == 1 or SYMBOL.fullmatch(text) else text[:1].upper() + text[1:]
+def _bracket_note(table: Table) -> str:
+    """Note on the standard deviations in brackets."""
+    heads = [table.heads.get(std, heading(std)).partition(", ") for std in table.bracketed().values()]
+    several = len({head for head, *_ in heads}) > 1
+    words = dict.fromkeys(f"{remark} {head}".strip() if several else head for head, _, remark in heads)
+    return f"In brackets, in units of the last digits: {', '.join(words).rstrip('.')}."
 
 
-def _notes(table: Table) -> str:
+def _notes(table: Table, *more: str) -> str:
     """Notes below a table."""
-    notes = [f"\\item[*] {text_with_symbols(table.footnote)}"] if table.footnote else []
-    notes += [f"\\item {text_with_symbols(note)}" for note in table.notes]
+    notes = [f"\\item[{_MARKS.get(mark, mark)}] {text_with_symbols(note)}" for mark, note in table.remarks()]
+    notes += [f"\\item {text_with_symbols(note)}" for note in (*table.notes, *more)]
     if not notes:
         return ""
     lines = "\n".join(notes)
     return f"\\begin{{tablenotes}}[flushleft]\\footnotesize\n{lines}\n\\end{{tablenotes}}\n"
-
-
-def _letters(cell: str) -> int:
-    """Approximate number of letters that a LaTeX cell shows."""
-    return len(re.sub(r"\\[A-Za-z]+|[${}\\_]", "", cell))

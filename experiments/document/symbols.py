@@ -35,9 +35,14 @@ def pieces(text: str) -> Iterator[tuple[str, Symbol]]:
             return
     end = 0
     for match in _NAMED.finditer(text):
-        yield text[end : match.start()], _symbol(match)
+        yield _with_minus(text[end : match.start()]), _symbol(match)
         end = match.end()
-    yield text[end:], ()
+    yield _with_minus(text[end:]), ()
+
+
+def _with_minus(text: str) -> str:
+    """Plain text with minus signs before numbers and between terms; a hyphen alone stays."""
+    return re.sub(r"(?<![^\s(])-(?=(?: ?\d[\d.]*(?:[\s,;)%]|$))| $)", "\N{MINUS SIGN}", text)
 
 
 def _symbol(match: re.Match[str]) -> Symbol:

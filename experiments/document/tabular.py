@@ -6,10 +6,11 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from numbers import Integral
 
 from experiments.document import escape, terminal
+from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations, of_numbers
 from experiments.document.layout import Layout, unit_of
+from experiments.document.regrouped import DAGGER, Regrouped
 from ident.geometry.inertia import body_of_parameter
 
 Cell = str | float | None
@@ -24,8 +25,12 @@ class Table:
         columns: Column names of the CSV file; elsewhere `heading`s of them.
         rows: Cells: texts, numbers, or None if empty; empty columns are in the CSV file alone.
         decimals: Decimals of numbers, except in the CSV file, which keeps all digits; counts have none.
+        deviations: Columns of standard deviations by the columns of their estimates; both have decimals that leave the
+            standard deviation two digits.
+        digits: Decimals of other columns, a number for each row, in place of `decimals`.
         marked: First cells of the rows that get an asterisk, except in the CSV file.
         footnote: Meaning of the asterisk.
+        regrouped: Parameters that stand for sums, which get a dagger, except in the CSV file.
         caption: Caption in print, by default the title.
         notes: Further notes in print.
         bodies: Names of the bodies of the parameters in the first column, numbered from 1.
@@ -38,8 +43,11 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     decimals: int = 3
+    deviations: Mapping[str, str] = field(default_factory=dict)
+    digits: Mapping[str, Decimals] = field(default_factory=dict)
     marked: frozenset[str] = frozenset()
     footnote: str = ""
+    regrouped: Regrouped = field(default_factory=Regrouped)
     caption: str = ""
     notes: tuple[str, ...] = ()
     bodies: tuple[str, ...] = ()
@@ -78,7 +86,8 @@ class Table:
         head = list(map(escape.markdown, self.headings()))
         table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self.texts(escape.markdown)])
         title = f"**{escape.markdown(self.title)}**\n\n" if self.title else ""
-        return title + table + (f"\n\\* {escape.markdown(self.footnote)}\n" if self.footnote else "")
+        notes = (f"\n{escape.markdown(mark)} {escape.markdown(note)}\n" for mark, note in self.remarks())
+        return title + table + "".join(notes)
 
     def text(self) -> str:
         """Aligned columns for the terminal, without the column of units."""
@@ -86,9 +95,21 @@ class Table:
             return filled.text()
         kept = [k for k in range(len(self.headings())) if not (k == 1 and self._units())]
         heads, *rows = ([line[k] for k in kept] for line in (self.headings(), *self.texts()))
+        rows = [
+            [text + " " * len(lack[k]) for k, text in zip(kept, row, strict=True)]
+            for row, lack in zip(rows, self.lacking(), strict=True)
+        ]
         lines = terminal.table(heads, rows, [self.numeric()[k] for k in kept])
-        note = [terminal.wrapped(f"* {self.footnote}")] if self.footnote else []
-        return "\n".join([terminal.wrapped(self.title), *lines, *note, ""])
+        notes = [terminal.wrapped_sums(f"{mark} {note}") for mark, note in self.remarks()]
+        return "\n".join([terminal.wrapped(self.title), *lines, *notes, ""])
+
+    def remarks(self) -> list[tuple[str, str]]:
+        """Marks of first cells, each with a sentence on its meaning."""
+        notes = [("*", self.footnote)] if self.footnote else []
+        shown = {row[0] for row in self.rows}
+        if not shown & self.regrouped.names:
+            return notes
+        return [*notes, (DAGGER, self.regrouped.sentence(shown, column=SUMS in self.columns))]
 
     def shown(self, layout: Layout) -> "Table":
         """The table with only the parameters that an author wants."""
@@ -96,7 +117,8 @@ class Table:
             return self
         kept = [k for k, row in enumerate(self.rows) if layout.shows(str(row[0]), self.bodies)]
         units = tuple(self.units[k] for k in kept) if self.units else ()
-        return replace(self, rows=tuple(self.rows[k] for k in kept), units=units)
+        digits = {name: [decimals[k] for k in kept] for name, decimals in self.digits.items()}
+        return replace(self, rows=tuple(self.rows[k] for k in kept), units=units, digits=digits)
 
     def headings(self) -> list[str]:
         """Column names in words, with one for the units of the rows."""
@@ -107,9 +129,34 @@ class Table:
         """Rows as text, with cells written by `escaped`."""
         units, rows = self._units(), []
         for k, (first, *more) in enumerate(self.rows):
-            cells = [self._text(cell, escaped) for cell in more]
+            decimals = [self.decimals_at(name, k) for name in self.columns[1:]]
+            cells = [self._text(*each, escaped) for each in zip(more, decimals, strict=True)]
             rows.append([self._name(first, escaped), *map(escaped, units[k : k + 1]), *cells])
         return rows
+
+    def lacking(self) -> list[list[str]]:
+        """Text that each cell of `texts` lacks to align the decimal points of its column."""
+        columns = zip(self.numeric(), *self.texts(), strict=True)
+        lacks = [lacking(texts) if numeric else [""] * len(texts) for numeric, *texts in columns]
+        return [list(row) for row in zip(*lacks, strict=True)]
+
+    def decimals_at(self, column: str, row: int) -> int:
+        """Decimals of a cell."""
+        own = self.digits[column][row] if column in self.digits else self._by_deviation(column, row)
+        return self.decimals if own is None else own
+
+    def _by_deviation(self, column: str, row: int) -> int | None:
+        """Decimals of an estimate with its standard deviation, or of that; None for other cells."""
+        std = self.deviations.get(column, column)
+        if std not in self.columns or std not in self.deviations.values():
+            return None
+        cell = self.rows[row][self.columns.index(std)]
+        rule = of_deviations if std == column else of_numbers
+        return rule([cell if isinstance(cell, float) else None])[0]
+
+    def bracketed(self) -> dict[str, str]:
+        """Columns of standard deviations by those of their estimates, of those pairs that the table has."""
+        return {name: std for name, std in self.deviations.items() if {name, std} <= {*self.columns}}
 
     def numeric(self) -> list[bool]:
         """True for each column that holds only numbers."""
@@ -122,18 +169,23 @@ class Table:
 
     def _name(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         """A row's first cell: a parameter with the name of its body."""
-        text = escaped(self.names[cell]) if isinstance(cell, str) and cell in self.names else self._text(cell, escaped)
-        body = body_of_parameter(cell, self.bodies) if isinstance(cell, str) else None
+        named = isinstance(cell, str) and cell in self.names
+        text = escaped(self.names[str(cell)]) if named else self._text(cell, self.decimals, escaped)
         # Concatenated, not formatted: in pages the parts are HTML already.
+        text += DAGGER if cell in self.regrouped.names else ""
+        body = body_of_parameter(cell, self.bodies) if isinstance(cell, str) else None
         return text if body is None else text + " of " + escaped(body)
 
-    def _text(self, cell: Cell, escaped: Callable[[str], str]) -> str:
+    def _text(self, cell: Cell, decimals: int, escaped: Callable[[str], str]) -> str:
         if cell is None:
             return ""
         if isinstance(cell, str):
             return escaped(cell) + ("*" if cell in self.marked else "")
-        return escaped(number(cell, self.decimals))
+        return escaped(number(cell, decimals))
 
+
+SUMS = "regrouping"
+"""Column with the sums that parameters stand for."""
 
 UNITS = ("deg", "rad", "N", "s", "mm")
 """Units at the end of names of columns, options and other numbers."""
@@ -157,17 +209,6 @@ def heading(name: str) -> str:
     return name
 
 
-def number(value: float, decimals: int = 3) -> str:
-    """A number as text with so many decimals, or as a power of ten from a million on.
-
-    Integers, also numpy's, have no decimals; booleans have.
-    """
-    if _whole(value):
-        return str(value)
-    # Adding zero turns a rounded -0.0 into 0.0.
-    return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
-
-
 def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
     """Column names and rows of a `Table` from its columns; NaN becomes an empty cell, and counts remain counts."""
     return tuple(named), tuple(zip(*(map(_cell, _alike(list(column))) for column in named.values()), strict=True))
@@ -176,14 +217,9 @@ def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell,
 def _alike(column: list[Cell]) -> list[Cell]:
     """A column whose numbers are all integers, or all floats."""
     numbers = [cell for cell in column if cell is not None and not isinstance(cell, str)]
-    if all(map(_whole, numbers)):
+    if all(map(is_whole, numbers)):
         return column
     return [cell if cell is None or isinstance(cell, str) else float(cell) for cell in column]
-
-
-def _whole(value: float) -> bool:
-    """True for a count, by its type."""
-    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def _cell(value: Cell) -> Cell:

@@ -36,6 +36,17 @@ def _lines(text: str, width: int, indent: str = "") -> list[str]:
     return broken or [""]
 
 
+def wrapped_sums(text: str) -> str:
+    """A text with sums of parameters, in which a coefficient and the parameter after it stay in one line."""
+    return "\n".join(_lines_of_sums(text, WIDTH))
+
+
+def _lines_of_sums(text: str, width: int) -> list[str]:
+    """Lines of such a text of at most this width, if its words permit."""
+    joined = re.sub(r"(?<=\d) (?=[A-Za-z])|(?<=[-+]) ", "\N{NO-BREAK SPACE}", text)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in _lines(joined, width)]
+
+
 @dataclass(frozen=True)
 class _Column:
     """A column of cells below a head; numbers are right-aligned."""
@@ -63,8 +74,7 @@ class _Column:
 
     def block(self, text: str, width: int) -> list[str]:
         """Lines of the head or of a cell; a number and the parameter after it stay together."""
-        joined = re.sub(r"(?<=\d) (?=[A-Za-z])|(?<=[-+]) ", "\N{NO-BREAK SPACE}", text)
-        lines = [line.replace("\N{NO-BREAK SPACE}", " ") for line in _lines(joined, width)]
+        lines = _lines_of_sums(text, width)
         return [line.rjust(width) if self.numeric else line.ljust(width) for line in lines]
 
 

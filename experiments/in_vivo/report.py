@@ -44,7 +44,10 @@ def table_parameters(study: Study) -> tabular.Table:
             columns[f"{name}, std"] = std.tolist()
     heads = {name: _head(name) for name in columns}
     title, bodies = "Base parameters of a person who bows, SI units", study.trajectory.prepared.mechanism.bodies
-    return tabular.Table(title, *tabular.columns(**columns), decimals=2, bodies=bodies, heads=heads)
+    deviations = {name: f"{name}, std" for name in study.candidates if f"{name}, std" in columns}
+    return tabular.Table(
+        title, *tabular.columns(**columns), decimals=2, deviations=deviations, bodies=bodies, heads=heads
+    )
 
 
 def _head(column: str) -> str:

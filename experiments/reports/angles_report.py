@@ -89,7 +89,8 @@ def scale_table(lengths: Scaling) -> tabular.Table:
         "factor": lengths.factors.tolist(),
         "std": lengths.std.tolist(),
     }
-    return tabular.Table("Factors on the lengths of segments", *tabular.columns(**columns), decimals=4)
+    title = "Factors on the lengths of segments"
+    return tabular.Table(title, *tabular.columns(**columns), deviations={"factor": "std"})
 
 
 def residuals_figure(angles: Angles) -> Figure:

@@ -11,8 +11,10 @@ from matplotlib.figure import Figure
 from experiments.data.comparison import Difference, Result
 from experiments.data.errors import HALF_WIDTH
 from experiments.document import row_panels, styles, symbols, tabular
+from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout
+from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 
@@ -31,6 +33,7 @@ def differences_table(difference: Difference) -> tabular.Table:
     first, second, comparison = difference.first, difference.second, difference.comparison
     names, shared = difference.names, difference.shared
     unknown = np.full(len(names), np.nan)
+    sums = [first.regrouping[name] for name in names]
     half = unknown if shared else HALF_WIDTH * np.sqrt(np.diag(comparison.covariance))
     return tabular.Table(
         f"Base parameters of {first.name} less those of {second.name}, SI units; ± 95 % intervals of the difference",
@@ -42,8 +45,10 @@ def differences_table(difference: Difference) -> tabular.Table:
             interval_95=half,
             interval_setup_95=unknown if shared else HALF_WIDTH * difference.std_setup,
             z=unknown if shared else comparison.z,
+            regrouping=sums,
         ),
-        decimals=4,
+        digits=_digits(difference),
+        regrouped=Regrouped({"": sums}),
         caption="Base parameters of two identifications and their difference",
         notes=(
             f"First: {first.name}. Second: {second.name}. Interval: half of the difference's 95 % interval from noise, "
@@ -51,6 +56,19 @@ def differences_table(difference: Difference) -> tabular.Table:
         ),
         bodies=first.bodies,
     )
+
+
+def _digits(difference: Difference) -> dict[str, Decimals]:
+    """Decimals by column: two digits of the standard deviations that include the set-up, and of the intervals."""
+    names, wide = difference.names, difference.std_setup
+    std = np.sqrt(np.diag(difference.comparison.covariance))
+    return {
+        "first": of_numbers(difference.first.at(names)[2]),
+        "second": of_numbers(difference.second.at(names)[2]),
+        "difference": of_numbers(wide),
+        "interval_95": of_deviations(HALF_WIDTH * std),
+        "interval_setup_95": of_deviations(HALF_WIDTH * wide),
+    }
 
 
 def prediction_table(results: Sequence[Result]) -> tabular.Table:

@@ -1,6 +1,5 @@
 """Report on a designed excitation: tables before and after, a figure, and the motion as a recording."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from experiments.data.outcomes import Design, geometric_mean
 from experiments.document import escape, figures, styles, tabular
+from experiments.document.decimals import of_deviations
 from experiments.document.document import Document
 from ident.geometry.inertia import with_bodies
 from ident.recordings.recording import STATES
@@ -29,10 +29,7 @@ def table_quality(design: Design) -> tabular.Table:
 
 
 def table_deviations(design: Design) -> tabular.Table:
-    """Predicted standard deviation of each base parameter before and after, its prior one, and their geometric means.
-
-    Decimals are such that the smallest one has two digits.
-    """
+    """Predicted standard deviations of base parameters before and after, prior ones, and their geometric means."""
     title = (
         f"Excitation of {', '.join(design.joints)}: predicted standard deviations, SI units, of {design.start} and the "
         "designed one"
@@ -42,8 +39,8 @@ def table_deviations(design: Design) -> tabular.Table:
     names = (*design.names, *design.drives, "geometric mean")
     means = {name: np.append(values, geometric_mean(values)) for name, values in std.items()}
     heads, rows = tabular.columns(parameter=names, **means)
-    decimals = max(3, 1 - math.floor(math.log10(std["std_after"].min())))
-    return tabular.Table(title, heads, rows, decimals=decimals, bodies=design.bodies)
+    digits = {name: of_deviations(values) for name, values in means.items()}
+    return tabular.Table(title, heads, rows, digits=digits, bodies=design.bodies)
 
 
 def table_limits(design: Design) -> tabular.Table:

@@ -52,7 +52,8 @@ def table_segments(study: Study) -> tabular.Table:
         for what, unit in (("mass", "kg"), ("first_moment", "kg m"), ("inertia", "kg m²"))
         for which in ("true", "prior", "estimate", "std")
     }
-    return tabular.Table(title, tuple(columns), tuple(rows), decimals=3, heads=heads)
+    deviations = {f"{what}_estimate": f"{what}_std" for what in ("mass", "first_moment", "inertia")}
+    return tabular.Table(title, tuple(columns), tuple(rows), deviations=deviations, heads=heads)
 
 
 def table_prediction(study: Study) -> tabular.Table:

@@ -11,8 +11,10 @@ from matplotlib.figure import Figure
 
 from experiments.data.following import Following
 from experiments.document import rerun_file, tabular
+from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout, unit_of
+from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports.identify_figures import (
@@ -67,9 +69,23 @@ def parameters_table(result: Estimate) -> tabular.Table:
             "S.d.: of noise alone; s.d. setup: with the uncertainty of the set-up.",
             "Relative: s.d. over the estimate, or its absolute value where the estimate is not far from zero.",
         ),
+        deviations={"estimate": "std_setup"},
+        digits={"std": of_deviations(fit.std), "model": _of_model(priors, wider)},
+        regrouped=Regrouped({"": base.expressions(digits=4)}),
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
     )
+
+
+def _of_model(values: Sequence[float | None], std: np.ndarray) -> Decimals:
+    """Decimals of the model's parameters: those of the estimates, or more to show two digits of small ones."""
+    pairs = zip(of_numbers(std), of_numbers(map(_size, values)), strict=True)
+    return tuple(max((each for each in pair if each is not None), default=None) for pair in pairs)
+
+
+def _size(value: float | None) -> float | None:
+    """Absolute value of a number."""
+    return None if value is None else abs(value)
 
 
 def _units(result: Estimate) -> tuple[str, ...]:
@@ -247,6 +263,7 @@ def scales_table(result: Estimate) -> tabular.Table:
             kp=[each.kp for each in found.values()],
             kv=[each.kv for each in found.values()],
         ),
+        deviations={"scale": "std"},
         caption="Estimated scales of joint torques, with the gains of servos in SI units",
         notes=("Standard deviations of kp and kv are as large, relative to them, as that of the scale.",),
     )

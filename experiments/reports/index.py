@@ -32,7 +32,11 @@ def compared(table: Table) -> Table:
     names = [name for name in table.columns if f"paper_{name}" in table.columns]
     pairs = [(table.columns.index(name), table.columns.index(f"paper_{name}")) for name in names]
     rows = tuple((*row, *(_difference(row[ours], row[printed]) for ours, printed in pairs)) for row in table.rows)
-    return replace(table, columns=(*table.columns, *(name.replace("error", "deviation") for name in names)), rows=rows)
+    deviations = {name: name.replace("error", "deviation") for name in names}
+    printed = {name: f"paper_{name}" for name in names}
+    digits = {deviations[name]: table.digits[each] for name, each in printed.items() if each in table.digits}
+    columns = (*table.columns, *deviations.values())
+    return replace(table, columns=columns, rows=rows, digits={**table.digits, **digits})
 
 
 def _difference(a: Cell, b: Cell) -> Cell:

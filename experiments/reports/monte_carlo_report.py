@@ -12,9 +12,12 @@ from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.simulated import Study
 from experiments.document import styles, symbols, tabular
+from experiments.document.decimals import Decimals, as_stated, decimals_of, number, of_deviations, of_numbers
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout
+from experiments.document.regrouped import Regrouped
 from experiments.document.terminal import wrapped
+from experiments.reports import study_tables
 
 MEANING = (
     "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
@@ -24,8 +27,17 @@ MEANING = (
 """Text after the tables."""
 
 
-def table(model: str, distribution: Distribution, bodies: tuple[str, ...] = ()) -> tabular.Table:
-    """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
+def table(
+    model: str, distribution: Distribution, bodies: tuple[str, ...] = (), sums: Sequence[str] = ()
+) -> tabular.Table:
+    """Mean, spread and interval of the errors beside the prediction and the paper's single run.
+
+    Args:
+        model: Name of the model.
+        distribution: Its errors.
+        bodies: Names of the bodies of the parameters.
+        sums: Sums that the parameters stand for.
+    """
     low, high = distribution.interval
     joint, name = f"trajectory estimate ({ESTIMATORS['trajectory']})", model.removesuffix(TRAJECTORY)
     whose = f"{name} model" + (f"'s {joint}" if model.endswith(TRAJECTORY) else "")
@@ -44,11 +56,25 @@ def table(model: str, distribution: Distribution, bodies: tuple[str, ...] = ()) 
             paper_error=distribution.published,
             paper_percentile=["" if np.isnan(a) else f"{a:.0f} to {b:.0f}" for a, b in distribution.percentile.T],
         ),
-        decimals=4,
+        digits=_digits(distribution),
+        deviations={"mean_error": "std"},
+        regrouped=Regrouped({"": sums}),
         caption=caption,
-        notes=("Paper's percentile: where the paper's single run lies among the trials.",),
+        notes=("Paper's percentile: where the paper's single run lies among the trials.",) * _beside(distribution),
         bodies=bodies,
     )
+
+
+def _digits(distribution: Distribution) -> dict[str, Decimals]:
+    """Decimals of columns that have no standard deviations beside them; the paper's errors are as printed."""
+    std, predicted, published = distribution.std, distribution.predicted_std, distribution.published
+    digits = {**dict.fromkeys(("low_95", "high_95"), of_numbers(std)), "predicted_std": of_deviations(predicted)}
+    return digits | {"paper_error": (as_stated(published),) * len(published)}
+
+
+def _beside(distribution: Distribution) -> bool:
+    """True if there are errors of the paper to compare with."""
+    return bool(np.isfinite(distribution.published).any())
 
 
 def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
@@ -75,7 +101,7 @@ def _draw(ax: Axes, d: Distribution, shown: Sequence[int]) -> None:
     ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
     ax.hlines(rows, low, high, color="C0", lw=1.2, label="95 % of trials")
     ax.plot(d.mean[shown], rows, "o", color="C0", ms=2.5, label="mean")
-    if np.isfinite(d.published).any():
+    if _beside(d):
         ax.plot(d.published[shown], rows, "x", color="C1", ms=4, mew=0.9, label="paper")
     # Linear within ±0.01 and logarithmic beyond, so that errors of grams and gross ones are both visible.
     ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
@@ -109,9 +135,10 @@ def document(
     """
     remark = "Predicted intervals do not include errors of the recovered axes." if study.recovers else ""
     bodies = study.known.bodies
+    paper = " and the paper's single run" if any(map(_beside, distributions.values())) else ""
     caption = (
-        f"Errors over {max(len(d.errors) for d in distributions.values())} trials beside the predicted interval and "
-        f"the paper's single run. Drawn anew: {REDRAWN[redrawn]}."
+        f"Errors over {max(len(d.errors) for d in distributions.values())} trials beside the predicted "
+        f"interval{paper}. Drawn anew: {REDRAWN[redrawn]}."
     )
     caption += remark and f" {remark}"
     caption += "".join(
@@ -119,7 +146,10 @@ def document(
         for model, d in distributions.items()
         if model.endswith(TRAJECTORY)
     )
-    tables = {f"monte_carlo_{model}": table(model, d, bodies) for model, d in distributions.items()}
+    tables = {
+        f"monte_carlo_{name}": table(name, d, bodies, study_tables.sums(study, _model(study, name)))
+        for name, d in distributions.items()
+    }
     return Document(
         tables=tables,
         figures={"figure_monte_carlo": (chart(distributions, bodies, layout), caption)},
@@ -128,14 +158,26 @@ def document(
     )
 
 
+def _model(study: Study, name: str) -> str:
+    """Model of a study whose trials have a name."""
+    trials = study.file.trials
+    return trials[name] if name in trials else trials[name.removesuffix(TRAJECTORY)]
+
+
 def _texts(distributions: Mapping[str, Distribution], tables: Mapping[str, tabular.Table]) -> Iterator[str]:
     """Yields each table as text, and a sentence on its biases."""
     for model, d in distributions.items():
         yield tables[f"monte_carlo_{model}"].text()
         biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(d.errors)))
         if len(biased):
-            named = ", ".join(f"{d.names[k]} by {d.mean[k]:+.3f}" for k in biased)
-            yield wrapped(f"Biased beyond chance: {named}\n")
+            yield wrapped(f"Biased beyond chance: {', '.join(_bias(d, int(k)) for k in biased)}\n")
+
+
+def _bias(d: Distribution, k: int) -> str:
+    """Bias of a parameter in words."""
+    decimals = decimals_of(d.std[k])
+    sign = "+" if d.mean[k] > 0 else ""
+    return f"{d.names[k]} by {sign}{number(d.mean[k], 3 if decimals is None else decimals)}"
 
 
 def _numbers(distributions: Mapping[str, Distribution]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.data.errors import HALF_WIDTH
 from experiments.document import tabular
+from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
 from experiments.document.layout import offset_unit
 from experiments.document.result_folder import OUTPUTS as RESULTS
@@ -121,12 +122,15 @@ class PayloadReport:
         columns["model"] = [None] * 10 if model is None else model.tolist()
         columns["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
         title = f"What '{self.payload.sensor}' carries, in the frame of '{self.payload.body}'"
-        return tabular.Table(title, *tabular.columns(**columns), decimals=6)
+        return tabular.Table(
+            title, *tabular.columns(**columns), decimals=6, digits=_digits(body), deviations=DEVIATIONS
+        )
 
     def flange_table(self) -> tabular.Table:
         """The same in the flange's frame."""
         columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(self.at_flange)}
-        return tabular.Table(f"The same in the frame of '{self.flange}'", *tabular.columns(**columns), decimals=6)
+        title, digits = f"The same in the frame of '{self.flange}'", _digits(self.at_flange)
+        return tabular.Table(title, *tabular.columns(**columns), decimals=6, digits=digits, deviations=DEVIATIONS)
 
     def sensor_table(self) -> tabular.Table:
         """Offsets, delay, gains and frame of the sensor."""
@@ -136,7 +140,8 @@ class PayloadReport:
         columns: dict[str, Any] = {"parameter": name, "estimate": value, "std": std, "note": words}
         units = tuple(map(_sensor_unit, parameters))
         names = {each.name: _in_words(each) for each in parameters}
-        return tabular.Table("The sensor", *tabular.columns(**columns), decimals=5, units=units, names=names)
+        deviations = {"estimate": "std"}
+        return tabular.Table("The sensor", *tabular.columns(**columns), deviations=deviations, units=units, names=names)
 
     def lines(self) -> list[str]:
         """Lines on the logs, the payload's bodies and the sensor's place."""
@@ -217,3 +222,12 @@ def _columns(body: RigidBody) -> dict[str, list[float]]:
     numbers = body.values, body.std, body.std_setup, body.values - reach, body.values + reach
     names = ("estimate", "std", "std_setup", "from_95", "to_95")
     return {name: x.tolist() for name, x in zip(names, numbers, strict=True)}
+
+
+DEVIATIONS = {"estimate": "std_setup"}
+"""Columns of standard deviations by those of the estimates."""
+
+
+def _digits(body: RigidBody) -> dict[str, Decimals]:
+    """Decimals of columns that have no standard deviations beside them."""
+    return dict.fromkeys(("from_95", "to_95"), of_numbers(body.std_setup)) | {"std": of_deviations(body.std)}

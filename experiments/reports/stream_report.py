@@ -10,6 +10,7 @@ from experiments.data.outcomes import Judged, Streamed
 from experiments.document import tabular
 from experiments.document.document import Document
 from experiments.document.layout import offset_unit, unit_of
+from experiments.document.regrouped import Regrouped
 from experiments.document.terminal import wrapped
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.summary import summary
@@ -26,7 +27,8 @@ def table(estimate: Fit) -> tabular.Table:
             std=estimate.std,
             regrouping=[*estimate.parameters.expressions(digits=4), *[""] * len(estimate.equations.offsets)],
         ),
-        decimals=4,
+        deviations={"estimated": "std"},
+        regrouped=Regrouped({"": estimate.parameters.expressions(digits=4)}),
         bodies=estimate.equations.mechanism.bodies,
         units=tuple(unit_of(name) or offset_unit(name) for name in estimate.names),
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.data.key_numbers import CHANNELS, axes, summary, touches, trajectory_summary
 from experiments.data.simulated import Study
-from experiments.document import tabular
+from experiments.document.decimals import number
 from experiments.document.document import Document
 from experiments.document.layout import Layout
 from experiments.document.replay import Replay, every_nth
@@ -59,7 +59,7 @@ def _errors(study: Study) -> list[str]:
         ]
         if "trajectory" in model.estimators:
             largest = study.trajectory(name).largest_error
-            errors.append("trajectory not determined" if largest is None else f"{tabular.number(largest)} trajectory")
+            errors.append("trajectory not determined" if largest is None else f"{number(largest)} trajectory")
         shown.append(f"Largest error, {model.title}: {', '.join(errors)}")
     return shown
 

@@ -1,6 +1,6 @@
 """Tables of a simulated study, as described in its file."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,8 +9,17 @@ from experiments.data import key_numbers
 from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
 from experiments.data.simulated import Study
 from experiments.document import tabular
+from experiments.document.decimals import Decimals, as_stated, of_deviations, of_numbers
+from experiments.document.regrouped import Regrouped
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
+
+
+PAPERS = ("paper_error", "true_paper")
+"""Columns of published numbers."""
+
+STD = {"": "std_wrench_noise", "weighted": "std_weighted", "trajectory": "trajectory_std"}
+"""Columns of standard deviations by estimator."""
 
 
 def table(study: Study, name: str) -> tabular.Table:
@@ -24,27 +33,76 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
     """The models' base parameters, a group of columns for each model."""
     groups = entry["groups"]
     names = study.fit(groups[0]["model"]).base.names
-    columns: dict[str, Any] = {"parameter": names}
-    heads: dict[str, str] = {}
-    for group in groups:
-        suffix = group.get("as", "" if group["model"] == study.file.main else group["model"])
-        for name in group["show"]:
-            column = f"{name}_{suffix}" if suffix else name
-            columns[column] = quantity(study, group["model"], name, names)
-            heads[column] = _head(name, suffix)
-    notes = _notes(study, groups)
-    units = "kg, kg m and kg m²"
+    shown = {
+        f"{name}_{suffix}" if suffix else name: (group["model"], name, suffix)
+        for group in groups
+        for suffix in [group.get("as", "" if group["model"] == study.file.main else group["model"])]
+        for name in group["show"]
+    }
+    columns = {column: quantity(study, model, name, names) for column, (model, name, _) in shown.items()}
+    notes, beside_paper = _notes(study, groups), _beside_paper(study, groups)
     return tabular.Table(
-        "; ".join([f"{entry['caption']}, {units}", *notes]),
-        *tabular.columns(**columns),
+        "; ".join([f"{entry['caption']}, kg, kg m and kg m²", *notes]),
+        *tabular.columns(parameter=names, **columns),
         decimals=entry.get("decimals", 3),
-        marked=frozenset(entry.get("marked", ())),
-        footnote=entry.get("footnote", ""),
+        digits={
+            column: _decimals(study, model, name, names, entry.get("decimals"))
+            for column, (model, name, _) in shown.items()
+        },
+        deviations=_deviations(shown),
+        marked=frozenset(entry.get("marked", ()) if beside_paper else ()),
+        footnote=entry.get("footnote", "") if beside_paper else "",
+        regrouped=Regrouped.of({_model(suffix): sums(study, model) for model, _, suffix in shown.values()}),
         caption=entry["caption"],
         notes=tuple(f"{note[0].upper()}{note[1:]}." for note in notes),
         bodies=study.known.bodies,
-        heads=heads,
+        heads={column: _head(name, suffix) for column, (_, name, suffix) in shown.items()},
     )
+
+
+def _beside_paper(study: Study, groups: Iterable[Mapping[str, Any]]) -> bool:
+    """False if columns of published numbers are empty because other options than the published ones are chosen."""
+    return bool(study.file.published) or not any(name in PAPERS for group in groups for name in group["show"])
+
+
+def _model(suffix: str) -> str:
+    """A model's name in words."""
+    return tabular.heading(suffix).removeprefix(", ")
+
+
+def sums(study: Study, model: str) -> tuple[str, ...]:
+    """Base parameters of a model as sums; recovered axes have no more than four digits."""
+    digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
+    return study.fit(model).base.expressions(**digits)
+
+
+def _decimals(study: Study, model: str, name: str, parameters: Sequence[str], stated: int | None) -> Decimals:
+    """Decimals of a column: as published, as the file states, or two digits of the standard deviations."""
+    if name in PAPERS:
+        return (as_stated(_published_of(study, model, name).values()),) * len(parameters)
+    if stated is not None:
+        return (stated,) * len(parameters)
+    std = np.array(quantity(study, model, STD[_estimator(name)], parameters), float)
+    return of_deviations(std) if name in STD.values() else of_numbers(std)
+
+
+def _estimator(name: str) -> str:
+    """Estimator that a quantity belongs to: `trajectory`, `weighted`, or empty for the model's first."""
+    return "trajectory" if name.startswith("trajectory_") else "weighted" if name.endswith("_weighted") else ""
+
+
+def _deviations(shown: Mapping[str, tuple[str, str, str]]) -> dict[str, str]:
+    """Columns of standard deviations by those of the estimates, or of the errors if there are no estimates."""
+    columns = {quantity: column for column, quantity in shown.items()}
+    pairs = {}
+    for column, (model, name, suffix) in shown.items():
+        if name in STD.values():
+            for kind in ("estimated", "error"):
+                form = {"trajectory": "trajectory_{}", "weighted": "{}_weighted", "": "{}"}[_estimator(name)]
+                if (estimate := columns.get((model, form.format(kind), suffix))) is not None:
+                    pairs[estimate] = column
+                    break
+    return pairs
 
 
 def _head(quantity: str, model: str) -> str:
@@ -55,15 +113,10 @@ def _head(quantity: str, model: str) -> str:
 
 def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> Iterable[tabular.Cell]:
     """A column of a table: one of `study_displays.QUANTITIES` of a model, NaN where nothing was published."""
-    published = study.file.published
-    if name == "paper_error":
-        return _published(published.get("error", {}).get(model, {}), parameters)
-    if name == "true_paper":
-        return _published(published.get("true", {}), parameters)
+    if name in PAPERS:
+        return [float(_published_of(study, model, name).get(each, np.nan)) for each in parameters]
     if name == "regrouping":
-        # Recovered axes have no more digits.
-        digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
-        return study.fit(model).base.expressions(**digits)
+        return sums(study, model)
     fit: Trial | TrajectoryTrial = study.fit(model)
     if name.startswith("trajectory_"):
         fit, name = study.trajectory(model), name.removeprefix("trajectory_")
@@ -75,8 +128,11 @@ def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> 
     return values[name.removesuffix("_wrench_noise").removesuffix("_scene")]
 
 
-def _published(numbers: Mapping[str, float], parameters: Iterable[str]) -> list[float]:
-    return [float(numbers.get(name, np.nan)) for name in parameters]
+def _published_of(study: Study, model: str, name: str) -> Mapping[str, float]:
+    """Published numbers of a column, by parameter."""
+    published = study.file.published
+    numbers: Mapping[str, float] = published.get("true", {})
+    return numbers if name == "true_paper" else published.get("error", {}).get(model, {})
 
 
 def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:

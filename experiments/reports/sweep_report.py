@@ -38,7 +38,7 @@ def table(sweep: Sweep, names: Sequence[str]) -> tabular.Table:
     columns = ("number", sweep.option, "runs", "mean", "std")
     title = f"Numbers over {tabular.heading(sweep.option)}, their means and standard deviations over the seeds"
     words = {name: tabular.heading(name) for name in names}
-    return tabular.Table(title, columns, tuple(rows), decimals=4, names=words)
+    return tabular.Table(title, columns, tuple(rows), decimals=4, deviations={"mean": "std"}, names=words)
 
 
 def chart(sweep: Sweep, titles: Mapping[str, str]) -> Figure:

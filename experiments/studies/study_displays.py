@@ -1,5 +1,6 @@
 """Tables and figures of a study file: their entries, the defaults of these, and checks."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -65,6 +66,42 @@ def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entri
         "contacts": {"caption": CONTACTS},
     }
     return tables, figures
+
+
+def parameter_tables(models: Mapping[str, Model]) -> dict[str, dict[str, Any]]:
+    """Entries of tables of all parameters, for a file without tables: one for each set of base parameters.
+
+    A model is in the table of the one whose parameters it shares. Tables are called `table_parameters` if there is one,
+    else they have the model's name too, or a number where names differ in punctuation only.
+    """
+    own = {name: _owner(name, models) for name in models}
+    owners = list(dict.fromkeys(own.values()))
+    names = [re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_") for name in owners]
+    ends = names if len({name.casefold() for name in names}) == len(names) and all(names) else range(1, len(names) + 1)
+    tables = {}
+    for end, owner in zip(ends, owners, strict=True):
+        members = [name for name in models if own[name] == owner]
+        tables[f"table_parameters_{end}" if len(owners) > 1 else "table_parameters"] = {
+            "caption": f"Base parameters ({', '.join(models[name].title for name in members)})",
+            "groups": [{"model": name, "show": _usual_quantities(models[name])} for name in members],
+        }
+    return tables
+
+
+def _owner(name: str, models: Mapping[str, Model]) -> str:
+    """Model whose base parameters one has: itself, or the one whose parameters it shares."""
+    shared = models[name].parameters
+    return name if shared is None else _owner(shared, models)
+
+
+def _usual_quantities(model: Model) -> list[str]:
+    """Quantities of a model that a table shows by default."""
+    weighted = "weighted" in model.estimators[1:]
+    return [
+        *("true", "true_paper", "estimated", "error", "std_wrench_noise", "paper_error"),
+        *(("estimated_weighted", "std_weighted") if weighted else ()),
+        *(("trajectory_estimated", "trajectory_std") if "trajectory" in model.estimators else ()),
+    ]
 
 
 def labelled(models: Sequence[str]) -> dict[str, str]:

@@ -13,7 +13,7 @@ import scenes
 from experiments.data import paper
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.study_file import ALL, AXES, Model, Scene, StudyFile
-from experiments.studies.study_displays import FIGURES, TABLES, WRENCHES, shown, usual
+from experiments.studies.study_displays import FIGURES, TABLES, WRENCHES, parameter_tables, shown, usual
 from experiments.studies.study_values import choice, number, several, text_of
 from ident.errors import InputError
 from ident.recordings.columns.entries import check_keys, table
@@ -93,10 +93,15 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
         trials=tried,
         trajectory_trials=choice("trials.trajectory", trials["trajectory"], tried) if "trajectory" in trials else None,
         published=_published(entries.get("published", {}), models),
-        tables=shown("tables", entries, TABLES, models, scene, tables),
+        tables=shown("tables", _with_tables(entries, models), TABLES, models, scene, tables),
         figures=shown("figures", entries, FIGURES, models, scene, figures),
         **_recording(table("[recording]", entries.get("recording", {}))),
     )
+
+
+def _with_tables(entries: Mapping[str, Any], models: Mapping[str, Model]) -> Mapping[str, Any]:
+    """The entries with tables of all parameters if they have no tables."""
+    return entries if entries.get("tables") not in (None, {}) else {**entries, "tables": parameter_tables(models)}
 
 
 def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
