@@ -96,7 +96,7 @@ class Table:
         kept = [k for k in range(len(self.headings())) if not (k == 1 and self._units())]
         heads, *rows = ([line[k] for k in kept] for line in (self.headings(), *self.texts()))
         rows = [
-            [text + " " * len(lack[k]) for k, text in zip(kept, row, strict=True)]
+            [text + terminal.FILLER * len(lack[k]) for k, text in zip(kept, row, strict=True)]
             for row, lack in zip(rows, self.lacking(), strict=True)
         ]
         lines = terminal.table(heads, rows, [self.numeric()[k] for k in kept])

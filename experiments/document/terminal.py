@@ -11,6 +11,9 @@ WIDTH = 120
 GAP = 2
 """Spaces between the columns of a table."""
 
+FILLER = "\N{NO-BREAK SPACE}"
+"""Space at which lines do not break, and that stays at their ends."""
+
 NARROW, LONG = 10, 20
 """Smallest width of a head's line, and the width above which a cell may break into lines."""
 
@@ -43,8 +46,8 @@ def wrapped_sums(text: str) -> str:
 
 def _lines_of_sums(text: str, width: int) -> list[str]:
     """Lines of such a text of at most this width, if its words permit."""
-    joined = re.sub(r"(?<=\d) (?=[A-Za-z])|(?<=[-+]) ", "\N{NO-BREAK SPACE}", text)
-    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in _lines(joined, width)]
+    joined = re.sub(r"(?<=\d) (?=[A-Za-z])|(?<=[-+]) ", FILLER, text)
+    return [line.replace(FILLER, " ") for line in _lines(joined, width)]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from experiments.document.writer import Output
 from experiments.reports import index
 from ident.errors import InputError
 
-PAGE = {"page_columns", "style"}
+PAGE = {"page_columns", "brackets", "style"}
 CHOICES = PAGE | {"caption", "parameters"}
 WITHOUT = {"columns", "derive", "readme"}
 """Commands without LaTeX tables and figures of results."""
@@ -99,8 +99,8 @@ def test_everything_hands_on_what_it_says_of_the_page(tmp_path, monkeypatch):
     for module in (mechanism, study, human):
         monkeypatch.setattr(module, "report", handed_on)
     monkeypatch.setattr(index, "write_index", lambda *_: None)
-    assert everything(["--style", str(style), "--page-columns", "1", "--out", str(tmp_path)]) == 0
-    assert given == 5 * [{"page_columns": 1, "style": "mine.mplstyle"}]
+    assert everything(["--style", str(style), "--page-columns", "1", "--brackets", "--out", str(tmp_path)]) == 0
+    assert given == 5 * [{"page_columns": 1, "brackets": True, "style": "mine.mplstyle"}]
 
 
 def test_two_captions_of_one_table_are_refused_before_the_work(tmp_path, capsys):

@@ -78,7 +78,15 @@ def test_tables_are_aligned_marked_and_readable_aloud(tmp_path):
     assert [text for _, text in first] == ["m2rz,2*", "1.25", "", "2.00e+06"]
     assert [text for _, text in second] == ["x" * 40, "0.00", "3.00", "3.14"]
     assert [attrs.get("class") for attrs, _ in second] == ["text long", None, None, None]
-    assert "Title. The entries with an asterisk: Why. (CSV, TEX, MD)" in read(table, tmp_path).caption
+    assert "Title (CSV, TEX, MD)" in " ".join(read(table, tmp_path).caption.split())
+    assert '<p class="note">* Why.' in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_numbers_have_minus_signs_and_align_their_points(tmp_path):
+    table = Table("t", ("name", "x", "std"), (("a", -2.5187, 0.0312), ("b", 12.0, 1.25)), deviations={"x": "std"})
+    (_, *first), (_, *second) = read(table, tmp_path).rows[1:]
+    assert first == [({}, "\N{MINUS SIGN}2.519"), ({}, "0.031")]
+    assert second == [({"data-lack": "00"}, "12.0"), ({"data-lack": "00"}, "1.2")]
 
 
 def test_parameters_are_symbols_beside_the_names_of_their_bodies(tmp_path):

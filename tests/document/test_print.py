@@ -15,6 +15,7 @@ from experiments.document import figures, print_table, styles, tabular
 from experiments.document.document import Document
 from experiments.document.layout import WIDTHS, Layout, offset_unit, unit_of
 from experiments.document.print_table import PACKAGES
+from experiments.document.regrouped import Regrouped
 from experiments.document.writer import Output, write_parts
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
@@ -37,6 +38,24 @@ TABLE = tabular.Table(
     notes=("Full: all of it.",),
     bodies=BODIES,
 )
+
+UNCERTAIN = tabular.Table(
+    "Estimates",
+    *tabular.columns(
+        parameter=(*NAMES, "offset(Fx)"),
+        estimated=[20.9933, -0.55764, 1.2e4, 0.0],
+        std=[0.0044, 0.000750, 310.0, 0.0],
+        paper_error=[0.3, -0.1, 0.0, np.nan],
+        model=[20.99, -0.565, 12100.0, np.nan],
+        regrouping=["m1 + m2 + m3", "m2rz2 + 0.425 m3 + 0.1806 m3 - 0.425 m3rx3 + 0.1 m3", "Ixy3", ""],
+    ),
+    digits={"paper_error": (2, 2, 2, 2)},
+    deviations={"estimated": "std"},
+    regrouped=Regrouped({"": ("m1 + m2 + m3", "m2rz2 + 0.425 m3")}),
+    bodies=BODIES,
+    units=("kg", "kg m", "kg m²", "N"),
+)
+"""A table of estimates of very different standard deviations."""
 
 MISSING = [name for name in ("latexmk", "pdflatex", "kpsewhich") if shutil.which(name) is None]
 MISSING += [
@@ -79,6 +98,17 @@ def test_an_author_chooses_captions_and_parameters():
         Layout(parameters=("m9",)).check((), NAMES, BODIES)
     with pytest.raises(InputError, match="--caption needs one of table_a, got 'table_b'"):
         Layout(captions={"table_b": ""}).check(["table_a"], NAMES, BODIES)
+
+
+def test_standard_deviations_have_columns_of_their_own_or_brackets():
+    apart, within = (print_table.tex(UNCERTAIN, "t", Layout(brackets=each)) for each in (False, True))
+    assert r"\unit{\kilo\gram} & 20.9933 & 0.0044 & 0.30 & " in apart and "In brackets" not in apart
+    assert r"S[table-format=-5.5]S[table-format=3.5]S[table-format=-1.2]" in apart
+    assert r"\unit{\kilo\gram} & 20.9933(44) & 0.30 & " in within and "& -0.55764(75) & -0.10 &" in within
+    assert "& 12000(310) &" in within and r"offset(Fx) & \unit{\newton} & 0.000(0) &  &  &" in within
+    assert r"S[table-format=-5.5(3)]S[table-format=-1.2]" in within and "{S.d.}" not in within
+    assert r"\item In brackets, in units of the last digits: s.d." in within
+    assert all(r"$m_{1}$$^\dagger$ of" in tex and r"\item[$^\dagger$] Regrouped" in tex for tex in (apart, within))
 
 
 @pytest.mark.parametrize("columns", [1, 2])
@@ -175,29 +205,35 @@ def studies():
     return made
 
 
-def compiled(folder, layout, names):
-    """Compiles everything in a folder, and returns the log's complaints."""
+def preamble(layout, journal):
+    """Class and page of a document: IEEEtran's if it is a journal of it, else like it, as not every TeX has it."""
+    if journal:
+        return r"\documentclass[journal]{IEEEtran}"
     columns = "twocolumn" if layout.columns == 2 else "onecolumn"
-    # Like IEEEtran, which not every TeX has.
     size = r"\usepackage[textwidth=516pt,columnsep=12pt,textheight=696pt]{geometry}" if layout.columns == 2 else ""
+    return rf"\documentclass[10pt,{columns}]{{article}}{size}\usepackage[T1]{{fontenc}}\usepackage{{lmodern}}"
+
+
+def compiled(folder, names, start):
+    """Compiles everything in a folder, and returns the log's complaints."""
     body = "\n".join(rf"\input{{{name}}}\clearpage" for name in names)
-    (folder / "all.tex").write_text(
-        rf"\documentclass[10pt,{columns}]{{article}}{size}\usepackage[T1]{{fontenc}}\usepackage{{lmodern}}"
-        rf"\usepackage{{graphicx,{PACKAGES}}}\begin{{document}}{body}\end{{document}}",
-        encoding="utf-8",
-    )
+    text = rf"{start}\usepackage{{graphicx,{PACKAGES}}}\begin{{document}}{body}\end{{document}}"
+    (folder / "all.tex").write_text(text, encoding="utf-8")
     command = ["latexmk", "-pdf", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
     assert done.returncode == 0, done.stdout[-3000:]
-    return re.findall(
-        r"(?:Overfull|Float too large|Missing character|undefined).*", (folder / "all.log").read_text(errors="replace")
-    )
+    # IEEEtran has no font for the italics of its captions, and takes another.
+    complaints = r"(?:Overfull|Float too large|Missing character|(?<!' )undefined).*"
+    return re.findall(complaints, (folder / "all.log").read_text(errors="replace"))
 
 
 @pytest.mark.skipif(bool(MISSING), reason=f"LaTeX is not complete here: {', '.join(MISSING)} is missing")
-@pytest.mark.parametrize("columns", [1, 2])
-def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studies, columns):
-    layout, tables, drawn = Layout(columns), {"table_own": TABLE, "table_sums": SUMS}, {}
+@pytest.mark.parametrize(("columns", "brackets", "journal"), [(1, False, False), (2, False, False), (2, True, True)])
+def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studies, columns, brackets, journal):
+    if journal and not subprocess.run(["kpsewhich", "IEEEtran.cls"], capture_output=True).stdout:
+        pytest.skip("LaTeX has no IEEEtran here")
+    layout, drawn = Layout(columns, brackets=brackets), {}
+    tables = {"table_own": TABLE, "table_sums": SUMS, "table_uncertain": UNCERTAIN}
     # pdfLaTeX has no Arabic letters.
     evil = [text for text in EVIL if "\N{ARABIC LETTER ALEF}" not in text]
     hostile = tuple((name, 1.0, name) for name in evil)
@@ -208,4 +244,4 @@ def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studie
             for name, entry in each.file.figures.items():
                 drawn[f"{name}_{each.several}"] = study_figures.figure(each, name), entry["caption"]
         write_parts(Document(tables=tables, figures=drawn), Output(tmp_path, ["pdf"], layout))
-    assert compiled(tmp_path, layout, [*tables, *drawn]) == []
+    assert compiled(tmp_path, [*tables, *drawn], preamble(layout, journal)) == []

@@ -15,8 +15,9 @@ from same_recording import assert_same_recording
 from experiments import misaligned
 from experiments.data import defaults, fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
+from experiments.document.decimals import decimals_of
 from experiments.document.layout import WIDTHS
-from experiments.reports import study_figures
+from experiments.reports import study_figures, study_tables
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
@@ -216,6 +217,58 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 
 
+def test_numbers_are_printed_with_the_digits_that_they_have(results, study):
+    markdown = {
+        line.split("†")[0].strip("| "): [cell.strip() for cell in line.strip("|").split("|")][2:]
+        for line in (results / "table_3.md").read_text(encoding="utf-8").splitlines()
+        if "†" in line
+    }
+    for k, (name, printed) in enumerate(paper.TABLE_3.items()):
+        cells = markdown[name]
+        assert [cells[2], cells[6]] == [f"{number:.2f}" for number in printed]
+        for std, columns in (
+            (study.fit("simplified").std[k], cells[:2]),
+            (study.trajectory("simplified").std[k], cells[3:4]),
+            (study.fit("full_on_table").std[k], cells[4:6]),
+            (study.trajectory("full_on_table").std[k], cells[7:]),
+        ):
+            decimals = decimals_of(std)
+            assert all(len(cell.partition(".")[2]) == decimals for cell in columns)
+        assert float(f"{study.trajectory('full_on_table').std[k]:.1e}") == float(cells[8]) > 0
+
+
+def test_sums_that_parameters_stand_for_are_in_a_note_of_every_form(results, study):
+    sums = study.fit("simplified").base.expressions()
+    page = re.sub(r"<[^>]+>|\s", "", (results / "report.html").read_text(encoding="utf-8"))
+    assert "Regroupedsums,simplified:m1+m2+m3,m1rx,1+m2rx,2+m3rx,3,m2rz,2+0.425m3," in page
+    assert r"Regrouped sums, simplified: $m_{1}$ + $m_{2}$ + $m_{3}$, " in (results / "table_3.tex").read_text()
+    table = study_tables.table(study, "table_3")
+    for text in (table.text(), table.markdown()):
+        assert "m1† of base" in text and "† Regrouped sums, simplified: m1 + m2 + m3, m1rx1 + m2rx2 + m3rx3, " in text
+        assert all(each in " ".join(text.split()) for each in sums if " " in each)
+    assert "†" not in table.csv()
+    own = study_tables.table(study, "table_3_full").text()
+    assert "m1† of base" in own and "† Regrouped with other parameters: the sum is in the column of regroupings." in own
+
+
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
+@pytest.mark.parametrize(
+    ("options", "beside"),
+    [([], True), (["--seed", "4"], True), (["--tilt-deg", "5"], True), (["--tilt-deg", "2"], False)]
+    + [
+        ([name, value], False)
+        for name, value in (("--samples", "900"), ("--noise-scale", "2"), ("--azimuth-deg", "100"))
+    ],
+)
+def test_the_paper_is_beside_its_own_settings_alone(options, beside, tmp_path, capsys):
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", *options]) == 0
+    printed = capsys.readouterr().out
+    assert ("(paper: 334.2 at 5658 × 13)" in printed) == ("paper's" in printed) == beside
+    assert bool(re.search("paper(:|'s)", printed)) == beside
+    for name in ("table_3.md", "table_3.tex", "summary.json"):
+        assert ("paper" in (tmp_path / name).read_text(encoding="utf-8").lower()) == beside, name
+
+
 @pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
     for options in (["--seed", "4"], ["--seed", "3", "--tilt-deg", "4"], ["--seed", "3", "--azimuth-deg", "100"]):
@@ -279,7 +332,7 @@ def test_huge_condition_numbers_are_said_with_their_reason(tmp_path, capsys):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png"]) == 0
     printed = capsys.readouterr().out
     assert re.search(r"its own columns: \d\.\d+e\+0\d at 5658 × 13", printed)
-    assert re.search(r"the tilt alone, 0\.00\d+ deg as recovered", printed)
+    assert re.search(r"the tilt alone, 0\.00\d+ deg as recovered", " ".join(printed.split()))
     assert not re.search(r"\d{7}\.", printed)
 
 

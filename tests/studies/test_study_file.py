@@ -14,6 +14,7 @@ from commands import refusal
 
 import scenes
 from experiments import misaligned, study
+from experiments.reports import study_tables
 from experiments.studies import study_entries
 from experiments.studies.simulated import simulated
 from ident.errors import InputError
@@ -76,6 +77,51 @@ figures = { figure_a = { kind = "wrenches" }, figure_b = { kind = "residuals" } 
     assert file.figures["figure_a"]["curves"] == {"True": "true"} | own and file.figures["figure_b"]["curves"] == own
     main = study_entries.read(written(tmp_path, 'main = "true_axes"' + text))
     assert main.figures["figure_b"]["curves"] == {"Measured − predicted": "true_axes"}
+
+
+TABLELESS = """
+scene = { model = "double_pendulum", tilt_deg = 3.0 }
+[models]
+"sim ple" = { estimators = ["ordinary", "weighted"] }
+shared = { axes = "recovered", parameters = "sim ple" }
+own = { axes = "true" }
+"""
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("tables", ["", "tables = {}\n"])
+def test_a_file_without_tables_prints_all_parameters(tables, tmp_path, capsys):
+    path = written(tmp_path, tables + TABLELESS)
+    assert study.main([str(path), "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
+    made = simulated(study_entries.read(path))
+    shown = {"sim_ple": ("sim ple", "shared"), "own": ("own",)}
+    assert {each.stem for each in (tmp_path / "out").glob("*.csv")} == {f"table_parameters_{name}" for name in shown}
+    for name, models in shown.items():
+        rows = list(csv.DictReader((tmp_path / "out" / f"table_parameters_{name}.csv").read_text("utf-8").splitlines()))
+        assert [row["parameter"] for row in rows] == list(made.fit(models[0]).base.names)
+        for model in models:
+            for column, values in (("estimated", made.fit(model).estimate.psi), ("error", made.fit(model).error)):
+                np.testing.assert_array_equal([float(row[f"{column}_{model}"]) for row in rows], values)
+    weighted = made.fit("sim ple", "weighted").std
+    rows = list(csv.DictReader((tmp_path / "out" / "table_parameters_sim_ple.csv").read_text("utf-8").splitlines()))
+    np.testing.assert_array_equal([float(row["std_weighted_sim ple"]) for row in rows], weighted)
+    assert "Base parameters (sim ple model, shared model), kg" in capsys.readouterr().out
+
+
+def test_tables_of_models_whose_names_differ_in_punctuation_have_numbers(tmp_path):
+    models = 'scene = { model = "double_pendulum" }\nmodels = { a_b = {}, "a b" = { axes = "true" } }\n'
+    assert list(study_entries.read(written(tmp_path, models)).tables) == ["table_parameters_1", "table_parameters_2"]
+    (only,) = study_entries.read(written(tmp_path, models.replace(', "a b" = { axes = "true" }', ""))).tables
+    assert only == "table_parameters"
+
+
+def test_published_numbers_of_a_file_have_the_digits_that_it_states(tmp_path):
+    text = OWN.replace("decimals = 2", "").replace("m1 = 0.5", "m1 = 0.5\nIxx2 = -0.25")
+    own = study_tables.table(simulated(study_entries.read(written(tmp_path, text))), "table_mine")
+    shown = [row[own.headings().index("paper's error")] for row in own.texts()]
+    assert [cell for cell in shown if cell] == ["0.50", "-0.25"]
+    fixed = study_tables.table(simulated(study_entries.read(written(tmp_path, OWN))), "table_mine")
+    assert all(len(row[2].partition(".")[2]) == 2 for row in fixed.texts())
 
 
 def test_models_whose_names_are_alike_in_words_are_all_drawn(tmp_path):

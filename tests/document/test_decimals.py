@@ -1,0 +1,80 @@
+"""Decimals follow standard deviations, published numbers stay as they are, and points are aligned."""
+
+import numpy as np
+import pytest
+
+from experiments.document.decimals import as_stated, bracketed, decimals_of, lacking, number
+from experiments.document.regrouped import Regrouped
+from experiments.document.tabular import Table, columns
+
+
+def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():
+    rng = np.random.default_rng(0)
+    for std in 10.0 ** rng.uniform(-8, 5, 500):
+        text = number(std, decimals_of(std))
+        assert float(text) == pytest.approx(std, rel=0.051) and float(text) == float(f"{std:.1e}")
+        assert len(text.replace(".", "").strip("0")) <= 2
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "shown"),
+    [
+        (2.5187, 0.0312, ("2.519", "0.031")),
+        (2.5187, 0.0996, ("2.52", "0.10")),
+        (20.3, 12.4, ("20", "12")),
+        (1234.0, 123.0, ("1230", "120")),
+        (-0.0001, 0.031, ("0.000", "0.031")),
+        (-143123456.0, 224000.0, ("-1.4312e+08", "220000")),
+        (2.5, 3.2e-15, ("2.500000000", "3.2e-15")),
+        (2.5, 0.0, ("2.500", "0")),
+        (2.5, None, ("2.500", "")),
+    ],
+)
+def test_an_estimate_ends_with_its_standard_deviation(value, std, shown):
+    table = Table("t", ("name", "x", "std"), (("a", value, std),), deviations={"x": "std"})
+    assert tuple(table.texts()[0][1:]) == shown
+    assert table.csv().splitlines()[1] == f"a,{value},{'' if std is None else std}"
+
+
+def test_numbers_are_aligned_at_their_points():
+    rows = (("a", 2.5187, 0.0312), ("b", -20.3, 12.4), ("c", 1.0, None))
+    lines = Table("t", ("name", "x", "std"), rows, deviations={"x": "std"}).text().splitlines()
+    assert lines[2:] == ["a       2.519   0.031", "b     -20      12", "c       1.000"]
+    assert lacking(["2.00e+06", "1.5", "", "7"]) == ["", "", "", ".0"] and lacking(["3", "40"]) == ["", ""]
+
+
+def test_stated_numbers_keep_the_digits_of_the_longest():
+    assert as_stated([0.32, -1.0, 0.1]) == 2 and as_stated([20.0, 3.0]) == 0 and as_stated([np.nan, 1e-5]) == 5
+    assert as_stated([]) == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (2.5187, 0.0312, "2.519(31)"),
+        (-0.00022, 0.00037, "-0.00022(37)"),
+        (20.3, 1.24, "20.3(12)"),
+        (1234.0, 123.0, "1230(120)"),
+        (-143123456.0, 224000.0, "-1.4312(22)e8"),
+        (2.5, 0.0, "2.500(0)"),
+        (1e-14, 3.2e-15, "1.00(32)e-14"),
+    ],
+)
+def test_brackets_hold_the_standard_deviation_of_the_last_digits(value, std, text):
+    assert bracketed(value, std) == text
+
+
+def test_only_sums_of_several_parameters_are_marked_and_noted():
+    names, sums = ("m1", "m2rz2"), ("m1 + m2", "m2rz2")
+    table = Table("t", *columns(parameter=names, x=(1.0, 2.0)), bodies=("a", "b"), regrouped=Regrouped.of({"": sums}))
+    assert table.remarks() == [("†", "Regrouped sums: m1 + m2.")]
+    assert [row[0] for row in table.texts()] == ["m1† of a", "m2rz2 of b"]
+    none = Regrouped.of({"": names})
+    assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped=none).remarks()
+
+
+def test_sums_that_models_share_are_noted_once():
+    both, other = ("m1 + m2", "Ixx2 + 0.1 m3"), ("m1 + m2", "Ixx2")
+    assert Regrouped.of({"a": both, "b": both}).sentence(["m1"], column=False) == "Regrouped sums: m1 + m2."
+    differ = Regrouped.of({"a": both, "b": other}).sentence(["m1", "Ixx2"], column=False)
+    assert differ == "Regrouped sums, a: m1 + m2, Ixx2 + 0.1 m3; b: m1 + m2."
