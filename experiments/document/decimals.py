@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from numbers import Integral
 
-LEAST = 9
+LEAST = 12
 """Largest number of decimals; numbers whose standard deviations need more are rounded, or powers of ten if smaller."""
 
 HUGE = 1e6
@@ -21,8 +21,8 @@ def number(value: float, decimals: int = 3) -> str:
 
     Integers, also numpy's, have no decimals; booleans have.
 
-    >>> [number(2.5187, 3), number(1234.0, -1), number(2e6), number(2e6, -4), number(3.14e-12, 13), number(7)]
-    ['2.519', '1230', '2.00e+06', '2.00e+06', '3.1e-12', '7']
+    >>> [number(2.5187, 3), number(1234.0, -1), number(2e6), number(2e6, -4), number(3.14e-14, 15), number(7)]
+    ['2.519', '1230', '2.00e+06', '2.00e+06', '3.1e-14', '7']
     """
     if is_whole(value):
         return str(value)
