@@ -117,7 +117,7 @@ def test_everything_on_one_page(out):
     ):
         assert f'<th scope="col">{column}</th>' in page
     assert page.count("from joint angles and wrenches alone") > 6
-    assert "true, simplified" in page and "no offsets. The entries" in page
+    assert "true, simplified" in page and "* The paper put inertias" in page
 
 
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
