@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from numbers import Integral
 
+from ident.display.text import decimals_of
+
 LEAST = 12
 """Largest number of decimals; numbers whose standard deviations need more are rounded, or powers of ten if smaller."""
 
@@ -39,15 +41,6 @@ def number(value: float, decimals: int = 3) -> str:
 def is_whole(value: float) -> bool:
     """True for a count, by its type."""
     return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def decimals_of(std: float | None) -> int | None:
-    """Decimals that leave a standard deviation two significant digits; None if it is zero or unknown.
-
-    >>> [decimals_of(std) for std in (0.0312, 0.00996, 123.0, 0.0, float("nan"))]
-    [3, 3, -1, None, None]
-    """
-    return 1 - int(f"{std:.1e}".partition("e")[2]) if std and math.isfinite(std) else None
 
 
 def of_numbers(std: Iterable[float | None]) -> Decimals:

@@ -12,12 +12,13 @@ from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.simulated import Study
 from experiments.document import styles, symbols, tabular
-from experiments.document.decimals import Decimals, as_stated, decimals_of, number, of_deviations, of_numbers
+from experiments.document.decimals import Decimals, as_stated, number, of_deviations, of_numbers
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout
 from experiments.document.regrouped import Regrouped
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
+from ident.display.text import decimals_of
 
 MEANING = (
     "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"

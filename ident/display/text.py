@@ -1,10 +1,9 @@
 """Results as lines of text for the terminal."""
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from ident.display.parameters import Parameter
 
@@ -18,12 +17,20 @@ SHOWN = 30
 """Largest number of parameters that a summary shows."""
 
 
+def decimals_of(std: float | None) -> int | None:
+    """Decimals that leave a standard deviation two significant digits; None if it is zero or unknown.
+
+    >>> [decimals_of(std) for std in (0.0312, 0.00996, 123.0, 0.0, float("nan"))]
+    [3, 3, -1, None, None]
+    """
+    return 1 - int(f"{std:.1e}".partition("e")[2]) if std and math.isfinite(std) else None
+
+
 def rounded(value: float, std: float) -> tuple[str, str]:
     """A value and its standard deviation, with two significant digits of the latter."""
-    if not np.isfinite(std) or std <= 0:
+    if (decimals := decimals_of(std)) is None:
         return f"{value:.4g}", f"{std:.2g}"
-    decimals = max(0, 1 - int(np.floor(np.log10(float(f"{std:.1e}")))))
-    return f"{value:.{decimals}f}", f"{std:.{decimals}f}"
+    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}", f"{round(std, decimals):.{max(decimals, 0)}f}"
 
 
 def parameter_rows(parameters: Iterable[Parameter]) -> list[tuple[str, ...]]:
