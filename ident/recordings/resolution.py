@@ -67,10 +67,11 @@ def quantum(x: np.ndarray) -> float:
     fewest = 1 if (counts > 1).all() else ENOUGH
     tried = np.append(differences[:CANDIDATES], np.quantile(differences, np.linspace(0, 0.5, CANDIDATES)))
     for step in np.unique(tried)[::-1]:
-        near = differences[differences < FAR * step]
-        steps = np.round(near / step)
-        on = (steps > 0) & (np.abs(near / step - steps) < OFF)
-        if on.sum() >= max(fewest, ON_LATTICE * len(near)):
+        near = differences[: np.searchsorted(differences, FAR * step)]
+        ratios = near / step
+        steps = np.rint(ratios)
+        on = (steps > 0) & (np.abs(ratios - steps) < OFF)
+        if np.count_nonzero(on) >= max(fewest, ON_LATTICE * len(near)):
             return float(near[on].sum() / steps[on].sum())
     return 0.0
 

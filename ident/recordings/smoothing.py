@@ -1,5 +1,7 @@
 """Velocities and accelerations from sampled positions: one zero-phase low-pass filter, and central differences."""
 
+from bisect import bisect_left
+
 import numpy as np
 from scipy.linalg import lapack
 
@@ -191,10 +193,10 @@ def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     shares = np.geomspace(LOWEST, HIGHEST, 80)
     tail = shares[shares >= TAIL]
     _, noise = np.polyfit(tail, _residuals(x, tail), 1)
-    # Columns whose cut-off is reached are not filtered again.
-    for share in shares.tolist():
-        higher = ~(noise >= _residual(x, share))
-        if not higher.any():
-            return rate * share
-        x, noise = x[:, higher], noise[higher]
-    return rate * HIGHEST
+
+    def is_noise(k: int) -> bool:
+        return bool((noise >= _residual(x, float(shares[k]))).all())
+
+    # A higher cut-off leaves less, so that few of them have to be tried.
+    first = bisect_left(range(len(shares) - 1), True, key=is_noise)
+    return rate * float(shares[first])
