@@ -34,7 +34,7 @@ def mechanism(*, actuators=False):
 
 @cache
 def recording(lag=0):
-    time, channels = driven_arm.commanded(lag=lag)
+    time, channels = driven_arm.commanded(seconds=8.0, lag=lag)
     return with_servos(ident.Recording(time, channels), {}, mechanism(actuators=True), [])
 
 

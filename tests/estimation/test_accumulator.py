@@ -67,12 +67,12 @@ def test_as_accurate_as_householder_in_extended_precision(tree, size, condition,
     """The error of one problem varies by factors of ten at random; the sum over several does not."""
     base, errors = find_base_parameters(tree, gravity=GRAVITY), []
     for seed in range(16):
-        samples = moved_by(size, 500, tree=tree, noise=noise, seed=seed)
+        samples = moved_by(size, 250, tree=tree, noise=noise, seed=seed)
         rows, target = rows_of(tree, samples, base), samples.measured.ravel()
         exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
         Q, R = linalg.qr(rows, mode="economic")
         solutions = [linalg.solve_triangular(R, Q.T @ target)]
-        for source in (samples, [samples[k : k + 100] for k in range(0, 500, 100)]):
+        for source in (samples, [samples[k : k + 50] for k in range(0, 250, 50)]):
             fit = fitted(tree, source, gravity=GRAVITY, parameters=base)
             assert condition / 8 < fit.condition_number < condition * 8
             solutions.append(fit.psi)

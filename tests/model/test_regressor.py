@@ -58,7 +58,7 @@ def test_chunks_join_without_a_seam():
 
 
 @pytest.mark.parametrize("torques", [False, True])
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_recorded_equations_are_those_of_one_sample(seed, torques):
     """Long recordings run a program, short ones are evaluated sample by sample; bases rest or move."""
     rng = np.random.default_rng(seed)

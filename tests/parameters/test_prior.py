@@ -48,7 +48,7 @@ def drawn(phi, known, count, rng):
 @pytest.mark.parametrize("known", [KNOWN, {"mass": 0.4, "center": 0.02, "inertia": 0.1}], ids=["usual", "other"])
 @pytest.mark.parametrize("body", BODIES)
 def test_bodies_that_are_drawn_deviate_as_is_known(body, known):
-    phi, count = BODIES[body], 200_000
+    phi, count = BODIES[body], 50_000
     off = drawn(phi, known, count, np.random.default_rng(0)) - phi
     products = off[:, :, None] * off[:, None, :]
     error = products.std(axis=0) / np.sqrt(count)

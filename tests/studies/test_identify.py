@@ -61,7 +61,9 @@ applied_to_link = {applied}
 @cache
 def recording(tilt_deg=0.0, contact=None):
     return simulate(
-        scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120, contact=contact), DOUBLE_PENDULUM
+        scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120, contact=contact),
+        DOUBLE_PENDULUM,
+        samples=600,
     )
 
 

@@ -81,7 +81,7 @@ def test_a_fault_of_the_set_up_is_found_and_taken_out(tmp_path, fault, name, val
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("fault", [{"origin": (0.05, 0, 0)}, {"zero": (0, 3)}, {"gains": (1, 1, 1, 1, 1.1, 1)}])
 def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
-    estimate = by_command(tmp_path, [faulty(3, **fault)], "--base", "base")
+    estimate = by_command(tmp_path, [shortened(faulty(3, **fault), 600)], "--base", "base")
     assert (distances(estimate, "std_setup") < 4).all()
     if not estimate["setup"]:
         assert (distances(estimate, "std") > 10).any()
@@ -89,14 +89,14 @@ def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_forgotten_base_is_named(tmp_path, capsys):
-    estimate = by_command(tmp_path, [faulty()])
+    estimate = by_command(tmp_path, [shortened(faulty(), 600)])
     assert estimate["outcome"] == "doubtful" and "other_base" in {each["code"] for each in estimate["findings"]}
     assert "--base is probably 'base', not what it is now" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
-    recording = faulty(3, delay=0.03)
+    recording = shortened(faulty(3, delay=0.03), 600)
     arguments = (tmp_path, [recording], "--base", "base")
     without = by_command(*arguments, columns="[setup]\ndelay = 0\nclock = false\n")
     assert "delay(ground)" not in [each["name"] for each in without["setup"]]

@@ -11,7 +11,7 @@ from ident.trajectory.fit.response import response
 RUNS, DRAWS, STEP = 12, 100, 1e-5
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows(seed, monkeypatch):
     """For all parameters except the clock's, on which the determinant hardly depends."""
     monkeypatch.setattr(whitening, "HUBER", 1e6)  # Weights of outliers change with θ, which the gradient leaves out.
