@@ -393,7 +393,7 @@ def test_units_start_with_those_of_the_si():
 
 
 FUZZ = settings(
-    max_examples=200,
+    max_examples=100,
     derandomize=True,
     deadline=None,
     database=None,
