@@ -15,7 +15,8 @@ PARALLEL := --numprocesses auto --dist loadfile --no-loadscope-reorder
 MODELS := example-robot-data robosuite dm_control
 BROWSER := tests/document/test_pages_in_browser.py
 # Fuzzing, which damages files in the extras' formats as well, and those that take longest: whole studies of persons and of
-# arms from files to answers, whose parts have tests of their own. `make test` leaves them out.
+# arms from files to answers, whose parts have tests of their own, and statistics of hundreds of trials. `make test` leaves
+# them out.
 LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_laboratory_arms.py \
 	tests/studies/test_person_without_rail.py tests/studies/test_benchmark_run.py \
 	tests/studies/test_gait.py::test_two_walks_are_identified_without_the_samples_beside_the_plates \
@@ -31,7 +32,16 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/studies/test_criteria.py::test_designs_by_deviations_beat_those_by_the_condition_number \
 	tests/studies/test_preparation.py::test_a_moving_base_is_identified_from_its_contacts \
 	tests/trajectory/test_smoothing_choice.py::test_somebody_who_lifts_is_judged_by_a_motion_as_good_as_her_angles \
-	tests/trajectory/test_pieces.py::test_of_eight_recordings_the_intervals_cover_the_truth tests/studies/test_lifting.py
+	tests/trajectory/test_pieces.py::test_of_eight_recordings_the_intervals_cover_the_truth tests/studies/test_lifting.py \
+	tests/studies/test_monte_carlo.py::test_a_request_to_end_ends_all_processes_without_a_traceback \
+	tests/studies/test_monte_carlo.py::test_predicted_standard_deviations_are_right_for_wrench_noise \
+	tests/studies/test_monte_carlo.py::test_standard_deviations_are_right_with_two_contacts \
+	tests/studies/test_multicontact.py::test_weights_help_where_only_the_wrenches_are_noisy \
+	tests/studies/test_misaligned.py::test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other \
+	tests/studies/test_criteria.py::test_estimates_scatter_by_the_predicted_deviations \
+	tests/studies/test_trajectory_identification.py::test_the_command_says_the_same_with_workers \
+	tests/regression/test_ordinary.py::test_intervals_hold_for_noise_that_is_correlated_over_time \
+	tests/regression/test_robust.py::test_standard_deviations_are_right_for_white_and_for_slow_noise
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/test_against_sysid.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/docs/test_notebook.py \
