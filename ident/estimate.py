@@ -66,6 +66,7 @@ class Estimate:
         joint: The trajectory estimate of trajectory, parameters, set-up and noise, None for other estimators.
         rivals: Ratios of residual to signal of other candidates on the same samples (C,), by name.
         filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
+        filtered_values: Base parameters, drives and offsets of that candidate; None without it.
         disagreement: Root mean square z of the differences between two halves, None without two.
         disagreements: Root mean square z of each recording's parameters against the others', for three or more.
         widening: Factor on the standard deviations from the noise because of that.
@@ -84,6 +85,7 @@ class Estimate:
     disagreements: tuple[float, ...] = ()
     widening: float = 1.0
     filtered_at: float | None = None
+    filtered_values: np.ndarray | None = None
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property

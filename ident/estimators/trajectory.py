@@ -18,7 +18,7 @@ from ident.judgement.halves import DISAGREE, disagreement, disagreements, withou
 from ident.judgement.torque_checks import torque_checks
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.problem import Problem
-from ident.regression.filtered import filtered_least_squares
+from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.setup import PRIORS
@@ -69,7 +69,7 @@ def trajectory(problem: Problem) -> Estimate:
         values = (without(result, k) for k in range(len(problem.fitted)))
         fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
     held_out = mended.held_out(fits)
-    rivals, filtered_at = _rivals(problem, with_offsets, result, fit, held_out)
+    rivals, filtered = _rivals(problem, with_offsets, result, fit, held_out)
     return Estimate(
         logs=mended.fitted,
         fit=fit,
@@ -78,7 +78,8 @@ def trajectory(problem: Problem) -> Estimate:
         singular_values=singular_values,
         trajectory=result,
         rivals=rivals,
-        filtered_at=filtered_at,
+        filtered_at=filtered.cutoffs[0],
+        filtered_values=filtered.values[0],
         disagreement=rms,
         disagreements=disagreements(result),
         widening=widening,
@@ -148,7 +149,7 @@ def _corrected(problem: Problem, trajectory: TrajectoryEstimate) -> Problem:
 
 def _rivals(
     problem: Problem, equations: Equations, trajectory: TrajectoryEstimate, fit: Fit, held_out: HeldOut
-) -> tuple[dict[str, np.ndarray], float | None]:
+) -> tuple[dict[str, np.ndarray], FilteredLeastSquares]:
     """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
 
     Args:
@@ -159,7 +160,7 @@ def _rivals(
         held_out: Its residuals.
 
     Returns:
-        Ratios of residual to signal by candidate (C,), and the cut-off of least squares, Hz.
+        Ratios of residual to signal by candidate (C,), and least squares.
     """
     stated = _corrected(problem, trajectory.as_stated())
     held = model_as_it_came(stated, replace(fit, equations=equations))
@@ -174,4 +175,4 @@ def _rivals(
     signal, scales = held, np.ones(len(equations.channels))
     if commanded:
         signal, scales = held_out, np.array(trajectory.measurement.gains(trajectory.parameters_of(0)), float)
-    return {name: replace(signal, residual=x / scales).ratio for name, x in residuals.items()}, filtered.cutoffs[0]
+    return {name: replace(signal, residual=x / scales).ratio for name, x in residuals.items()}, filtered

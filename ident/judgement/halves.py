@@ -19,8 +19,8 @@ LEAST_ADDED = 0.01
 """Least variance of these differences, over a parameter's own: it is computed as a difference, with rounding errors."""
 
 
-def disagreement(joint: TrajectoryEstimate) -> float | None:
-    """Root mean square z of the base parameters' differences between two halves, of the recordings if there are more.
+def differences(joint: TrajectoryEstimate) -> np.ndarray | None:
+    """Differences of the base parameters between two halves, of the recordings if there are more, as z (r,).
 
     Each half is combined with half of the prior's precision. None if a half does not determine the parameters.
     """
@@ -45,8 +45,13 @@ def disagreement(joint: TrajectoryEstimate) -> float | None:
             return None
         steps.append((inverse_of_precision(precision[own]) @ right[free])[:rank])
         covariances.append(covariance[:rank, :rank])
-    z = (steps[0] - steps[1]) / np.sqrt(np.diag(covariances[0] + covariances[1]))
-    return float(np.sqrt((z**2).mean()))
+    return np.asarray((steps[0] - steps[1]) / np.sqrt(np.diag(covariances[0] + covariances[1])))
+
+
+def disagreement(joint: TrajectoryEstimate) -> float | None:
+    """Root mean square z of the `differences` between two halves; None if a half does not determine the parameters."""
+    z = differences(joint)
+    return None if z is None else float(np.sqrt((z**2).mean()))
 
 
 def disagreements(joint: TrajectoryEstimate) -> tuple[float, ...]:

@@ -56,11 +56,13 @@ class FilteredLeastSquares:
             can be chosen.
         predicted: Predicted channels of each (N, C).
         measured: Unfiltered channels of each, commands as torques at the filtered motion (N, C).
+        values: Coefficients that predict each (m,).
     """
 
     cutoffs: tuple[float | None, ...]
     predicted: tuple[np.ndarray, ...]
     measured: tuple[np.ndarray, ...]
+    values: tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,7 @@ def filtered_least_squares(
     cutoffs = _cutoffs([part.log for part in (*fitted, *judged)])
     thin = max(1, round(length(fitted) / ENOUGH))
     halves = {c: [_halves(part, equations, c, thin) for part in fitted] for c in cutoffs}
-    best, predicted, measured = list[float | None](), list[np.ndarray](), list[np.ndarray]()
+    best, predicted, measured, values = list[float | None](), list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     for k, part in enumerate(judged):
         used = [i for i in range(len(fitted)) if not others or i != k]
         sums = {
@@ -127,12 +129,13 @@ def filtered_least_squares(
         chosen = min(cutoffs, key=lambda c: _error(sums[c], prior))
         x = _solved(sums[chosen][0] + sums[chosen][1], prior)
         best.append(chosen)
+        values.append(x)
         own = filtered(part.log, chosen)
         motion = own.motion[part.indices]
         measured.append(own.raw[part.indices])
         rows = equations.rows(Samples(motion, np.zeros((len(motion), len(equations.channels)))))
         predicted.append(np.hstack([np.tensordot(x, r[:-1], axes=1) for r in rows]).T)
-    return FilteredLeastSquares(tuple(best), tuple(predicted), tuple(measured))
+    return FilteredLeastSquares(tuple(best), tuple(predicted), tuple(measured), tuple(values))
 
 
 def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:

@@ -1,0 +1,128 @@
+"""Tables of the validation: recordings, held-out residuals, published parameters, identical parts and trials."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation, Values, inside, rms
+from experiments.document import tabular
+from experiments.reports.validation_figures import agreement
+
+
+def table_recordings(study: Study) -> tabular.Table:
+    """A line on each recording: size, verdict, channels, agreement and time."""
+    rows = tuple(_recording(each) for each in study)
+    heads = {
+        "held_out": "held out",
+        "channels": "explained channels",
+        "best": "estimate best",
+        "worse": f"worse by over {WORSE - 1:.0%}",
+        "halves": "halves, RMS z",
+        "halves_inside": "halves inside 95 %",
+        "trials_inside": "trials inside 95 %",
+        "identical_inside": "identical parts inside 95 %",
+        "seconds": "CPU s",
+    }
+    columns = ("recording", "fitted", "held_out", "verdict", "channels", "best", "worse", "halves", "halves_inside")
+    columns_of_all = (*columns, "trials_inside", "identical_inside", "seconds")
+    notes = (
+        "RMS z of halves in standard deviations from the noise; beyond 2 these are widened by as much, and halves "
+        "inside 95 % are of the widened ones.",
+    )
+    return tabular.Table("Recordings of real systems", columns_of_all, rows, decimals=1, heads=heads, notes=notes)
+
+
+def _recording(validation: Validation) -> tuple[tabular.Cell, ...]:
+    """A recording's row."""
+    ratio, z = validation.against_best, agreement(validation)
+    counts = (len(ratio), int((ratio <= 1).sum()), int((ratio > WORSE).sum()))
+    shares = (_percent(inside(z[name])) for name in ("halves", "trials", "identical"))
+    start = (validation.entry.title, *validation.samples, validation.outcome)
+    return _with_gaps((*start, *counts, rms(validation.halves), *shares, round(validation.seconds)))
+
+
+def _percent(share: float) -> str | None:
+    return None if np.isnan(share) else f"{100 * share:.0f} %"
+
+
+def _with_gaps(row: tuple[Any, ...]) -> tuple[tabular.Cell, ...]:
+    """A row with empty cells for numbers that do not exist."""
+    return tuple(None if isinstance(x, float) and np.isnan(x) else x for x in row)
+
+
+def table_held_out(study: Study) -> tabular.Table:
+    """Held-out residual over signal by channel and candidate."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study:
+        for k, channel in enumerate(each.channels):
+            ratios = [float(each.ratios[name][k]) for name in (MODEL, LEAST_SQUARES, ESTIMATE)]
+            rows.append((each.entry.title, channel, *ratios, each.entry.held_out.get(channel), _judged(each, k)))
+    columns = ("recording", "channel", "model", "least_squares", "estimate", "published", "note")
+    heads = {"model": "model as it came", "least_squares": "least squares", "estimate": "trajectory estimate"}
+    title = "Residual of the held-out part over the signal's standard deviation"
+    return tabular.Table(title, columns, tuple(rows), heads=heads)
+
+
+def _judged(validation: Validation, k: int) -> str:
+    """Decision on a channel in a word or two."""
+    if not validation.explained[k]:
+        return "not explained by this motion"
+    ratio = validation.ratios[ESTIMATE][k] / validation.best_other[k]
+    return "best" if ratio <= 1 else "as good" if ratio <= WORSE else f"worse by {ratio - 1:.0%}"
+
+
+def table_published(study: Study) -> tabular.Table:
+    """Published parameters beside the estimates, with both standard deviations and z."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study:
+        for published in each.entry.published:
+            value, std, std_setup = each.values[published.name]
+            unit = each.values.units[each.values.names.index(published.name)]
+            z = each.published_z(published)
+            numbers = (published.value, published.std, value, std, std_setup, z)
+            rows.append(_with_gaps((each.entry.title, published.name, unit, *numbers, published.source)))
+    columns = ("recording", "parameter", "unit", "published", "published_std", "estimate", "std", "std_setup", "z")
+    heads = {"published_std": "published s.d."}
+    title = "Published parameters and estimates"
+    return tabular.Table(title, (*columns, "source"), tuple(rows), decimals=4, heads=heads)
+
+
+def table_steel(validation: Validation) -> tabular.Table:
+    """Parameters of the double pendulum in the form of the paper's Tables III and IV: published values and errors."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for published in validation.entry.published:
+        value, _, std = validation.values[published.name]
+        k = validation.values.names.index(published.name)
+        errors = [float(validation.rivals[name][k]) - published.value for name in (MODEL, LEAST_SQUARES)]
+        rows.append((published.name, published.value, *errors, value - published.value, std))
+    columns = ("parameter", "published", "error_model", "error_least_squares", "error", "std")
+    heads = {
+        "error_model": "error, model as it came",
+        "error_least_squares": "error, least squares",
+        "error": "error, trajectory estimate",
+        "std": "its s.d.",
+    }
+    title = "Double pendulum in steel: published parameters, and estimates less these, SI units"
+    units = tuple(validation.values.units[validation.values.names.index(row[0])] for row in rows)
+    return tabular.Table(title, columns, tuple(rows), decimals=4, heads=heads, units=units)
+
+
+def table_agreement(study: Study) -> tabular.Table:
+    """Values of parameters that are equal by construction, and of trials identified alone, with their z."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study:
+        for group in each.entry.alike:
+            numbers = [each.values[name] for name in group]
+            rows += [(each.entry.title, name, *x, None) for name, x in zip(group, numbers, strict=True)]
+        for log, values in each.trials.items():
+            rows += [(each.entry.title, f"{name}, {log}", *values[name], None) for name in _compared(each, values)]
+    columns = ("recording", "parameter", "estimate", "std", "std_setup", "note")
+    return tabular.Table("Parameters of identical parts and of trials", columns, tuple(rows), decimals=4)
+
+
+def _compared(validation: Validation, values: Values) -> Iterator[str]:
+    """Yields the names of the published parameters, which the trials are shown by."""
+    for published in validation.entry.published:
+        if published.name in values.names:
+            yield published.name

@@ -1,0 +1,166 @@
+"""Files of an entry: those of a local folder, or downloaded ones, checked by hash and converted where necessary."""
+
+import pickle
+import sqlite3
+import struct
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+from experiments.data.validation import Entry, SourceFile
+from experiments.studies.validation.converters import CONVERTERS
+from experiments.studies.validation.download import HOST, address, cache, digest, download
+from ident.errors import InputError
+
+DAMAGED = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    sqlite3.Error,
+    struct.error,
+    pickle.PickleError,
+    BadZipFile,
+)
+"""Errors of converters that damaged files cause."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the files of entries may be.
+
+    Attributes:
+        data: Local folders, each with a folder for each entry.
+        fetch: True to download what is in none of them.
+        host: Server to download from.
+    """
+
+    data: tuple[Path, ...] = ()
+    fetch: bool = False
+    host: str = HOST
+
+    def folder(self, entry: Entry) -> Path:
+        """Folder that holds the files of an entry, after a download if necessary.
+
+        Raises:
+            InputError: No folder holds all of them; the message says what would do.
+        """
+        for place in self._folders(entry):
+            if _complete(entry, place):
+                return place
+        if not self.fetch:
+            raise InputError(_missing(entry, self._folders(entry)[:-1]))
+        return fetched(entry, self._folders(entry)[-1], self.host)
+
+    def holds(self, entry: Entry) -> bool:
+        """True if a folder holds all files of an entry."""
+        return any(_complete(entry, place) for place in self._folders(entry))
+
+    def _folders(self, entry: Entry) -> list[Path]:
+        """Folders where an entry may be, that of downloads last."""
+        return [where / entry.folder for where in (*self.data, cache())]
+
+
+def _complete(entry: Entry, folder: Path) -> bool:
+    return bool(entry.files) and all((folder / file.name).is_file() for file in entry.files)
+
+
+def _missing(entry: Entry, places: Iterable[Path]) -> str:
+    """Sentence on files that are not there."""
+    for place in places:
+        if lost := [file.name for file in entry.files if not (place / file.name).is_file()]:
+            return f"'{place}' has no {' and no '.join(lost)}; --fetch downloads what its licence lets."
+    return (
+        f"Its files are not here: --fetch downloads them, or --data FOLDER (or MULTICONTACT_DATA) names a folder with "
+        f"a folder '{entry.folder}'."
+    )
+
+
+def fetched(entry: Entry, folder: Path, host: str = HOST) -> Path:
+    """Downloads the files of an entry into a folder and returns it.
+
+    Raises:
+        InputError: One may not be copied, cannot be downloaded, or has another hash.
+    """
+    addresses = {file: address(entry, file, host) for file in entry.files}
+    for file, url in addresses.items():
+        target = folder / file.name
+        if target.is_file() and (not file.sha256 or digest(target) == file.sha256):
+            continue
+        if not file.made:
+            _tell_unchecked(file, url, download(url, target, file.original or file.sha256))
+            continue
+        original = folder / f"{Path(file.path).name}.original"
+        _tell_unchecked(file, url, download(url, original, file.original))
+        convert(file.made, original, target)
+        original.unlink()
+    return folder
+
+
+def _tell_unchecked(file: SourceFile, url: str, sha256: str) -> None:
+    """Prints the hash of a file that the registry has none of."""
+    if not file.original and (file.made or not file.sha256):
+        print(f"Unchecked, as the registry holds no hash of it: {url}, SHA-256 {sha256}.", file=sys.stderr)
+
+
+def checked(entry: Entry, folder: Path) -> tuple[str, ...]:
+    """Checks the files of an entry by their hashes.
+
+    A file made of a downloaded one may be written otherwise than the one that was tried; it is not refused.
+
+    Returns:
+        Names of the files that no hash vouches for.
+
+    Raises:
+        InputError: A file has another hash.
+    """
+    unchecked = []
+    for file in entry.files:
+        if file.sha256 and digest(folder / file.name) == file.sha256:
+            continue
+        if file.sha256 and not file.made:
+            raise InputError(
+                f"'{folder / file.name}' is another file than the one that was tried, whose SHA-256 is {file.sha256}: "
+                "it is damaged, or of another version."
+            )
+        unchecked.append(file.name)
+    return tuple(unchecked)
+
+
+def converted(entry: Entry, folder: Path, scratch: Path) -> Mapping[str, Path]:
+    """Paths of the files to read by name, converted ones in a scratch folder.
+
+    Raises:
+        InputError: A file cannot be converted.
+    """
+    out = {}
+    for file in entry.files:
+        path = folder / file.name
+        if file.converter:
+            target = scratch / _read_as(file)
+            convert(file.converter, path, target)
+            path = target
+        out[file.name] = path
+    return out
+
+
+def _read_as(file: SourceFile) -> str:
+    """Name of a converted file: a bag becomes a table."""
+    return f"{Path(file.name).stem}.csv" if file.converter == "joint_states" else file.name
+
+
+def convert(name: str, source: Path, target: Path) -> None:
+    """Converts a file by the converter of a name.
+
+    Raises:
+        InputError: The file is damaged.
+        OSError: The converted one cannot be written.
+    """
+    try:
+        CONVERTERS[name](source, target)
+    except InputError as error:
+        raise InputError(f"'{source}' cannot be converted: {error}") from None
+    except DAMAGED as error:
+        raise InputError(f"'{source}' cannot be converted by '{name}': it is damaged ({error}).") from None

@@ -1,0 +1,141 @@
+"""The registry: a TOML file for each public recording, and a columns file where it needs one."""
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from experiments.data.validation import Entry, Published, Source, SourceFile
+from experiments.studies.validation.converters import CONVERTERS
+from experiments.studies.validation.options import check_columns, check_options
+from ident.errors import InputError
+from ident.files.table import short
+
+KEYS = (
+    *("title", "about", "folder", "tried", "note", "source", "files", "model", "fitted", "judged", "options"),
+    *("published", "held_out", "alike"),
+)
+"""Entries of a recording's file."""
+
+SHA256, COMMIT = re.compile(r"[0-9a-f]{64}"), re.compile(r"[0-9a-f]{7,40}")
+"""Forms of hashes."""
+
+REPOSITORY = re.compile(r"[\w.-]+/[\w.-]+")
+"""Form of a repository's name."""
+
+
+def folder() -> Path:
+    """Folder of the registry's files."""
+    return Path(str(files("experiments.studies.validation").joinpath("recordings")))
+
+
+def columns_file(name: str) -> Path:
+    """Path of an entry's columns file."""
+    return Path(str(files("experiments.studies.validation").joinpath("columns"))) / name
+
+
+def registry(where: Path | None = None) -> dict[str, Entry]:
+    """All entries by name, those that have been tried first.
+
+    Args:
+        where: Folder of the entries, by default that of this package.
+
+    Raises:
+        InputError: An entry is malformed, or has options that a user could not have known beforehand.
+    """
+    entries = [read_entry(path) for path in sorted((where or folder()).glob("*.toml"))]
+    return {entry.name: entry for entry in sorted(entries, key=lambda entry: not entry.tried)}
+
+
+def chosen(names: Sequence[str], entries: Mapping[str, Entry]) -> list[Entry]:
+    """Entries by name, by default all.
+
+    Raises:
+        InputError: There is none of a name.
+    """
+    if unknown := [name for name in names if name not in entries]:
+        raise InputError(f"Recordings are {', '.join(entries)}; got '{unknown[0]}'.")
+    return [entry for name, entry in entries.items() if not names or name in names]
+
+
+def read_entry(path: Path) -> Entry:
+    """Reads the file of an entry, whose name it has.
+
+    Raises:
+        InputError: It is malformed; the message names the file and the entry.
+    """
+    try:
+        content = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path.name}: an entry needs to be TOML in UTF-8 ({error}).") from None
+    entry = _entry(path.stem, content)
+    _check_hashes(entry)
+    _check_logs(entry)
+    check_options(entry.name, entry.options)
+    if "columns" in entry.options:
+        check_columns(columns_file(entry.options["columns"]))
+    return entry
+
+
+def _entry(name: str, content: Mapping[str, Any]) -> Entry:
+    """Entry of a file's content, whose tables become objects."""
+    for key in content:
+        if key not in KEYS:
+            raise InputError(f"{name}: an entry has no '{short(key)}'; valid are {', '.join(KEYS)}.")
+    made: dict[str, Any] = dict(content)
+    made["source"] = _of(Source, name, "source", content.get("source"))
+    for key, kind in (("files", SourceFile), ("published", Published)):
+        made[key] = tuple(_of(kind, name, key, each) for each in _list(name, key, content))
+    for key in ("fitted", "judged", "alike"):
+        made[key] = tuple(tuple(each) for each in _list(name, key, content))
+    return _of(Entry, name, "file", {"name": name, **made})
+
+
+def _list(name: str, key: str, content: Mapping[str, Any]) -> list[Any]:
+    given = content.get(key, [])
+    if not isinstance(given, list) or not all(isinstance(each, dict | list) for each in given):
+        raise InputError(f"{name}: '{key}' needs a list of tables or lists, got {short(given)}.")
+    return given
+
+
+def _of(kind: Callable[..., Any], name: str, key: str, given: Any) -> Any:
+    """Object of a table, whose keys are the arguments of its class."""
+    if not isinstance(given, dict):
+        raise InputError(f"{name}: '{key}' needs a table, got {short(given)}.")
+    try:
+        return kind(**given)
+    except TypeError as error:
+        raise InputError(f"{name}: '{key}' is incomplete or has unknown entries ({error}).") from None
+
+
+def _check_hashes(entry: Entry) -> None:
+    """Refuses malformed hashes, and hashes or published numbers of an untried recording."""
+    name, source = entry.name, entry.source
+    if not REPOSITORY.fullmatch(source.repository):
+        raise InputError(f"{name}: a repository is 'owner/name', got {short(source.repository)}.")
+    if source.commit and not COMMIT.fullmatch(source.commit):
+        raise InputError(f"{name}: a commit has 7 to 40 hexadecimal digits, got {short(source.commit)}.")
+    for file in entry.files:
+        for given in (file.sha256, file.original):
+            if given and not SHA256.fullmatch(given):
+                raise InputError(f"{name}: the SHA-256 of {file.name} has 64 hexadecimal digits, got {short(given)}.")
+        if entry.tried != bool(file.sha256):
+            state = "was tried and" if entry.tried else "is untried, and"
+            raise InputError(f"{name} {state} {file.name} has {'' if file.sha256 else 'no '}hash.")
+        if Path(file.name).name != file.name or ".." in Path(file.path).parts or Path(file.path).is_absolute():
+            raise InputError(f"{name}: names and paths of files stay in their folder, got {short(file.name)}.")
+        for converter in filter(None, (file.made, file.converter)):
+            if converter not in CONVERTERS:
+                raise InputError(f"{name}: converters are {', '.join(CONVERTERS)}; got {short(converter)}.")
+
+
+def _check_logs(entry: Entry) -> None:
+    """Refuses logs and models of files that the entry does not list."""
+    names = [file.name for file in entry.files]
+    if entry.tried and not entry.fitted:
+        raise InputError(f"{entry.name} was tried, and says nothing of what is fitted.")
+    used = [*([entry.model] if entry.tried else []), *(name for log in entry.logs for name in log)]
+    if missing := [name for name in used if name not in names]:
+        raise InputError(f"{entry.name} uses '{missing[0]}', which is not among its files.")

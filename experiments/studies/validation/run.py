@@ -1,0 +1,137 @@
+"""Identification of one recording with the command's defaults, in JSON types, so that any process can do it."""
+
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
+from experiments.studies.identification import prepare
+from experiments.studies.validation.files import checked, converted
+from experiments.studies.validation.registry import columns_file
+from ident.estimate import Estimate
+from ident.estimation.preparation import Prepared
+from ident.geometry.inertia import PARAMETERS
+from ident.identification import identified
+from ident.judgement.halves import differences
+from ident.parameters.prior import KNOWN, drive_precision, known_covariance
+from ident.tolerances import DRIVE_UNITS
+from sim.models.notes import ModelNote
+
+Log = tuple[str, ...]
+"""Names of the files of a log."""
+
+UNITS = {"N": "N m", "m": "kg", "r": "kg m", "I": "kg m²"}
+"""Units of parameters by the kind of their name."""
+
+
+def log_name(log: Log) -> str:
+    """Name of a log by its first file."""
+    return Path(log[0]).stem
+
+
+def estimates(entry: Entry, folder: Path, log: Log | None) -> dict[str, Any]:
+    """Results of an entry, or the values of one of its logs identified alone.
+
+    Args:
+        entry: The recording.
+        folder: Folder of its files.
+        log: The log to identify alone; None for the fitted logs together, with those to judge by.
+
+    Raises:
+        InputError: A file is another one than that tried, or the recording cannot be identified.
+    """
+    unchecked = checked(entry, folder)
+    with TemporaryDirectory() as scratch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelNote)
+        paths = converted(entry, folder, Path(scratch))
+        if log is not None:
+            return {"values": values(_identified(entry, paths, [log], [])[0])}
+        estimate, seconds = _identified(entry, paths, entry.fitted, entry.judged)
+        return {**results(estimate), "seconds": seconds, "unchecked": list(unchecked)}
+
+
+def _identified(
+    entry: Entry, paths: Mapping[str, Path], fitted: Sequence[Log], judged: Sequence[Log]
+) -> tuple[Estimate, float]:
+    """Estimate from logs, and its CPU time in s, reading included."""
+    start = time.process_time()
+    logs, judges = ([_prepared(entry, paths, log) for log in several] for several in (fitted, judged))
+    known = entry.options.get("prior")
+    return identified(logs, judges=judges, known=known), time.process_time() - start
+
+
+def _prepared(entry: Entry, paths: Mapping[str, Path], log: Log) -> Prepared:
+    """A log with the options of its entry."""
+    options: dict[str, Any] = {key: x for key, x in entry.options.items() if key not in ("columns", "prior")}
+    if "columns" in entry.options:
+        options["columns"] = columns_file(entry.options["columns"])
+    path = paths[log[0]] if len(log) == 1 else Path("+".join(str(paths[name]) for name in log))
+    return prepare(paths[entry.model], path, filters=False, **options)
+
+
+def values(estimate: Estimate) -> dict[str, Any]:
+    """Base parameters and drives of an estimate, with their standard deviations and the prior's."""
+    count = estimate.base.rank + len(estimate.fit.equations.drives)
+    return {
+        "names": list(estimate.names[:count]),
+        "values": estimate.fit.values[:count].tolist(),
+        "std": estimate.fit.std[:count].tolist(),
+        "std_setup": np.sqrt(np.diag(estimate.covariance_setup))[:count].tolist(),
+        "prior": [x if np.isfinite(x) else None for x in prior_std(estimate).tolist()],
+        "units": [unit(name) for name in estimate.names[:count]],
+    }
+
+
+def prior_std(estimate: Estimate) -> np.ndarray:
+    """Standard deviations of the prior of base parameters and drives, infinite where there is none (p,)."""
+    equations, mechanism = estimate.fit.equations, estimate.prepared.mechanism
+    out = np.full(estimate.base.rank + len(equations.drives), np.inf)
+    if estimate.trajectory is None or not estimate.trajectory.known:
+        return out
+    known = {**KNOWN, **estimate.prepared.recording.known}
+    out[: estimate.base.rank] = np.sqrt(np.diag(known_covariance(mechanism, estimate.base, known)))
+    precision = drive_precision(mechanism, equations.drives, equations.scaled)
+    out[estimate.base.rank :] = np.where(precision > 0, 1 / np.sqrt(np.where(precision > 0, precision, 1)), np.inf)
+    return out
+
+
+def unit(name: str) -> str:
+    """Unit of a base parameter or of a drive of a joint that turns."""
+    kind = name.partition("(")[0]
+    if kind in DRIVE_UNITS:
+        return DRIVE_UNITS[kind][0]
+    return "kg m²" if name.startswith("I") else "kg m" if "r" in name else "kg"
+
+
+def results(estimate: Estimate) -> dict[str, Any]:
+    """Values, predictions, agreement of halves and verdict of an estimate."""
+    verdict, trajectory = estimate.verdict(), estimate.trajectory
+    halves = None if trajectory is None else differences(trajectory)
+    base, count = estimate.base, estimate.base.rank + len(estimate.fit.equations.drives)
+    model = estimate.fit.equations.from_model[:count]
+    filtered = estimate.filtered_values
+    rivals = {MODEL: model, **({} if filtered is None else {LEAST_SQUARES: filtered[:count]})}
+    part = estimate.logs
+    return {
+        "values": values(estimate),
+        "rivals": {name: x.tolist() for name, x in rivals.items()},
+        "channels": list(estimate.channels),
+        "units": ["N" if channel.startswith("F") and len(channel) == 2 else "N m" for channel in estimate.channels],
+        "ratios": {
+            **{name: np.asarray(estimate.rivals[name]).tolist() for name in (MODEL, LEAST_SQUARES)},
+            ESTIMATE: estimate.held_out.ratio.tolist(),
+        },
+        "halves": [] if halves is None else halves.tolist(),
+        "widening": estimate.widening,
+        "outcome": verdict.outcome.value,
+        "verdict": str(verdict),
+        "doubts": list(verdict.doubts),
+        "samples": [sum(len(each.indices) for each in part), len(estimate.held_out.time)],
+        "cutoff": estimate.filtered_at,
+        "columns": len(base.parameters) // len(PARAMETERS),
+    }

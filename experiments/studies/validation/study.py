@@ -1,0 +1,135 @@
+"""The study of all recordings: what is run, by which workers, and its results."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from experiments.data.validation import Entry, Study, Validation, Values
+from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import Workers
+from experiments.studies.validation.files import Places
+from experiments.studies.validation.run import Log, estimates, log_name
+from ident.errors import InputError
+
+FILE = "validation.npz"
+"""File with the results of the recordings of a run, by which it can be resumed."""
+
+
+class Task(NamedTuple):
+    """What one worker does at a time: a recording, or one of its logs alone.
+
+    Attributes:
+        entry: The recording.
+        folder: Folder of its files.
+        log: The log to identify alone; None for the recording.
+    """
+
+    entry: Entry
+    folder: Path
+    log: Log | None = None
+
+
+def work(task: Task) -> list[str]:
+    """Results of a task as JSON, or the sentence with which it is refused."""
+    try:
+        return [json.dumps(estimates(*task))]
+    except InputError as error:
+        return [json.dumps({"refused": str(error)})]
+
+
+def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Workers) -> Study:
+    """Results of recordings.
+
+    Args:
+        entries: The recordings.
+        places: Where their files are.
+        folder: Folder of the file by which the run can be resumed.
+        workers: Workers that share the tasks.
+
+    Raises:
+        InputError: No recording has results; the message says why.
+    """
+    folders, refused = dict[str, Path](), dict[str, str]()
+    for entry in entries:
+        try:
+            if not entry.fitted:
+                raise InputError(f"{entry.name} is untried: the registry says only where it is. {entry.note}")
+            folders[entry.name] = places.folder(entry)
+        except InputError as error:
+            refused[entry.name] = str(error)
+    tasks = tasks_of([entry for entry in entries if entry.name in folders], folders)
+    kept = Checkpoint("recordings", folder / FILE, {"tasks": [[task.entry.name, task.log] for task in tasks]})
+    answers = workers.collected(work, tasks, kept) if tasks else []
+    return collected(entries, tasks, answers, refused)
+
+
+def tasks_of(entries: Iterable[Entry], folders: Mapping[str, Path]) -> list[Task]:
+    """Tasks of recordings, the shorter ones last, so that all workers end at about the same time.
+
+    A recording of several logs is identified from each of them alone as well.
+    """
+    entries = list(entries)
+    whole = [Task(entry, folders[entry.name]) for entry in entries]
+    alone = [Task(entry, folders[entry.name], log) for entry in entries if len(entry.logs) > 1 for log in entry.logs]
+    return [*whole, *alone]
+
+
+def collected(
+    entries: Sequence[Entry],
+    tasks: Sequence[Task],
+    answers: Sequence[Mapping[str, Any]],
+    refused: Mapping[str, str] | None = None,
+) -> Study:
+    """Study of the answers to tasks.
+
+    Raises:
+        InputError: There are none; the message says why.
+    """
+    sentences, made = dict(refused or {}), dict[str, Mapping[str, Any]]()
+    trials: dict[str, dict[str, Values]] = {}
+    for task, answer in zip(tasks, answers, strict=True):
+        name = task.entry.name
+        if "refused" in answer:
+            of_log = "" if task.log is None else f"{log_name(task.log)}: "
+            sentences[name] = f"{sentences.get(name, '')} {of_log}{answer['refused']}".strip()
+        elif task.log is None:
+            made[name] = answer
+        else:
+            trials.setdefault(name, {})[log_name(task.log)] = Values.of(answer["values"])
+    ordered = [entry for entry in entries if entry.name in made]
+    if not ordered:
+        raise InputError(" ".join(sentences[entry.name] for entry in entries[:1]) or "No recording was chosen.")
+    untried = tuple(entry for entry in entries if not entry.tried and entry.name not in made)
+    for entry in untried:
+        sentences.pop(entry.name, None)
+    return Study(
+        {entry.name: validation(entry, made[entry.name], trials.get(entry.name, {})) for entry in ordered},
+        sentences,
+        untried,
+    )
+
+
+def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Values]) -> Validation:
+    """Results of a recording from their JSON form."""
+    fitted, judged = answer["samples"]
+    return Validation(
+        entry=entry,
+        values=Values.of(answer["values"]),
+        rivals={name: np.array(x, float) for name, x in answer["rivals"].items()},
+        channels=tuple(answer["channels"]),
+        units=tuple(answer["units"]),
+        ratios={name: np.array(x, float) for name, x in answer["ratios"].items()},
+        halves=np.array(answer["halves"], float),
+        widening=answer["widening"],
+        trials={log_name(log): trials[log_name(log)] for log in entry.logs if log_name(log) in trials},
+        outcome=answer["outcome"],
+        verdict=answer["verdict"],
+        doubts=tuple(answer["doubts"]),
+        samples=(fitted, judged),
+        cutoff=answer["cutoff"],
+        seconds=answer["seconds"],
+        unchecked=tuple(answer["unchecked"]),
+    )

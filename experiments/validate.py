@@ -1,0 +1,74 @@
+"""Validation on public recordings of real systems, with the defaults of identify: where it wins, and where it loses.
+
+Each recording of the registry is identified unattended: parameters beside published ones, held-out residuals beside
+those of the model as it came and of least squares at the best of five cut-offs, agreement of halves and of trials.
+Recordings are not shipped; --data names a folder that holds them, or --fetch downloads those whose licence lets.
+"""
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from experiments.cli import options, print_options, running
+from ident.errors import InputError
+
+if TYPE_CHECKING:
+    from experiments.studies.validation.files import Places
+
+VARIABLE = "MULTICONTACT_DATA"
+"""Environment variable with a folder of recordings."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """Validates, and writes and prints the results."""
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import writable
+    from experiments.document.writer import write
+    from experiments.reports import validation_report
+    from experiments.runs.workers import Workers
+    from experiments.studies.validation.registry import chosen, registry
+    from experiments.studies.validation.study import study
+
+    entries, places = chosen(args.names, registry()), _places(args)
+    if not args.names and not args.fetch:
+        entries = [entry for entry in entries if entry.tried or places.holds(entry)]
+    out = print_options.output_of(args)
+    with writable(args.out):
+        workers = Workers(args.workers or os.cpu_count() or 1, resume=args.resume)
+        results = study(entries, places, args.out, workers)
+    origin = provenance({"names": args.names, "formats": args.formats, **out.choices})
+    write(validation_report.document(results, origin), out)
+
+
+def _places(args: argparse.Namespace) -> "Places":
+    """Folders of recordings.
+
+    Raises:
+        InputError: There are none, and nothing is to be downloaded.
+    """
+    from experiments.studies.validation import files
+
+    given = args.data or (Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None)
+    if given is None and not args.fetch:
+        raise InputError(
+            "The recordings are not shipped: --fetch downloads those whose licence lets, --data FOLDER (or "
+            f"{VARIABLE}) names a folder that holds them."
+        )
+    if given is not None and not given.is_dir():
+        raise InputError(f"--data (or {VARIABLE}) needs a folder that exists, got '{given}'.")
+    return files.Places((given,) if given is not None else (), fetch=args.fetch)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("validate", __doc__)
+    out.add_argument("names", nargs="*", metavar="NAME", help="recordings, by default all that are there")
+    out.add_argument("--data", type=Path, metavar="FOLDER", help=f"folder of recordings, by default {VARIABLE}")
+    out.add_argument("--fetch", action="store_true", help="download what is missing, into the user's cache")
+    options.add_local_workers(out, default=None, otherwise=", by default one for each processor")
+    out.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
+    return out
+
+
+main = running.main(__name__, run, parser)
