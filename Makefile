@@ -1,6 +1,7 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
 # `make test-extras` runs the tests that need the optional extras or a browser, and the longest, `make docs` builds the pages
-# into results/docs, `make install` and `make extras` set up the environment alone.
+# into results/docs, `make validate` identifies public recordings of real systems, from the folder DATA or downloaded,
+# `make install` and `make extras` set up the environment alone.
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
@@ -51,7 +52,7 @@ OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_
 	tests/files/test_markers.py tests/studies/test_identify_formats.py tests/document/test_rerun_file.py tests/test_repository.py
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
-.PHONY: paper test test-extras check docs readme install extras clean
+.PHONY: paper test test-extras check docs readme validate install extras clean
 
 paper: $(INSTALLED)
 	$(BIN)/python -m experiments
@@ -74,6 +75,9 @@ docs: $(INSTALLED)-docs
 
 readme: $(INSTALLED)
 	$(BIN)/python -m experiments.readme
+
+validate: $(INSTALLED)
+	$(BIN)/python -m experiments.validate $(or $(DATA:%=--data %),$(if $(MULTICONTACT_DATA),,--fetch))
 
 install: $(INSTALLED)
 

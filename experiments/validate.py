@@ -31,8 +31,6 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies.validation.study import study
 
     entries, places = chosen(args.names, registry()), _places(args)
-    if not args.names and not args.fetch:
-        entries = [entry for entry in entries if entry.tried or places.holds(entry)]
     out = print_options.output_of(args)
     with writable(args.out):
         workers = Workers(args.workers or os.cpu_count() or 1, resume=args.resume)

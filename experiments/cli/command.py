@@ -25,6 +25,7 @@ from experiments import (
     stream,
     study,
     sweep,
+    validate,
 )
 from experiments.cli import running
 from experiments.runs.environment import end_at_once
@@ -49,6 +50,7 @@ COMMANDS = {
     "stream": stream,
     "excite": excite,
     "derive": derive,
+    "validate": validate,
     **{
         name: import_module(f"experiments.{name}.__main__") for name in FROM_A_CLONE if find_spec(f"experiments.{name}")
     },

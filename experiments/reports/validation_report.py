@@ -5,19 +5,11 @@ from typing import Any
 import numpy as np
 
 from experiments.data.errors import HALF_WIDTH
-from experiments.data.validation import (
-    ESTIMATE,
-    LEAST_SQUARES,
-    MODEL,
-    WORSE,
-    Study,
-    Validation,
-    Values,
-    inside,
-)
+from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation, inside
 from experiments.document.document import Document
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
+from experiments.reports.validation_numbers import numbers
 
 ABOUT = (
     "Public recordings of real systems, identified unattended with the command's defaults. Held-out residuals are "
@@ -31,6 +23,17 @@ STEEL = "double_pendulum"
 
 
 def lines(study: Study) -> list[str]:
+    """Sentences with the main numbers, the verdicts, and on what was not run."""
+    out = [*main_lines(study), *(f"{each.entry.title}: {each.verdict}" for each in study)]
+    unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
+    out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
+    out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
+    if study.untried:
+        out.append(f"In the registry, but never tried: {', '.join(entry.title for entry in study.untried)}.")
+    return out
+
+
+def main_lines(study: Study) -> list[str]:
     """Sentences with the main numbers: where the estimate is best, where it loses, and how estimates agree."""
     ratio, z = study.against_best, study.trial_z
     best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
@@ -46,14 +49,7 @@ def lines(study: Study) -> list[str]:
             f"{100 * inside(z):.0f} % are inside their 95 % intervals."
         )
     out += [_published(each) for each in study if each.entry.published]
-    out += [_identical(each) for each in study if len(each.alike_z)]
-    out += [f"{each.entry.title}: {each.verdict}" for each in study]
-    unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
-    out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
-    out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
-    if study.untried:
-        out.append(f"In the registry, but never tried: {', '.join(entry.title for entry in study.untried)}.")
-    return out
+    return out + [_identical(each) for each in study if len(each.alike_z)]
 
 
 def _losses(validation: Validation) -> str:
@@ -120,50 +116,3 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         figures={name: (figure, CAPTIONS[name]) for name, figure in figures.items()},
         numbers={"summary": numbers(study), "provenance": provenance},
     )
-
-
-def numbers(study: Study) -> dict[str, Any]:
-    """Key numbers for scripts, from which the figures can be drawn again."""
-    ratio, z = study.against_best, study.trial_z
-    return {
-        "channels": len(ratio),
-        "best": int((ratio <= 1).sum()),
-        "worse": int((ratio > WORSE).sum()),
-        "trials_inside_95": None if not len(z) else inside(z),
-        "recordings": {name: _recording(each) for name, each in study.validations.items()},
-        "not_run": dict(study.refused),
-    }
-
-
-def _recording(validation: Validation) -> dict[str, Any]:
-    """Numbers of a recording in JSON types."""
-    return {
-        "values": _values(validation.values),
-        "rivals": {name: x.tolist() for name, x in validation.rivals.items()},
-        "channels": list(validation.channels),
-        "units": list(validation.units),
-        "ratios": {name: x.tolist() for name, x in validation.ratios.items()},
-        "halves": validation.halves.tolist(),
-        "widening": validation.widening,
-        "trials": {name: _values(each) for name, each in validation.trials.items()},
-        "outcome": validation.outcome,
-        "verdict": validation.verdict,
-        "doubts": list(validation.doubts),
-        "samples": list(validation.samples),
-        "cutoff": validation.cutoff,
-        "seconds": round(validation.seconds, 1),
-        "unchecked": list(validation.unchecked),
-        "published_z": {each.name: validation.published_z(each) for each in validation.entry.published},
-    }
-
-
-def _values(values: Values) -> dict[str, Any]:
-    """Values in JSON types; a prior that does not exist is null."""
-    return {
-        "names": list(values.names),
-        "values": values.values.tolist(),
-        "std": values.std.tolist(),
-        "std_setup": values.std_setup.tolist(),
-        "prior": [x if np.isfinite(x) else None for x in values.prior.tolist()],
-        "units": list(values.units),
-    }

@@ -67,7 +67,8 @@ def _joint_state(data: bytes) -> tuple[float, list[str], list[float]]:
 
     def text() -> str:
         nonlocal at
-        at += (size := number("I", 4))
+        size = number("I", 4)
+        at += size
         return data[at - size : at - 1].decode()
 
     time = number("i", 4) + number("I", 4) / 1e9

@@ -54,10 +54,6 @@ class Places:
             raise InputError(_missing(entry, self._folders(entry)[:-1]))
         return fetched(entry, self._folders(entry)[-1], self.host)
 
-    def holds(self, entry: Entry) -> bool:
-        """True if a folder holds all files of an entry."""
-        return any(_complete(entry, place) for place in self._folders(entry))
-
     def _folders(self, entry: Entry) -> list[Path]:
         """Folders where an entry may be, that of downloads last."""
         return [where / entry.folder for where in (*self.data, cache())]

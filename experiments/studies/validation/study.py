@@ -1,6 +1,7 @@
 """The study of all recordings: what is run, by which workers, and its results."""
 
 import json
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -60,6 +61,8 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
             folders[entry.name] = places.folder(entry)
         except InputError as error:
             refused[entry.name] = str(error)
+            if places.fetch:
+                print(error, file=sys.stderr)
     tasks = tasks_of([entry for entry in entries if entry.name in folders], folders)
     kept = Checkpoint("recordings", folder / FILE, {"tasks": [[task.entry.name, task.log] for task in tasks]})
     answers = workers.collected(work, tasks, kept) if tasks else []
@@ -101,15 +104,26 @@ def collected(
             trials.setdefault(name, {})[log_name(task.log)] = Values.of(answer["values"])
     ordered = [entry for entry in entries if entry.name in made]
     if not ordered:
-        raise InputError(" ".join(sentences[entry.name] for entry in entries[:1]) or "No recording was chosen.")
+        raise InputError(next(iter(sentences.values()), "No recording was chosen."))
+    validations = {entry.name: validation(entry, made[entry.name], trials.get(entry.name, {})) for entry in ordered}
     untried = tuple(entry for entry in entries if not entry.tried and entry.name not in made)
-    for entry in untried:
-        sentences.pop(entry.name, None)
-    return Study(
-        {entry.name: validation(entry, made[entry.name], trials.get(entry.name, {})) for entry in ordered},
-        sentences,
-        untried,
-    )
+    left = {entry.name for entry in untried}
+    return Study(validations, {name: text for name, text in sentences.items() if name not in left}, untried)
+
+
+def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
+    """Study from its key numbers, of recordings that the registry still has.
+
+    Args:
+        numbers: Contents of `summary.json`.
+        entries: The registry.
+    """
+    made = {}
+    for name, answer in numbers["recordings"].items():
+        trials = {log: Values.of(each) for log, each in answer["trials"].items()}
+        made[name] = validation(entries[name], answer, trials)
+    untried = tuple(entry for entry in entries.values() if not entry.tried and entry.name not in made)
+    return Study(made, numbers["not_run"], untried)
 
 
 def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Values]) -> Validation:

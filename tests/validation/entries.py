@@ -1,0 +1,52 @@
+"""Entries of the registry for the tests: text of a file, and small recordings of a simulated arm in an entry's form."""
+
+import hashlib
+
+import driven_arm
+import numpy as np
+
+TEXT = """
+title = "Arm"
+about = "A simulated arm."
+folder = "arm"
+tried = true
+model = "arm.xml"
+fitted = [["one.csv"], ["two.csv"]]
+
+[source]
+repository = "somebody/arms"
+commit = "0123abc"
+licence = "MIT"
+
+{files}
+{more}
+"""
+
+FILE = '[[files]]\nname = "{name}"\npath = "data/{name}"\nsha256 = "{sha256}"\n'
+
+
+def written(folder, text, name="arm"):
+    """Path of an entry's file in a folder."""
+    path = folder / f"{name}.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def files_of(folder, *names):
+    """Tables of files, with the hashes of those that a folder holds."""
+    return "\n".join(
+        FILE.format(name=name, sha256=hashlib.sha256((folder / name).read_bytes()).hexdigest()) for name in names
+    )
+
+
+def recorded(folder):
+    """Writes the arm's model and two logs into a folder."""
+    folder.mkdir()
+    (folder / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
+    for name, seed in (("one", 0), ("two", 1)):
+        log = driven_arm.log(8.0, 50.0, seed=seed)
+        columns = {"time": log.time}
+        for joint in driven_arm.JOINTS:
+            columns |= {f"{joint}_{kind}": log.measured[f"{joint}_{kind}"] for kind in ("position", "torque")}
+        table = np.column_stack([np.ravel(x) for x in columns.values()])
+        np.savetxt(folder / f"{name}.csv", table, delimiter=",", header=",".join(columns), comments="", fmt="%.8g")

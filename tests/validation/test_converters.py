@@ -1,0 +1,156 @@
+"""Converters of published files, each on a small file of its format, and on what is none."""
+
+import io
+import pickle
+import sqlite3
+import struct
+import zipfile
+
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.studies.validation.converters import clamped, declared_world, joint_states, tensors
+from experiments.studies.validation.files import convert
+from ident.errors import InputError
+from sim.models.mechanism import mechanism
+
+URDF = """<?xml version="1.0"?>
+<robot name="pendulum">
+<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>
+<link name="base"/>
+<joint name="j" type="continuous"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/></joint>
+<link name="bob"><inertial><origin xyz="0 0 -1"/><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>
+"""
+
+MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody>
+<body name="trunk"><freejoint name="root"/><geom type="mesh" mesh="shell"/>
+<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
+<body name="leg"><joint name="hip" axis="0 1 0"/><geom type="sphere" size="0.1"/></body></body></worldbody>
+<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
+
+
+def test_the_link_world_is_declared_once(tmp_path):
+    (tmp_path / "in.urdf").write_text(URDF, encoding="utf-8")
+    declared_world(tmp_path / "in.urdf", tmp_path / "out.urdf")
+    assert mechanism(tmp_path / "out.urdf").joints == ("j",)
+    declared_world(tmp_path / "out.urdf", tmp_path / "again.urdf")
+    assert (tmp_path / "again.urdf").read_bytes() == (tmp_path / "out.urdf").read_bytes()
+
+
+def test_a_floating_model_is_clamped(tmp_path):
+    (tmp_path / "in.xml").write_text(MJCF, encoding="utf-8")
+    clamped(tmp_path / "in.xml", tmp_path / "out.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    assert (model.njnt, model.nmesh, model.nkey, model.ngeom) == (1, 0, 0, 1)
+
+
+def cdr(seconds, joints, *numbers):
+    """A `sensor_msgs/JointState` in CDR."""
+    out = bytearray(struct.pack("<iI", int(seconds), round(1e9 * (seconds % 1))))
+
+    def put(form, size, value):
+        out.extend(bytes(-len(out) % size) + struct.pack("<" + form, value))
+
+    def text(value):
+        put("I", 4, len(value) + 1)
+        out.extend(value.encode() + b"\0")
+
+    text("frame")
+    put("I", 4, len(joints))
+    for joint in joints:
+        text(joint)
+    for each in numbers:
+        put("I", 4, len(each))
+        for x in each:
+            put("d", 8, x)
+    return b"\0\1\0\0" + bytes(out)
+
+
+def bag(path, messages):
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE topics (id INTEGER, name TEXT, type TEXT)")
+        connection.execute("CREATE TABLE messages (topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        topics = [(1, "/states", "sensor_msgs/msg/JointState"), (2, "/tf", "tf2_msgs/msg/TFMessage")]
+        connection.executemany("INSERT INTO topics VALUES (?, ?, ?)", topics)
+        connection.executemany("INSERT INTO messages VALUES (?, ?, ?)", messages)
+    connection.close()
+
+
+def test_a_bag_s_joint_states_become_a_table(tmp_path):
+    joints = ["shoulder", "el"]
+    rows = [(2.5, [0.1, 0.2], [1.0, 2.0], [10.0, 20.0]), (2.75, [0.3, 0.4], [3.0, 4.0], [30.0, 40.0])]
+    messages = [(1, k, cdr(t, joints, *more)) for k, (t, *more) in reversed(list(enumerate(rows)))]
+    bag(tmp_path / "in.db3", [*messages, (2, 5, b"something else")])
+    joint_states(tmp_path / "in.db3", tmp_path / "out.csv")
+    head, *lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
+    assert head.split(",")[:3] == ["time", "shoulder_position", "el_position"]
+    assert head.split(",")[-1] == "el_torque"
+    assert [[float(x) for x in line.split(",")] for line in lines] == [
+        [t - 2.5, *q, *dq, *tau] for t, q, dq, tau in rows
+    ]
+
+
+def test_a_bag_without_joint_states_or_a_damaged_one_is_a_sentence(tmp_path):
+    bag(tmp_path / "in.db3", [])
+    with pytest.raises(InputError, match="holds no joint states"):
+        convert("joint_states", tmp_path / "in.db3", tmp_path / "out.csv")
+    bag(tmp_path / "short.db3", [(1, 0, cdr(0, ["a"], [1.0], [1.0], [1.0])[:-4])])
+    (tmp_path / "none.db3").write_bytes(b"no bag at all" * 100)
+    for name in ("short.db3", "none.db3"):
+        with pytest.raises(InputError, match="it is damaged"):
+            convert("joint_states", tmp_path / name, tmp_path / "out.csv")
+    assert not (tmp_path / "out.csv").exists()
+
+
+class Named:
+    """A name of a module, as pickles hold it."""
+
+    def __init__(self, module, name, *arguments):
+        self.module, self.name, self.arguments = module, name, arguments
+
+
+def tensor_file(path, tables, rebuild=("torch._utils", "_rebuild_tensor_v2")):
+    """Writes a tensor file by hand: opcodes of its dictionary, and the numbers of each storage."""
+    out = io.BytesIO()
+    out.write(b"\x80\x02}(")
+    for key, (name, array) in enumerate(tables.items()):
+        out.write(b"X" + struct.pack("<I", len(name)) + name.encode())
+        out.write(b"c" + f"{rebuild[0]}\n{rebuild[1]}\n".encode() + b"((")
+        out.write(b"X\x07\0\0\0storage" + b"ctorch\nFloatStorage\n")
+        out.write(b"X\x01\0\0\0" + str(key).encode() + b"X\x03\0\0\0cpu" + b"J" + struct.pack("<i", array.size) + b"tQ")
+        sizes = [array.shape, tuple(x // 4 for x in array.strides)]
+        out.write(b"J" + struct.pack("<i", 0))
+        for each in sizes:
+            out.write(b"(" + b"".join(b"J" + struct.pack("<i", x) for x in each) + b"t")
+        out.write(b"\x89" + b"ccollections\nOrderedDict\n)R" + b"tR")
+    out.write(b"u.")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("traj/data.pkl", out.getvalue())
+        for key, array in enumerate(tables.values()):
+            archive.writestr(f"traj/data/{key}", array.tobytes(order="A"))
+
+
+def test_a_tensor_file_becomes_a_table(tmp_path):
+    rng = np.random.default_rng(0)
+    q = rng.normal(size=(3, 12)).astype("<f4")
+    # Stored column by column, as a transposed tensor is.
+    u = np.asfortranarray(rng.normal(size=(3, 12)).astype("<f4"))
+    tensor_file(tmp_path / "in.pt", {"time": np.arange(3, dtype="<f4") / 200, "dof_pos": q, "des_dof_pos": u})
+    tensors(tmp_path / "in.pt", tmp_path / "out.csv")
+    head, *_ = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
+    assert head.startswith("time,q_FL_hip_joint,q_FL_thigh_joint") and head.endswith("u_RR_calf_joint")
+    table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(table, np.column_stack([np.arange(3) / 200, q, u]), rtol=1e-6)
+
+
+def test_a_tensor_file_runs_no_code(tmp_path):
+    table = {"time": np.zeros(1, "<f4")}
+    tensor_file(tmp_path / "in.pt", table, rebuild=("os", "system"))
+    with pytest.raises(InputError, match=r"'os\.system' is not read"):
+        convert("tensors", tmp_path / "in.pt", tmp_path / "out.csv")
+    (tmp_path / "none.pt").write_bytes(pickle.dumps({}))
+    with pytest.raises(InputError, match="it is damaged"):
+        convert("tensors", tmp_path / "none.pt", tmp_path / "out.csv")

@@ -1,0 +1,210 @@
+"""Downloads, from a server on this machine: resumed, damaged, wrong, refused; and the addresses that are not asked."""
+
+import hashlib
+import threading
+from contextlib import contextmanager
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.request import Request
+
+import pytest
+
+from experiments.data.validation import Entry, Source, SourceFile
+from experiments.studies.validation import download as downloads
+from experiments.studies.validation.download import address, cache, download
+from experiments.studies.validation.files import Places, checked, fetched
+from ident.errors import InputError
+
+CONTENT = bytes(range(256)) * 3000
+SHA256 = hashlib.sha256(CONTENT).hexdigest()
+
+
+@contextmanager
+def server(content=CONTENT, *, ranges=True, status=200, whole=None, location=None):
+    """Address of a server, and the ranges that it is asked for.
+
+    Args:
+        content: What it sends.
+        ranges: True if it can send a part.
+        status: Status of its answers.
+        whole: Bytes that it says it sends; then it breaks off.
+        location: Address to redirect to.
+    """
+    asked = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            given = self.headers.get("Range")
+            asked.append(given)
+            start = int(given.removeprefix("bytes=").rstrip("-")) if given and ranges else 0
+            if start >= len(content) and given:
+                self.send_error(416)
+                return
+            self.send_response(206 if start else status)
+            if location:
+                self.send_header("Location", location)
+            if start:
+                self.send_header("Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}")
+            self.send_header("Content-Length", str((whole or len(content)) - start))
+            self.end_headers()
+            self.wfile.write(content[start:])
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as httpd:
+        thread = threading.Thread(target=httpd.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{httpd.server_port}", asked
+        finally:
+            httpd.shutdown()
+            thread.join()
+
+
+def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):
+    with server() as (url, asked):
+        assert download(f"{url}/a.csv", tmp_path / "new" / "a.csv", SHA256) == SHA256
+    assert (tmp_path / "new" / "a.csv").read_bytes() == CONTENT and asked == [None]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["a.csv"]
+
+
+def test_one_that_broke_off_is_resumed(tmp_path, capsys):
+    target = tmp_path / "a.csv"
+    with (
+        server(CONTENT[:1000], whole=len(CONTENT)) as (url, _),
+        pytest.raises(InputError, match=r"broke off|cannot be"),
+    ):
+        download(f"{url}/a.csv", target, SHA256)
+    assert not target.exists() and (tmp_path / "a.csv.part").read_bytes() == CONTENT[:1000]
+    with server() as (url, asked):
+        download(f"{url}/a.csv", target, SHA256)
+    assert asked == ["bytes=1000-"] and target.read_bytes() == CONTENT
+    assert "a.csv" in capsys.readouterr().err
+
+
+def test_a_server_that_sends_no_parts_sends_all_again(tmp_path):
+    (tmp_path / "a.csv.part").write_bytes(CONTENT[:1000])
+    with server(ranges=False) as (url, asked):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert asked == ["bytes=1000-"] and (tmp_path / "a.csv").read_bytes() == CONTENT
+
+
+def test_a_damaged_part_is_thrown_away_once(tmp_path):
+    (tmp_path / "a.csv.part").write_bytes(b"damaged" * 100)
+    with server() as (url, asked):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert asked == ["bytes=700-", None] and (tmp_path / "a.csv").read_bytes() == CONTENT
+
+
+def test_a_part_that_is_whole_is_taken_as_it_is(tmp_path):
+    (tmp_path / "a.csv.part").write_bytes(CONTENT)
+    with server() as (url, asked):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert asked == [f"bytes={len(CONTENT)}-"] and (tmp_path / "a.csv").read_bytes() == CONTENT
+
+
+def test_a_wrong_hash_leaves_nothing_but_the_earlier_file(tmp_path):
+    (tmp_path / "a.csv").write_bytes(b"earlier")
+    with server(CONTENT + b"!") as (url, _), pytest.raises(InputError, match=f"the registry expects {SHA256}"):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert (tmp_path / "a.csv").read_bytes() == b"earlier" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_refused_connection_is_a_sentence(tmp_path):
+    with server() as (url, _):
+        pass
+    with pytest.raises(InputError, match=r"is there a network\?.*--data"):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_a_missing_file_is_a_sentence(tmp_path):
+    with server(status=404) as (url, _), pytest.raises(InputError, match="the server says 404"):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+
+
+def test_a_file_that_is_too_large_is_not_taken(tmp_path, monkeypatch):
+    monkeypatch.setattr(downloads, "LARGEST", 1000)
+    with server() as (url, _), pytest.raises(InputError, match="more than the largest size"):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+
+
+@pytest.mark.parametrize(
+    "url", ["http://example.org/a.csv", "ftp://example.org/a", "file:///etc/passwd", "http://10.0.0.1/a"]
+)
+def test_other_servers_are_asked_over_https_alone(url, tmp_path):
+    with pytest.raises(InputError, match="over https only"):
+        download(url, tmp_path / "a.csv")
+    with pytest.raises(InputError, match="over https only"):
+        downloads._StaysSafe().redirect_request(Request("https://example.org/a.csv"), None, 302, "", {}, url)
+
+
+def test_a_redirection_to_such_a_server_is_not_followed(tmp_path):
+    elsewhere = server(status=302, location="http://example.org/a.csv")
+    with elsewhere as (url, _), pytest.raises(InputError, match="over https only"):
+        download(f"{url}/a.csv", tmp_path / "a.csv")
+
+
+ENTRY = Entry(
+    *("arm", "Arm", "An arm.", "arm", True),
+    Source("somebody/arms", "0123abc", "MIT"),
+    (SourceFile("a.csv", "data/a b.csv", SHA256),),
+)
+
+
+def test_an_address_has_repository_commit_and_path():
+    assert address(ENTRY, ENTRY.files[0]) == "https://raw.githubusercontent.com/somebody/arms/0123abc/data/a%20b.csv"
+
+
+@pytest.mark.parametrize("licence", ["", "proprietary"])
+def test_what_may_not_be_copied_is_not_downloaded(licence):
+    entry = replace(ENTRY, source=replace(ENTRY.source, licence=licence))
+    with pytest.raises(InputError, match=r"lets nobody copy it.*--data"):
+        address(entry, entry.files[0])
+
+
+def test_a_file_of_unknown_origin_is_not_downloaded():
+    with pytest.raises(InputError, match=r"where 'b.csv' is published is not known.*--data"):
+        address(ENTRY, SourceFile("b.csv"))
+
+
+def test_files_are_fetched_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache() == tmp_path / "multicontact" / "recordings"
+    with server() as (url, asked):
+        places = Places((tmp_path / "absent",), fetch=True, host=url)
+        folder = places.folder(ENTRY)
+        assert places.folder(ENTRY) == fetched(ENTRY, folder, url) == folder == cache() / "arm"
+    assert asked == [None] and checked(ENTRY, folder) == ()
+    with pytest.raises(InputError, match=r"has no a\.csv; --fetch"):
+        Places((tmp_path / "absent",)).folder(replace(ENTRY, folder="other"))
+    with pytest.raises(InputError, match="--fetch downloads them, or --data FOLDER"):
+        Places().folder(replace(ENTRY, folder="other"))
+
+
+def test_a_local_file_with_another_hash_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_bytes(CONTENT[:-1])
+    with pytest.raises(InputError, match="another file than the one that was tried"):
+        checked(ENTRY, tmp_path)
+
+
+def test_a_file_without_any_hash_is_fetched_and_said_to_be_unchecked(tmp_path, capsys):
+    entry = replace(ENTRY, tried=False, files=(SourceFile("a.csv", "data/a.csv"),))
+    with server() as (url, _):
+        fetched(entry, tmp_path, url)
+    assert f"Unchecked, as the registry holds no hash of it: {url}" in (error := capsys.readouterr().err)
+    assert SHA256 in error and checked(entry, tmp_path) == ("a.csv",)
+
+
+def test_a_published_file_is_converted_after_its_download(tmp_path):
+    model = b'<robot name="r">\n<link name="base"/>\n</robot>\n'
+    file = SourceFile("r.urdf", "r.urdf", "1" * 64, hashlib.sha256(model).hexdigest(), made="declared_world")
+    entry = replace(ENTRY, files=(file,))
+    with server(model) as (url, _):
+        fetched(entry, tmp_path, url)
+    assert '<link name="world"/>' in (tmp_path / "r.urdf").read_text(encoding="utf-8")
+    assert [path.name for path in Path(tmp_path).iterdir()] == ["r.urdf"]
+    # It may be written otherwise than the one that was tried.
+    assert checked(entry, tmp_path) == ("r.urdf",)

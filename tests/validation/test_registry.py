@@ -1,0 +1,120 @@
+"""The registry: what it holds, and the entries that it refuses."""
+
+import pytest
+from entries import FILE, TEXT, written
+
+from experiments.studies.validation import options
+from experiments.studies.validation.registry import chosen, read_entry, registry
+from ident.errors import InputError, LogError
+
+HASH = "0" * 64
+FILES = "".join(FILE.format(name=name, sha256=HASH) for name in ("arm.xml", "one.csv", "two.csv"))
+FORBIDDEN = {
+    "cutoff": "5.0",
+    "holdout": "0.2",
+    "estimator": '"weighted"',
+    "drive": '["coulomb"]',
+    "own": '["offset"]',
+    "physical": "true",
+    "offsets": "false",
+    "setup": "{ delay = 0.1 }",
+    "known": "{ mass = 0.1 }",
+    "knots": "0.1",
+    "threshold": "0.05",
+    "weights": "[1.0, 2.0]",
+    "select": "{ time = [0, 1] }",
+}
+"""Options that only the outcome could suggest."""
+
+
+def entry(folder, more="", *, files=FILES, **replaced):
+    text = TEXT.format(files=files, more=more)
+    for old, new in replaced.items():
+        before = next(line for line in text.splitlines() if line.startswith(f"{old} ="))
+        text = text.replace(before, new, 1)
+    return read_entry(written(folder, text))
+
+
+def test_every_entry_is_well_formed_and_half_of_them_are_of_other_hands():
+    entries = registry()
+    tried = {name for name, each in entries.items() if each.tried}
+    assert tried == {"bow", "double_pendulum", "go2_commands", "go2_torques", "ur10", "walker"}
+    assert len(entries) - len(tried) >= 6
+    theirs = {entries[name].source.repository for name in entries if name not in tried}
+    assert theirs.isdisjoint(entries[name].source.repository for name in tried) and len(theirs) >= 6
+    for each in entries.values():
+        assert each.files and each.about and each.title and (each.tried or each.note)
+        assert set(each.options) <= set(options.ALLOWED)
+        if not each.tried:
+            assert not any((file.sha256, file.original) != ("", "") for file in each.files)
+            assert not each.published and not each.held_out and not each.alike
+    assert list(entries)[: len(tried)] == sorted(tried)
+
+
+def test_no_two_recordings_of_one_folder_disagree_on_a_file():
+    hashes = {}
+    for each in registry().values():
+        for file in each.files:
+            assert hashes.setdefault((each.folder, file.name), file.sha256) == file.sha256
+
+
+@pytest.mark.parametrize("name", FORBIDDEN)
+def test_options_that_only_the_outcome_could_suggest_are_refused(name, tmp_path):
+    with pytest.raises(InputError, match=f"documentation decides.*got '{name}'"):
+        entry(tmp_path, f"[options]\n{name} = {FORBIDDEN[name]}\n")
+
+
+@pytest.mark.parametrize("table", ["[setup]\ndelay = 0.1", "[known]\nmass = 0.1", "[select]\ntime = [0.0, 1.0]"])
+def test_columns_files_with_such_choices_are_refused(table, tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.studies.validation.registry.columns_file", lambda name: tmp_path / name)
+    (tmp_path / "mine.toml").write_text(f'[joints.turn]\nposition = "q"\n{table}\n', encoding="utf-8")
+    with pytest.raises(InputError, match=f"what a recording holds .* got '{table[1:6].rstrip(']')}"):
+        entry(tmp_path, '[options]\ncolumns = "mine.toml"\n')
+
+
+def test_a_columns_file_states_no_uncertainty_of_a_gain(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.studies.validation.registry.columns_file", lambda name: tmp_path / name)
+    (tmp_path / "mine.toml").write_text('[joints.turn]\nposition = "q"\ntorque_std = 0.1\n', encoding="utf-8")
+    with pytest.raises(InputError, match="'turn' states torque_std"):
+        entry(tmp_path, '[options]\ncolumns = "mine.toml"\n')
+    with pytest.raises(LogError, match="exists"):
+        entry(tmp_path, '[options]\ncolumns = "absent.toml"\n')
+
+
+@pytest.mark.parametrize(
+    ("replaced", "message"),
+    [
+        ({"title": "titel = 'Arm'"}, "no 'titel'"),
+        ({"title": ""}, "incomplete"),
+        ({"repository": "repository = 'https://example.org'"}, "'owner/name'"),
+        ({"commit": "commit = 'main'"}, "7 to 40 hexadecimal digits"),
+        ({"sha256": "sha256 = 'abc'"}, "64 hexadecimal digits"),
+        ({"sha256": ""}, "was tried and arm.xml has no hash"),
+        ({"tried": "tried = false"}, "is untried, and arm.xml has hash|untried"),
+        ({"model": "model = 'other.xml'"}, "'other.xml', which is not among its files"),
+        ({"fitted": "fitted = [['three.csv']]"}, "'three.csv', which is not among its files"),
+        ({"fitted": "fitted = 'one.csv'"}, "list of tables or lists"),
+        ({"fitted": ""}, "says nothing of what is fitted"),
+        ({"name": "name = '../arm.xml'"}, "stay in their folder"),
+        ({"path": "path = '/etc/passwd'"}, "stay in their folder"),
+        ({"licence": "licence = 'MIT'\nlicense = 'MIT'"}, "unknown entries"),
+        ({"path": "path = 'arm.xml'\nconverter = 'magic'"}, "converters are declared_world"),
+        ({"about": "about = "}, "TOML"),
+    ],
+)
+def test_malformed_entries_are_refused(replaced, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        entry(tmp_path, **replaced)
+
+
+def test_options_of_the_wrong_kind_are_refused(tmp_path):
+    with pytest.raises(InputError, match="'gaps' is of the wrong kind"):
+        entry(tmp_path, '[options]\ngaps = "yes"\n')
+
+
+def test_recordings_are_chosen_by_name_and_a_wrong_one_lists_them():
+    entries = registry()
+    assert [each.name for each in chosen(["ur10", "bow"], entries)] == ["bow", "ur10"]
+    assert len(chosen([], entries)) == len(entries)
+    with pytest.raises(InputError, match=r"Recordings are bow, .*; got 'ur11'"):
+        chosen(["ur11"], entries)
