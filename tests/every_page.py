@@ -11,6 +11,8 @@ from fuzz.undrawn import leave_undrawn
 from marked import labels_of, marked_person, trc, trial
 from pages import PENDULUM, identified, options
 from persons import briefly
+from registered import TEXT, files_of, recorded
+from registered import written as entry_file
 from truth import use_truth
 
 import scenes
@@ -27,6 +29,7 @@ from experiments import (
     stream,
     study,
     sweep,
+    validate,
 )
 from experiments.__main__ import main as everything
 from experiments.benchmark.__main__ import main as benchmark
@@ -37,6 +40,7 @@ from experiments.noise import estimators, figure, report
 from experiments.noise import study as noise
 from experiments.runs import workers
 from experiments.studies import human as persons_study
+from experiments.studies.validation.registry import read_entry
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -102,6 +106,15 @@ def _in_vivo(folder):
     return in_vivo.main(["--data", str(DATA), *_out(folder)])
 
 
+def _validate(folder):
+    recorded(folder / "arm")
+    text = TEXT.format(files=files_of(folder / "arm", "arm.xml", "one.csv", "two.csv"), more="")
+    entry = read_entry(entry_file(folder, text))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("experiments.studies.validation.registry.registry", lambda: {"arm": entry})
+        return validate.main(["--data", str(folder), "--workers", "1", *_out(folder)])
+
+
 def _sweep(folder):
     assert sweep.main(["multicontact", "--over", "samples", "100", "150", "--out", str(folder), *PNG]) == 0
     (folder / "multicontact" / "samples").rename(folder / "out")
@@ -120,6 +133,7 @@ COMMANDS = {
     "angles": _angles,
     "human": lambda folder: human.main(["--workers", "1", *_out(folder)]),
     "in_vivo": _in_vivo,
+    "validate": _validate,
     "noise": _noise,
     "benchmark": lambda folder: benchmark(["--quick", *_out(folder)]),
     "sweep": _sweep,

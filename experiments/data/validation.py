@@ -167,7 +167,7 @@ class Validation:
         ratios: Held-out residual over signal by candidate (C,).
         halves: Differences of the two halves' base parameters in their standard deviations from the noise (r,).
         widening: Factor on those deviations because of the halves.
-        trials: Estimates of each log alone, by its name.
+        trials: Estimates of each trial alone, by its name.
         outcome: Decision of the verdict.
         verdict: The verdict in words.
         doubts: Codes of its doubts.
@@ -211,9 +211,9 @@ class Validation:
 
     @property
     def trial_z(self) -> np.ndarray:
-        """Differences between logs identified alone, in their standard deviations with the set-up.
+        """Differences between trials identified alone, in their standard deviations with the set-up.
 
-        Of each pair of logs and each parameter on which both say more than the prior.
+        Of each pair of trials and each parameter on which both say more than the prior.
         """
         out = list[float]()
         for a, b in combinations(self.trials.values(), 2):

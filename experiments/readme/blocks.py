@@ -11,7 +11,7 @@ from experiments.benchmark.figure import figure_benchmark
 from experiments.data.key_numbers import summary
 from experiments.data.simulated import Study
 from experiments.document import figures, result_folder, tabular
-from experiments.readme import arm_log, moving_picture
+from experiments.readme import arm_log, moving_picture, validation
 from experiments.readme.estimator_figure import figure_estimator
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
@@ -89,6 +89,7 @@ def write(root: Path) -> None:
     if not ((root / "README.md").is_file() and docs.is_dir()):
         raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
     measured = benchmark_results(root)
+    validated = validation.results(root)
     tilted, touching = study("misaligned"), study("multicontact")
     tables = {
         "table 3": table_3(tilted).markdown(),
@@ -97,6 +98,7 @@ def write(root: Path) -> None:
     }
     _replace_blocks(docs / "study.md", tables)
     _replace_blocks(docs / "speed.md", {"benchmark": words.readme_block(measured)})
+    write_validation(root, validated)
     with result_folder.results_folder(docs) as folder:
         figures.save(study_figures.figure(tilted, "figure_2"), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
@@ -104,6 +106,18 @@ def write(root: Path) -> None:
         moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
         result_folder.write_json(folder / sections.FILE, measured)
     arm_log.save(root / "scenes" / "arm.csv")
+
+
+def write_validation(root: Path, numbers: dict[str, Any]) -> None:
+    """Writes the record of a validation, its figures, and the parts of pages that show it."""
+    shown = validation.shown_study(numbers)
+    _replace_blocks(root / "docs" / "validation.md", validation.page_blocks(shown))
+    for name in ("README.md", "paper.md"):
+        _replace_blocks(root / name, {"validation": validation.sentence(shown)})
+    with result_folder.results_folder(root / "docs") as folder:
+        for name, figure in validation.page_figures(shown).items():
+            figures.save(figure, folder, name, ["svg"])
+        validation.write_record(folder / validation.FILE, numbers)
 
 
 def _replace_blocks(page: Path, contents: Mapping[str, str]) -> None:

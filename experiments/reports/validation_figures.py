@@ -167,7 +167,7 @@ def summary_figure(study: Study) -> Figure:
         drawing = Figure(figsize=(styles.text_width(), FOOT + 0.25 + 0.2 * len(shown)))
         left, right = drawing.subplots(1, 2, sharey=True)
         rng = np.random.default_rng(0)
-        _strip(left, [each.against_best for each in shown], rng)
+        _strip(left, [each.against_best for each in shown], rng, color="black")
         left.axvspan(1, WORSE, color="0.88", lw=0)
         left.axvline(1, color="0.4", lw=0.6)
         left.set_xscale("log")
@@ -192,7 +192,7 @@ def summary_figure(study: Study) -> Figure:
 
 
 def agreement(validation: Validation) -> dict[str, np.ndarray]:
-    """Differences in stated standard deviations: of halves, of logs identified alone, and of identical parts."""
+    """Differences in stated standard deviations: of halves, of trials identified alone, and of identical parts."""
     return {
         "halves": validation.halves / validation.widening,
         "trials": validation.trial_z,

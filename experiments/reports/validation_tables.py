@@ -1,6 +1,5 @@
 """Tables of the validation: recordings, held-out residuals, published parameters, identical parts and trials."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -109,20 +108,21 @@ def table_steel(validation: Validation) -> tabular.Table:
 
 
 def table_agreement(study: Study) -> tabular.Table:
-    """Values of parameters that are equal by construction, and of trials identified alone, with their z."""
+    """Values of parameters that are equal by construction, and of trials identified alone, with the prior's s.d."""
     rows = list[tuple[tabular.Cell, ...]]()
     for each in study:
-        for group in each.entry.alike:
-            numbers = [each.values[name] for name in group]
-            rows += [(each.entry.title, name, *x, None) for name, x in zip(group, numbers, strict=True)]
-        for log, values in each.trials.items():
-            rows += [(each.entry.title, f"{name}, {log}", *values[name], None) for name in _compared(each, values)]
-    columns = ("recording", "parameter", "estimate", "std", "std_setup", "note")
-    return tabular.Table("Parameters of identical parts and of trials", columns, tuple(rows), decimals=4)
+        rows += [_estimate(each, name, each.values) for group in each.entry.alike for name in group]
+        for trial, values in each.trials.items():
+            names = (published.name for published in each.entry.published)
+            rows += [_estimate(each, name, values, f", {trial}") for name in names if name in values.names]
+    columns = ("recording", "parameter", "estimate", "std", "std_setup", "prior_std")
+    heads = {"prior_std": "s.d. of the prior"}
+    title = "Parameters of identical parts and of trials"
+    return tabular.Table(title, columns, tuple(rows), decimals=4, heads=heads)
 
 
-def _compared(validation: Validation, values: Values) -> Iterator[str]:
-    """Yields the names of the published parameters, which the trials are shown by."""
-    for published in validation.entry.published:
-        if published.name in values.names:
-            yield published.name
+def _estimate(validation: Validation, name: str, values: Values, of: str = "") -> tuple[tabular.Cell, ...]:
+    """Row of an estimated parameter; the prior is empty where there is none."""
+    prior = float(values.prior[values.names.index(name)])
+    shown = prior if np.isfinite(prior) else float("nan")
+    return _with_gaps((validation.entry.title, f"{name}{of}", *values[name], shown))

@@ -1,7 +1,7 @@
 """The registry: what it holds, and the entries that it refuses."""
 
 import pytest
-from entries import FILE, TEXT, written
+from registered import FILE, TEXT, written
 
 from experiments.studies.validation import options
 from experiments.studies.validation.registry import chosen, read_entry, registry

@@ -9,8 +9,8 @@ import driven_arm
 import numpy as np
 import pytest
 from commands import refusal
-from entries import TEXT, files_of, recorded, written
 from fuzz.here import Here
+from registered import TEXT, files_of, recorded, written
 
 from experiments import validate
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, inside
@@ -20,6 +20,7 @@ from experiments.reports.validation_numbers import numbers
 from experiments.runs import workers
 from experiments.studies.validation import registry, study
 from experiments.studies.validation.files import Places
+from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
 
 DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "dfki_double_pendulum"
@@ -149,10 +150,13 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
     other = replace(entry, name="other")
     untried = replace(entry, name="untried", title="Panda", tried=False)
     tasks = study.tasks_of([entry, other], {"arm": data, "other": data})
-    assert [(task.entry.name, task.log) for task in tasks] == [
-        *(("arm", None), ("other", None), ("arm", ("one.csv",)), ("arm", ("two.csv",))),
-        *(("other", ("one.csv",)), ("other", ("two.csv",))),
+    assert [(task.entry.name, task.trial) for task in tasks] == [
+        *(("arm", None), ("other", None), ("arm", (("one.csv",),)), ("arm", (("two.csv",),))),
+        *(("other", (("one.csv",),)), ("other", (("two.csv",),))),
     ]
+    several = replace(entry, fitted=tuple((name,) for name in "abcd"), judged=(("e",),))
+    assert [trial_name(trial) for trial in trials_of(several)] == ["a, c, e", "b, d"]
+    assert trials_of(replace(entry, fitted=(("a",),))) == []
     (each,) = result
     good, bad = numbers(result)["recordings"]["arm"], {"refused": "No excitation."}
     made = study.collected([entry, other, untried], tasks[:3], [good, bad, bad], {"untried": "Not here."})

@@ -19,7 +19,7 @@ from ident.geometry.inertia import PARAMETERS
 from ident.identification import identified
 from ident.judgement.halves import differences
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
-from ident.tolerances import DRIVE_UNITS
+from ident.tolerances import DRIVE_UNITS, HOLDOUT
 from sim.models.notes import ModelNote
 
 Log = tuple[str, ...]
@@ -28,19 +28,30 @@ Log = tuple[str, ...]
 UNITS = {"N": "N m", "m": "kg", "r": "kg m", "I": "kg m²"}
 """Units of parameters by the kind of their name."""
 
-
-def log_name(log: Log) -> str:
-    """Name of a log by its first file."""
-    return Path(log[0]).stem
+MOST_ALONE = 3
+"""Largest number of logs that are identified one by one."""
 
 
-def estimates(entry: Entry, folder: Path, log: Log | None) -> dict[str, Any]:
-    """Results of an entry, or the values of one of its logs identified alone.
+def trial_name(trial: Sequence[Log]) -> str:
+    """Name of a trial by the first file of each of its logs."""
+    return ", ".join(Path(log[0]).stem for log in trial)
+
+
+def trials_of(entry: Entry) -> list[tuple[Log, ...]]:
+    """Trials of a recording that are compared: its logs, or, of more than three, which are short, every other one."""
+    logs = entry.logs
+    if len(logs) < 2:
+        return []
+    return [(log,) for log in logs] if len(logs) <= MOST_ALONE else [logs[::2], logs[1::2]]
+
+
+def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None) -> dict[str, Any]:
+    """Results of an entry, or the values of one of its trials identified alone.
 
     Args:
         entry: The recording.
         folder: Folder of its files.
-        log: The log to identify alone; None for the fitted logs together, with those to judge by.
+        trial: Logs of the trial, which is fitted whole; None for the fitted logs, with those to judge by.
 
     Raises:
         InputError: A file is another one than that tried, or the recording cannot be identified.
@@ -49,20 +60,24 @@ def estimates(entry: Entry, folder: Path, log: Log | None) -> dict[str, Any]:
     with TemporaryDirectory() as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelNote)
         paths = converted(entry, folder, Path(scratch))
-        if log is not None:
-            return {"values": values(_identified(entry, paths, [log], [])[0])}
+        if trial is not None:
+            return {"values": values(_identified(entry, paths, trial, [], holdout=0.0)[0])}
         estimate, seconds = _identified(entry, paths, entry.fitted, entry.judged)
         return {**results(estimate), "seconds": seconds, "unchecked": list(unchecked)}
 
 
 def _identified(
-    entry: Entry, paths: Mapping[str, Path], fitted: Sequence[Log], judged: Sequence[Log]
+    entry: Entry,
+    paths: Mapping[str, Path],
+    fitted: Sequence[Log],
+    judged: Sequence[Log],
+    holdout: float = HOLDOUT,
 ) -> tuple[Estimate, float]:
     """Estimate from logs, and its CPU time in s, reading included."""
     start = time.process_time()
     logs, judges = ([_prepared(entry, paths, log) for log in several] for several in (fitted, judged))
     known = entry.options.get("prior")
-    return identified(logs, judges=judges, known=known), time.process_time() - start
+    return identified(logs, holdout=holdout, judges=judges, known=known), time.process_time() - start
 
 
 def _prepared(entry: Entry, paths: Mapping[str, Path], log: Log) -> Prepared:

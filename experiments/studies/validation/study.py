@@ -12,7 +12,7 @@ from experiments.data.validation import Entry, Study, Validation, Values
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers
 from experiments.studies.validation.files import Places
-from experiments.studies.validation.run import Log, estimates, log_name
+from experiments.studies.validation.run import Log, estimates, trial_name, trials_of
 from ident.errors import InputError
 
 FILE = "validation.npz"
@@ -20,17 +20,17 @@ FILE = "validation.npz"
 
 
 class Task(NamedTuple):
-    """What one worker does at a time: a recording, or one of its logs alone.
+    """What one worker does at a time: a recording, or one of its trials alone.
 
     Attributes:
         entry: The recording.
         folder: Folder of its files.
-        log: The log to identify alone; None for the recording.
+        trial: Logs of the trial to identify alone; None for the recording.
     """
 
     entry: Entry
     folder: Path
-    log: Log | None = None
+    trial: tuple[Log, ...] | None = None
 
 
 def work(task: Task) -> list[str]:
@@ -64,7 +64,7 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
             if places.fetch:
                 print(error, file=sys.stderr)
     tasks = tasks_of([entry for entry in entries if entry.name in folders], folders)
-    kept = Checkpoint("recordings", folder / FILE, {"tasks": [[task.entry.name, task.log] for task in tasks]})
+    kept = Checkpoint("recordings", folder / FILE, {"tasks": [[task.entry.name, task.trial] for task in tasks]})
     answers = workers.collected(work, tasks, kept) if tasks else []
     return collected(entries, tasks, answers, refused)
 
@@ -72,11 +72,11 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
 def tasks_of(entries: Iterable[Entry], folders: Mapping[str, Path]) -> list[Task]:
     """Tasks of recordings, the shorter ones last, so that all workers end at about the same time.
 
-    A recording of several logs is identified from each of them alone as well.
+    A recording of several logs is identified from each of its trials alone as well.
     """
     entries = list(entries)
     whole = [Task(entry, folders[entry.name]) for entry in entries]
-    alone = [Task(entry, folders[entry.name], log) for entry in entries if len(entry.logs) > 1 for log in entry.logs]
+    alone = [Task(entry, folders[entry.name], trial) for entry in entries for trial in trials_of(entry)]
     return [*whole, *alone]
 
 
@@ -96,12 +96,12 @@ def collected(
     for task, answer in zip(tasks, answers, strict=True):
         name = task.entry.name
         if "refused" in answer:
-            of_log = "" if task.log is None else f"{log_name(task.log)}: "
-            sentences[name] = f"{sentences.get(name, '')} {of_log}{answer['refused']}".strip()
-        elif task.log is None:
+            of_trial = "" if task.trial is None else f"{trial_name(task.trial)}: "
+            sentences[name] = f"{sentences.get(name, '')} {of_trial}{answer['refused']}".strip()
+        elif task.trial is None:
             made[name] = answer
         else:
-            trials.setdefault(name, {})[log_name(task.log)] = Values.of(answer["values"])
+            trials.setdefault(name, {})[trial_name(task.trial)] = Values.of(answer["values"])
     ordered = [entry for entry in entries if entry.name in made]
     if not ordered:
         raise InputError(next(iter(sentences.values()), "No recording was chosen."))
@@ -120,7 +120,7 @@ def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
     """
     made = {}
     for name, answer in numbers["recordings"].items():
-        trials = {log: Values.of(each) for log, each in answer["trials"].items()}
+        trials = {trial: Values.of(each) for trial, each in answer["trials"].items()}
         made[name] = validation(entries[name], answer, trials)
     untried = tuple(entry for entry in entries.values() if not entry.tried and entry.name not in made)
     return Study(made, numbers["not_run"], untried)
@@ -138,7 +138,7 @@ def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Val
         ratios={name: np.array(x, float) for name, x in answer["ratios"].items()},
         halves=np.array(answer["halves"], float),
         widening=answer["widening"],
-        trials={log_name(log): trials[log_name(log)] for log in entry.logs if log_name(log) in trials},
+        trials={name: trials[name] for name in map(trial_name, trials_of(entry)) if name in trials},
         outcome=answer["outcome"],
         verdict=answer["verdict"],
         doubts=tuple(answer["doubts"]),
