@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
-from experiments.data.validation import Entry, SourceFile
+from experiments.data.registry import Entry, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.download import HOST, address, cache, digest, download
 from ident.errors import InputError

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from experiments.data.validation import Entry, Published, Source, SourceFile
+from experiments.data.registry import Entry, Published, Source, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.options import check_columns, check_options
 from ident.errors import InputError

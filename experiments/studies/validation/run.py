@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
+from experiments.data.registry import Entry
+from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL
 from experiments.studies.identification import prepare
 from experiments.studies.validation.files import checked, converted
 from experiments.studies.validation.registry import columns_file
