@@ -2,11 +2,12 @@
 
 import json
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from experiments.data.validation import Study, inside
+from experiments.data.validation import WORSE, Study, inside
 from experiments.document import escape
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
@@ -18,6 +19,9 @@ from ident.files.atomic import replacing
 
 FILE = "validation.json"
 """Record of the shown run in docs."""
+
+WIDTH = 140
+"""Characters of a line of text."""
 
 
 def results(root: Path) -> dict[str, Any]:
@@ -67,14 +71,15 @@ def page_blocks(study: Study) -> dict[str, str]:
 def sentence(study: Study) -> str:
     """Sentence with the main numbers, for README.md and paper.md."""
     ratio, z = study.against_best, study.trial_z
-    best, worse = int((ratio <= 1).sum()), int((ratio > 1.05).sum())
+    best, worse = int((ratio <= 1).sum()), int((ratio > WORSE).sum())
     systems = len({each.entry.folder for each in study})
-    return (
+    text = (
         f"On {len(study.validations)} public recordings of {systems} real systems, identified unattended, the estimate "
         f"predicts held-out data best in {best} of {len(ratio)} channels, and in {worse} it is worse by more than 5 % "
         "than the model as it came or least squares at the best of five cut-offs. Of the differences between "
-        f"recordings of one system, {100 * inside(z):.0f} % are inside their 95 % intervals.\n"
+        f"recordings of one system, {100 * inside(z):.0f} % are inside their 95 % intervals."
     )
+    return f"{fill(text, WIDTH)}\n"
 
 
 def shown_study(numbers: dict[str, Any]) -> Study:
