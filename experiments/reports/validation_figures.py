@@ -180,9 +180,11 @@ def summary_figure(study: Study) -> Figure:
             _strip(right, [agreement(each)[name] for each in shown], rng, color=color, shift=shift)
         right.axvspan(-HALF_WIDTH, HALF_WIDTH, color="0.88", lw=0)
         right.set_xscale("symlog", linthresh=LINEAR)
-        ticks = (-10, -4, -2, 0, 2, 4, 10)
+        largest = max(abs(z).max(initial=LINEAR) for each in shown for z in agreement(each).values())
+        ticks = [x for x in (-30, -10, -4, -2, 0, 2, 4, 10, 30) if abs(x) <= largest]
         right.set_xticks(ticks, [str(x).replace("-", "\N{MINUS SIGN}") for x in ticks])
         right.xaxis.set_minor_locator(NullLocator())
+        right.set_xlim(-1.05 * largest, 1.05 * largest)
         right.set_xlabel("Difference in standard deviations", labelpad=2)
         right.set_title("(b) Agreement")
         left.set_yticks(range(len(shown)), [each.entry.title for each in shown])

@@ -79,9 +79,12 @@ def _identical(validation: Validation) -> str:
         ", ".join("{:.4f} ± {:.4f}".format(*validation.values[name][::2]) for name in group)
         for group in validation.entry.alike
     )
+    values = validation.values
+    priors = [float(values.prior[values.names.index(name)]) for group in validation.entry.alike for name in group]
+    pulled = f" The model's values, ± {min(priors):.4f}, pull them together." if np.isfinite(min(priors)) else ""
     return (
         f"{validation.entry.title}: of {len(z)} pairs of parameters that are equal by construction "
-        f"{int((abs(z) <= HALF_WIDTH).sum())} differ by at most 1.96 s.d. ({groups})."
+        f"{int((abs(z) <= HALF_WIDTH).sum())} differ by at most 1.96 s.d. ({groups}).{pulled}"
     )
 
 
