@@ -94,12 +94,12 @@ def values(estimate: Estimate) -> dict[str, Any]:
     """Base parameters and drives of an estimate, with their standard deviations and the prior's."""
     count = estimate.base.rank + len(estimate.fit.equations.drives)
     return {
-        "names": list(estimate.names[:count]),
+        "names": list(estimate.fit.names[:count]),
         "values": estimate.fit.values[:count].tolist(),
         "std": estimate.fit.std[:count].tolist(),
         "std_setup": np.sqrt(np.diag(estimate.covariance_setup))[:count].tolist(),
         "prior": [x if np.isfinite(x) else None for x in prior_std(estimate).tolist()],
-        "units": [unit(name) for name in estimate.names[:count]],
+        "units": [unit(name) for name in estimate.fit.names[:count]],
     }
 
 
