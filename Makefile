@@ -42,11 +42,15 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/studies/test_criteria.py::test_estimates_scatter_by_the_predicted_deviations \
 	tests/studies/test_trajectory_identification.py::test_the_command_says_the_same_with_workers \
 	tests/regression/test_ordinary.py::test_intervals_hold_for_noise_that_is_correlated_over_time \
-	tests/regression/test_robust.py::test_standard_deviations_are_right_for_white_and_for_slow_noise
+	tests/regression/test_robust.py::test_standard_deviations_are_right_for_white_and_for_slow_noise \
+	tests/docs/test_gallery.py tests/validation/test_validation.py tests/trajectory/test_wrench_beside_torques.py \
+	tests/document/test_print.py::test_every_table_and_figure_compiles_without_overfull_boxes \
+	tests/studies/test_human.py::test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured \
+	tests/studies/test_mechanism.py::test_everything_resumes_what_was_interrupted
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/test_against_sysid.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/docs/test_notebook.py \
-	tests/display/test_estimate.py tests/recordings/test_in_memory.py \
+	tests/display/test_answers.py tests/recordings/test_in_memory.py \
 	tests/studies/test_benchmark.py::test_peers_have_the_same_regressor \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
 	tests/files/test_markers.py tests/studies/test_identify_formats.py tests/document/test_rerun_file.py tests/test_repository.py

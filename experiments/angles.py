@@ -55,9 +55,8 @@ def _identify(args: argparse.Namespace, result: "Angles") -> str:
 
     log = f"{args.out / 'angles.csv'}" + ("" if args.wrenches else "+PLATES.mot")
     words = [
-        "python",
-        "-m",
-        "experiments.identify",
+        "multicontact",
+        "identify",
         str(args.model),
         log,
         *(["--base", result.base] if result.base else []),

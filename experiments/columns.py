@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _identify(args: argparse.Namespace, columns: Path, left_out: Sequence[str], *, gaps: bool) -> str:
     """The command to run next."""
-    words = ["python", "-m", "experiments.identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
+    words = ["multicontact", "identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
     words += ["--base", args.base] if args.base else []
     words += ["--ignore", *args.ignore] if args.ignore else []
     words += ["--packages", *map(str, args.packages)] if args.packages else []

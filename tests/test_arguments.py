@@ -33,8 +33,11 @@ WRONG += [(x, "needs standard deviations by name, out of mass, center, inertia; 
         ({"drive": 1}, "^drive needs a list"),
         ({"own": "delay"}, "^own needs a list out of offset, delay, lag; got delay"),
         ({"own": None}, "^own needs a list out of offset, delay, lag; got None"),
-        ({"held_out": None}, "^held_out needs a recording or a list of them, got NoneType"),
-        ({"held_out": ["run.csv"]}, "^held_out needs a recording or a list of them, got str"),
+        (
+            {"held_out": None},
+            r"^held_out needs a Recording, the path of a log, .* or a list; got None",
+        ),
+        ({"held_out": ["run.csv"]}, r"^run\.csv: a log is a \.csv"),
     ],
 )
 @pytest.mark.parametrize("estimator", ["trajectory", "ordinary"])
@@ -44,8 +47,8 @@ def test_arguments_are_refused_in_one_sentence(given, message, estimator):
 
 
 def test_a_recording_is_needed():
-    with pytest.raises(ident.InputError, match=r"^recording needs a recording or a list of them, got str\."):
-        ident.identify(PENDULUM, "run.csv")
+    with pytest.raises(ident.InputError, match=r"^recording needs a Recording, the path of a log, .* or a list; got 3"):
+        ident.identify(PENDULUM, 3)
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ np.savetxt("run.csv", np.column_stack([time, angles, wrench]), delimiter=",", he
 # ## The log
 #
 # A file as a controller writes it, with its own column names. A second file says what the columns are;
-# `python -m experiments.columns arm.xml run.csv --base column` drafts it.
+# `multicontact columns arm.xml run.csv --base column` drafts it.
 
 Path("run.toml").write_text("""
 time = "t [s]"
@@ -156,8 +156,8 @@ for name, was, now, true in zip(arm.bodies, *(x.known.reshape(-1, 10) for x in (
 # On the command line all of this is
 #
 # ```sh
-# python -m experiments.columns arm.xml run.csv --base column
-# python -m experiments.identify arm.xml run.csv --base column --columns run.toml
+# multicontact columns arm.xml run.csv --base column
+# multicontact identify arm.xml run.csv --base column --columns run.toml
 # ```
 #
 # with tables, figures and a page. [Recordings](../recordings.md) describes what else a log may contain,

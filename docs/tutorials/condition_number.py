@@ -93,7 +93,7 @@ panel.loglog(conditions[by_deviation], deviations[by_deviation], "D", color="C2"
 panel.set(xlabel="condition number", ylabel="geometric mean of the standard deviations\n(kg, kg m, kg m²)")
 panel.legend()
 
-# `python -m experiments.excite` therefore designs motions by their standard deviations
+# `multicontact excite` therefore designs motions by their standard deviations
 # ([excitation design](../excitation.md)).
 #
 # ## 5. It ignores noise on the joints

@@ -95,7 +95,7 @@ print(*sorted(path.name for path in Path().glob("*.csv")))
 # file. On the command line:
 #
 # ```sh
-# python -m experiments.angles person.xml squats_markers.csv --base pelvis --wrenches squats_plates.csv --out squats
+# multicontact angles person.xml squats_markers.csv --base pelvis --wrenches squats_plates.csv --out squats
 # ```
 
 
@@ -131,7 +131,7 @@ Path("plates.toml").write_text("".join(PLATE.format(side=side) for side in ("lef
 # `deleva` and `dumas` use published tables instead.
 #
 # ```sh
-# python -m experiments.identify person.xml squats/angles.csv swings/angles.csv \
+# multicontact identify person.xml squats/angles.csv swings/angles.csv \
 #     --base pelvis --columns plates.toml --prior on
 # ```
 

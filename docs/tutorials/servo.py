@@ -126,7 +126,7 @@ panels[-1].set_xlabel("time (s)")
 # On the command line all of this is
 #
 # ```sh
-# python -m experiments.identify arm.xml run.csv --columns run.toml
+# multicontact identify arm.xml run.csv --columns run.toml
 # ```
 #
 # with tables, figures, the simulated errors on the held-out part, and the updated model.

@@ -99,11 +99,13 @@ class Reading:
                     f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 )
         if recording.base is not None:
-            raise LogError("the base moves, and its poses take a filter over all of the log: see experiments.identify")
+            raise LogError(
+                "the base moves, and its poses take a filter over all of the log: `multicontact identify` has one"
+            )
         self.statistics.check(recording, names)
         total = recording.total_wrench(tree, self.without).in_base
         if np.isnan(total).any():
-            raise LogError("the ground's wrench needs all six components here; experiments.identify takes fewer.")
+            raise LogError("the ground's wrench needs all six components here; `multicontact identify` takes fewer.")
         self.statistics.add(recording, total)
         self.notes.extend(note for note in recording.notes if note not in self.notes)
         return Samples(Motion(*recording.joint_states(tree.joints)), total)

@@ -99,6 +99,6 @@ def test_columns_prints_a_command_that_can_be_copied(tmp_path, capsys):
     assert columns.main([*files(tmp_path), "--out", str(tmp_path / "guessed.toml")]) == 0
     *_, command = capsys.readouterr().out.splitlines()
     assert command.endswith(" --leave-out Fz Mx My")
-    assert identify.main([*command.split()[3:], "--out", str(tmp_path), "--name", "out"]) == 0
+    assert identify.main([*command.split()[2:], "--out", str(tmp_path), "--name", "out"]) == 0
     estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     assert list(estimate["held_out"]) == ["Fx", "Fy", "Mz"] and estimate["outcome"] == "usable"

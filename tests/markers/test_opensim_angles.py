@@ -53,7 +53,7 @@ def test_angles_of_an_opensim_model_and_the_command_that_comes_next(folder, tmp_
         z = (recording[f"{name}_position"] - motion()[1][:, k]) / recording.noise[f"{name}_position"]
         assert np.sqrt(np.mean(z**2)) < 1.3
     output = capsys.readouterr().out
-    assert f"python -m experiments.identify {folder / 'leg.osim'} {tmp_path / 'out' / 'angles.csv'}+PLATES" in output
+    assert f"multicontact identify {folder / 'leg.osim'} {tmp_path / 'out' / 'angles.csv'}+PLATES" in output
     assert "+PLATES.mot --leave-out Fz Mx My\n" in output
     message = refusal(main, [*given, "--scale"], capsys)
     assert "--scale needs an MJCF or URDF model; let OpenSim's Scale Tool" in message

@@ -22,10 +22,8 @@ def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
     assert columns.main([MODEL, str(path), "--base", "base"]) == 0
     output = capsys.readouterr().out
     *_, command = output.strip().splitlines()
-    assert command == (
-        f"python -m experiments.identify {MODEL} {path} --columns {path.with_suffix('.toml')} --base base"
-    )
-    assert identify.main([*command.split()[3:], "--out", str(tmp_path), "--name", "out"]) == 0
+    assert command == (f"multicontact identify {MODEL} {path} --columns {path.with_suffix('.toml')} --base base")
+    assert identify.main([*command.split()[2:], "--out", str(tmp_path), "--name", "out"]) == 0
     estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     sensors = ident.Sensors(False, True) if log is motors else None
     parameters = ident.find_base_parameters(arm(), **({"sensors": sensors} if sensors else {}))

@@ -37,7 +37,7 @@ def test_two_commands_lead_from_two_files_to_parameters(tmp_path, capsys):
     *_, command = capsys.readouterr().out.strip().splitlines()
     written = (tmp_path / "trial1_ik.toml").read_text(encoding="utf-8")
     assert 'time = [{ column = "time", unit = "s" }, { column = "clock_ms", unit = "ms" }]' in written
-    arguments = [*command.split()[3:], "--out", str(tmp_path), "--name", "out"]
+    arguments = [*command.split()[2:], "--out", str(tmp_path), "--name", "out"]
     assert identify.main(arguments) == 0
     logs = json.loads((tmp_path / "out" / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
     assert [each["file"] for each in logs[0]["files"]] == ["trial1_ik.mot", "trial1_grf.csv"]
