@@ -49,7 +49,9 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: A log is given twice, or an input is in a folder of the results.
     """
     names = [own_model.log_name(log) for log in args.logs]
-    unique = [f"{name}_{k}" if names.count(name) > 1 else name for k, name in enumerate(names, start=1)]
+    # With a number for all if two names are the same, so that no numbered name is another log's own.
+    alike = len(set(names)) < len(names)
+    unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
     tasks = [
         argparse.Namespace(**{**vars(args), "logs": [log], "name": name, "workers": 1, "film": False})
         for log, name in zip(args.logs, unique, strict=True)
@@ -99,7 +101,15 @@ def _identity(args: argparse.Namespace) -> dict[str, Any]:
     left_out = ("out", "workers", "scheduler", "tls", "resume", "logs", "held_out", "model", "columns")
     given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
     files = [args.model, *([args.columns] if args.columns else []), *args.logs, *args.held_out]
-    return {"options": given, "files": [own_model.file_entry(file) for file in files if Path(file).exists()]}
+    return {"options": given, "logs": list(map(str, args.logs)), "files": [_file_entry(file) for file in files]}
+
+
+def _file_entry(file: Path) -> dict[str, Any]:
+    """Sums of a file's contents; its name alone if it cannot be read."""
+    try:
+        return own_model.file_entry(file)
+    except OSError:
+        return {"file": str(file)}
 
 
 def parser() -> argparse.ArgumentParser:

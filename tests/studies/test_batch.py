@@ -94,7 +94,7 @@ def test_logs_of_one_name_have_folders_of_their_own_and_none_is_given_twice(fold
     (folder / "more").mkdir()
     (folder / "more" / "run0.csv").write_bytes((folder / "run0.csv").read_bytes())
     args = batch.parser().parse_args(["arm.xml", "run0.csv", "more/run0.csv", "run1.csv"])
-    assert [task.name for task in batch.tasks_of(args)] == ["run0_1", "run0_2", "run1"]
+    assert [task.name for task in batch.tasks_of(args)] == ["run0_1", "run0_2", "run1_3"]
     assert batch.main(["arm.xml", "run0.csv", "run0.csv", "--out", "out"]) == 2
     assert "one of them is given twice" in capsys.readouterr().err and not (folder / "out").exists()
 
