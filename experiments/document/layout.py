@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from experiments.document.symbols import PARAMETER
 from ident.errors import InputError
 from ident.geometry.inertia import body_of_parameter
 
@@ -56,14 +55,3 @@ class Layout:
 
 PAPER = Layout()
 """The paper's own: two columns, everything shown."""
-
-
-def unit_of(parameter: str) -> str | None:
-    """Unit of a parameter of φ."""
-    match = PARAMETER.fullmatch(parameter)
-    return None if match is None else "kg m²" if match[3] else "kg m" if match[2] else "kg"
-
-
-def offset_unit(name: str) -> str:
-    """Unit of a component of a wrench, or of its offset: N for `Fx` and `offset(Fx)`, N m for moments."""
-    return "N" if name.removeprefix("offset(").startswith("F") else "N m"

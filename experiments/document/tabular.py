@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 
 from experiments.document import escape, terminal
 from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations, of_numbers
-from experiments.document.layout import Layout, unit_of
+from experiments.document.layout import Layout
 from experiments.document.regrouped import DAGGER, Regrouped
+from ident.estimation.units import unit_of
 from ident.geometry.inertia import body_of_parameter
 
 Cell = str | float | None

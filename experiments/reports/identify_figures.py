@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -13,9 +12,10 @@ from matplotlib.ticker import NullFormatter
 from experiments.data.errors import HALF_WIDTH
 from experiments.document import escape, figures, row_panels, styles, symbols
 from experiments.document.layout import PAPER, Layout
-from experiments.reports.identify_replay import channel_unit
+from ident.display.plots import amplitude_spectrum
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
+from ident.estimation.units import channel_unit
 
 MEASURED, ESTIMATED = figures.INKS[:2]
 """Colours of measurements and of estimates, as on the page."""
@@ -135,15 +135,6 @@ def spectra_figure(result: Estimate) -> Figure:
     return figure
 
 
-def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
-    # Equal to scipy.signal.welch, which takes half a second to import.
-    length = min(len(x), 512)
-    window = np.hanning(length + 1)[:-1]
-    power, frequency = mlab.psd(x, length, rate, detrend="mean", window=window, noverlap=length // 2)
-    return np.asarray(frequency), np.sqrt(power)
-
-
 def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each channel, from top to bottom and then from left to right."""
     count = len(result.channels)
@@ -174,4 +165,4 @@ def _label(result: Estimate, k: int, per: str = "") -> str:
     """Symbol or joint of a channel, and its unit, divided by `per`."""
     channel = result.channels[k]
     shown = f"${channel[0]}_{channel[1]}$ " if channel in COMPONENTS else f"{escape.label(channel)}\n"
-    return f"{shown}({channel_unit(result, channel)}{per})"
+    return f"{shown}({channel_unit(channel, result.prepared.mechanism.tree)}{per})"

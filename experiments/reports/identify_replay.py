@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from experiments.data.errors import HALF_WIDTH
-from experiments.document.layout import offset_unit, unit_of
 from experiments.document.parameter_words import in_words, regrouped_in_words
 from experiments.document.replay import Replay, every_nth
 from ident.estimate import Estimate
-from ident.estimation.equations import COMPONENTS
+from ident.estimation.units import channel_unit, unit_of
 from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_identified
@@ -37,7 +36,7 @@ def replay(result: Estimate) -> Replay:
         mechanism=arm,
         recording=log.recording,
         motion=samples.motion,
-        channels=[(channel, channel_unit(result, channel)) for channel in result.channels],
+        channels=[(channel, channel_unit(channel, arm.tree)) for channel in result.channels],
         drawn=drawn,
         curves={"measured": samples.measured[drawn]} | predicted,
         estimate=result.consistent().phi,
@@ -48,15 +47,6 @@ def replay(result: Estimate) -> Replay:
         parameters=[_parameter(result, k) for k in range(len(result.fit.names))],
         findings=[place(finding, result) for finding in result.findings],
     )
-
-
-def channel_unit(result: Estimate, channel: str) -> str:
-    """Unit of a channel: a component of a wrench, or a joint's torque or force."""
-    if channel in COMPONENTS:
-        return offset_unit(channel)
-    tree = result.prepared.mechanism.tree
-    motion = np.hstack([body.motions for body in tree.bodies if body.freedoms])[:, tree.freedoms.index(channel)]
-    return "N m" if motion[3:].any() else "N"
 
 
 def _parameter(result: Estimate, k: int) -> dict[str, Any]:

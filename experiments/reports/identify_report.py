@@ -13,7 +13,7 @@ from experiments.data.following import Following
 from experiments.document import rerun_file, tabular
 from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.layout import PAPER, Layout, unit_of
+from experiments.document.layout import PAPER, Layout
 from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
@@ -24,14 +24,15 @@ from experiments.reports.identify_figures import (
     parameters_figure,
     spectra_figure,
 )
-from experiments.reports.identify_replay import channel_unit, replay
+from experiments.reports.identify_replay import replay
 from ident.estimate import Estimate
+from ident.estimation.units import channel_unit, coefficient_unit, unit_of
 from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.servo import Servo
 from ident.recordings.several_files import name_of
-from ident.tolerances import DRIVE, DRIVE_UNITS
+from ident.tolerances import DRIVE
 from sim.models.mechanism import Origin
 from sim.models.model_update import write_model
 from sim.models.opensim.mechanism import OpenSimOrigin
@@ -90,16 +91,7 @@ def _size(value: float | None) -> float | None:
 
 def _units(result: Estimate) -> tuple[str, ...]:
     """Units of all coefficients: base parameters, parameters of drives, offsets of channels."""
-    return tuple(coefficient_unit(result, name) for name in result.fit.names)
-
-
-def coefficient_unit(result: Estimate, name: str) -> str:
-    """Unit of a coefficient by its name, such as `m2rz2`, `Fv(knee)` or `offset(Fx)`."""
-    if (own := unit_of(name)) is not None:
-        return own
-    kind, _, of = name.removesuffix(")").partition("(")
-    unit = channel_unit(result, of)
-    return DRIVE_UNITS[kind][unit == "N"] if kind in DRIVE_UNITS else unit
+    return tuple(coefficient_unit(name, result.prepared.mechanism.tree) for name in result.fit.names)
 
 
 def _relative(value: float, std: float) -> str:
@@ -128,7 +120,7 @@ def quality_table(result: Estimate) -> tabular.Table:
     )
     ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
     columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
-    units = tuple(channel_unit(result, channel) for channel in result.channels)
+    units = tuple(channel_unit(channel, result.prepared.mechanism.tree) for channel in result.channels)
     heads = {
         "ratio_model_as_it_came": "ratio, model as it came",
         "ratio_least_squares": "ratio, least squares",

@@ -11,11 +11,11 @@ from experiments.data.errors import HALF_WIDTH
 from experiments.document import tabular
 from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.layout import offset_unit
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
 from ident.estimation.part import length
+from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import QUANTITIES, Payload, RigidBody, SensorParameter
 from ident.recordings.several_files import name_of

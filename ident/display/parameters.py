@@ -8,9 +8,8 @@ import numpy as np
 from scipy import special
 
 from ident.errors import InputError
+from ident.estimation.units import coefficient_unit
 from ident.geometry.inertia import body_of_parameter
-from ident.mechanism.tree import Tree
-from ident.tolerances import DRIVE_UNITS
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
@@ -75,24 +74,6 @@ def intervals(values: Sequence[float] | np.ndarray, std: Sequence[float] | np.nd
     return np.stack([np.asarray(values) - half, np.asarray(values) + half], axis=-1)
 
 
-def unit_of_coefficient(name: str, tree: Tree) -> str:
-    """SI unit of a coefficient or channel by its name: `Ixx2`, `Fv(knee)`, `offset(Mx)`, `Fz` or a joint's torque."""
-    if name.startswith(("m", "I")) and body_of_parameter(name, ("",) * 10_000) is not None:
-        return "kg m²" if name.startswith("I") else "kg m" if "r" in name else "kg"
-    kind, _, of = name.removesuffix(")").partition("(")
-    if kind in DRIVE_UNITS:
-        return DRIVE_UNITS[kind][unit_of_channel(of, tree) == "N"]
-    return unit_of_channel(of or name, tree)
-
-
-def unit_of_channel(channel: str, tree: Tree) -> str:
-    """Unit of a channel: a component of a wrench, or a joint's torque or force."""
-    if channel not in tree.freedoms:
-        return "N" if channel.startswith("F") else "N m"
-    motion = np.hstack([body.motions for body in tree.bodies if body.freedoms])[:, tree.freedoms.index(channel)]
-    return "N m" if motion[3:].any() else "N"
-
-
 def body_of(name: str, bodies: Sequence[str]) -> str:
     """Body of a base parameter, joint of a drive, or channel of an offset, by the coefficient's name."""
     return body_of_parameter(name, bodies) or name.removesuffix(")").partition("(")[2]
@@ -111,7 +92,7 @@ def parameters_of(estimate: "Estimate") -> tuple[Parameter, ...]:
     return tuple(
         Parameter(
             *(name, kind, value, std, std_setup),
-            unit=unit_of_coefficient(name, arm.tree),
+            unit=coefficient_unit(name, arm.tree),
             body=body_of(name, arm.bodies),
             model=None if own is None else float(own),
             expression=expression,

@@ -3,11 +3,11 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib import mlab, pyplot
+from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.display.parameters import unit_of_channel
+from ident.estimation.units import channel_unit
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
@@ -77,6 +77,9 @@ def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarr
 
 def _figure(width: float, height: float) -> Figure:
     """A figure of pyplot's, so that notebooks know how to show it, but not among those that they show themselves."""
+    # Commands, which use the spectra alone, start without it.
+    from matplotlib import pyplot
+
     figure = pyplot.figure(figsize=(width, height), layout="constrained")
     pyplot.close(figure)
     return figure
@@ -91,7 +94,7 @@ def _panels(estimate: "Estimate", xlabel: str, per: str) -> tuple[Figure, list[A
     for ax in axes[len(channels) :]:
         ax.set_axis_off()
     for channel, ax in zip(channels, axes, strict=False):
-        ax.set_ylabel(f"{channel}\n({unit_of_channel(channel, tree)}{per})")
+        ax.set_ylabel(f"{channel}\n({channel_unit(channel, tree)}{per})")
     for ax in (axes[rows - 1], axes[len(channels) - 1]):
         ax.set_xlabel(xlabel)
         ax.tick_params(labelbottom=True)

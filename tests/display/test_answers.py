@@ -11,9 +11,9 @@ from estimates import jointly, quick
 from scipy import stats
 
 from ident.display import html
-from ident.display.parameters import unit_of_coefficient
 from ident.display.text import aligned, rounded
 from ident.errors import InputError
+from ident.estimation.units import coefficient_unit
 
 SHORT = 10
 """Most lines of a repr."""
@@ -95,7 +95,7 @@ def test_units_are_those_of_the_quantity():
         "offset(Mx)": "N m",
         "offset(turn)": "N m",
     }.items():
-        assert unit_of_coefficient(name, tree) == unit
+        assert coefficient_unit(name, tree) == unit
 
 
 @pytest.mark.parametrize("estimate", [quick, jointly])

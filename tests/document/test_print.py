@@ -13,13 +13,14 @@ from truth import use_truth
 
 from experiments.document import figures, print_table, styles, tabular
 from experiments.document.document import Document
-from experiments.document.layout import WIDTHS, Layout, offset_unit, unit_of
+from experiments.document.layout import WIDTHS, Layout
 from experiments.document.print_table import PACKAGES
 from experiments.document.regrouped import Regrouped
 from experiments.document.writer import Output, write_parts
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
 from ident.errors import InputError
+from ident.estimation.units import offset_unit, unit_of
 from ident.geometry.inertia import body_of_parameter
 
 BODIES = ("base", "left_thigh", "shank & foot")

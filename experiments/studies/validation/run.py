@@ -16,18 +16,15 @@ from experiments.studies.validation.files import checked, converted
 from experiments.studies.validation.registry import columns_file
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared
-from ident.geometry.inertia import PARAMETERS
+from ident.estimation.units import channel_unit
 from ident.identification import identified
 from ident.judgement.halves import differences
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
-from ident.tolerances import DRIVE_UNITS, HOLDOUT
+from ident.tolerances import HOLDOUT
 from sim.models.notes import ModelNote
 
 Log = tuple[str, ...]
 """Names of the files of a log."""
-
-UNITS = {"N": "N m", "m": "kg", "r": "kg m", "I": "kg m²"}
-"""Units of parameters by the kind of their name."""
 
 MOST_ALONE = 3
 """Largest number of logs that are identified one by one."""
@@ -99,7 +96,7 @@ def values(estimate: Estimate) -> dict[str, Any]:
         "std": estimate.fit.std[:count].tolist(),
         "std_setup": np.sqrt(np.diag(estimate.covariance_setup))[:count].tolist(),
         "prior": [x if np.isfinite(x) else None for x in prior_std(estimate).tolist()],
-        "units": [unit(name) for name in estimate.fit.names[:count]],
+        "units": [each.unit for each in estimate.parameters[:count]],
     }
 
 
@@ -116,19 +113,11 @@ def prior_std(estimate: Estimate) -> np.ndarray:
     return out
 
 
-def unit(name: str) -> str:
-    """Unit of a base parameter or of a drive of a joint that turns."""
-    kind = name.partition("(")[0]
-    if kind in DRIVE_UNITS:
-        return DRIVE_UNITS[kind][0]
-    return "kg m²" if name.startswith("I") else "kg m" if "r" in name else "kg"
-
-
 def results(estimate: Estimate) -> dict[str, Any]:
     """Values, predictions, agreement of halves and verdict of an estimate."""
     verdict, trajectory = estimate.verdict(), estimate.trajectory
     halves = None if trajectory is None else differences(trajectory)
-    base, count = estimate.base, estimate.base.rank + len(estimate.fit.equations.drives)
+    count = estimate.base.rank + len(estimate.fit.equations.drives)
     model = estimate.fit.equations.from_model[:count]
     filtered = estimate.filtered_values
     rivals = {MODEL: model, **({} if filtered is None else {LEAST_SQUARES: filtered[:count]})}
@@ -137,7 +126,7 @@ def results(estimate: Estimate) -> dict[str, Any]:
         "values": values(estimate),
         "rivals": {name: x.tolist() for name, x in rivals.items()},
         "channels": list(estimate.channels),
-        "units": ["N" if channel.startswith("F") and len(channel) == 2 else "N m" for channel in estimate.channels],
+        "units": [channel_unit(channel, estimate.prepared.mechanism.tree) for channel in estimate.channels],
         "ratios": {
             **{name: np.asarray(estimate.rivals[name]).tolist() for name in (MODEL, LEAST_SQUARES)},
             ESTIMATE: estimate.held_out.ratio.tolist(),
@@ -149,5 +138,4 @@ def results(estimate: Estimate) -> dict[str, Any]:
         "doubts": list(verdict.doubts),
         "samples": [sum(len(each.indices) for each in part), len(estimate.held_out.time)],
         "cutoff": estimate.filtered_at,
-        "columns": len(base.parameters) // len(PARAMETERS),
     }
