@@ -63,7 +63,7 @@ class Estimate:
         held_out: Samples on which the fit is judged: ends of the recordings, other recordings, each recording predicted
             from the rest, or the fitted samples themselves.
         singular_values: Singular values of the unit-norm columns of base parameters and drives, each channel weighted.
-        joint: The trajectory estimate of trajectory, parameters, set-up and noise, None for other estimators.
+        trajectory: The trajectory estimate of trajectory, parameters, set-up and noise, None for other estimators.
         rivals: Ratios of residual to signal of other candidates on the same samples (C,), by name.
         filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
         filtered_values: Base parameters, drives and offsets of that candidate; None without it.
@@ -198,8 +198,8 @@ class Estimate:
     @property
     def scales(self) -> dict[str, tuple[float, float]]:
         """True over stated torque of the joints whose scale was estimated, with its standard deviation, by name."""
-        found = {each.place.channels[0]: each for each in self.setup if SETUP[each.kind].stated}
-        return {joint: (1 / (1 + own.value), own.std / (1 + own.value) ** 2) for joint, own in found.items()}
+        stated = {each.place.channels[0]: each for each in self.setup if SETUP[each.kind].stated}
+        return {joint: (1 / (1 + own.value), own.std / (1 + own.value) ** 2) for joint, own in stated.items()}
 
     @property
     def servos(self) -> dict[str, Servo]:

@@ -87,7 +87,7 @@ def identify(
         mechanism: The mechanism, with a prior, from `sim.mechanism`.
         recording: Joint states and wrenches, torques or commands: a `Recording`, from `read_log` or `sim.simulate`, or
             what `read_log` reads, which is the path of a log or columns in memory; or a list of such recordings, which
-            share their parameters. What was read is in the notes of the summary.
+            share their parameters. A note of the summary says of files and columns what was read.
         columns: For logs: TOML file that maps their columns, or its content, as for `read_log`.
         estimator: `trajectory` for motion, parameters, set-up and noise at once, from joint angles; `weighted` for
             least squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
@@ -158,20 +158,8 @@ def identified(
 
     Args:
         logs: Mechanism and recording, one or several.
-        estimator: `trajectory` for motion, parameters, set-up and noise at once, from joint angles; `weighted` for
-            least squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
-            `ordinary` for that of the paper.
-        offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.
-        holdout: Fraction of each recording, its end, that is not fitted; with zero the fit is judged on the fitted
-            samples. The trajectory estimate fits three recordings or more whole, and predicts each from the rest.
+        estimator: As for `identify`; so are `offsets`, `holdout`, `own`, `setup`, `known` and `physical`.
         judges: Other recordings of the same channels to judge by, of any length; then all logs are fitted whole.
-        own: Parameters that each recording has separately in the trajectory estimate: `offset`, `delay`.
-        setup: Standard deviations of the set-up for the trajectory estimate, as for `setup_parameters`; by default
-            those of the recording.
-        known: Standard deviations of the model's φ for the trajectory estimate, as for `body_covariance`: True for the
-            default, False for no prior, None for the default where the motion does not separate all parameters.
-        physical: True if the trajectory estimate's bodies must be physical, as close to the model's as the recordings
-            allow; by default only those of `Estimate.consistent` are.
         executor: Executor for the pieces of the trajectory estimate.
         report: Called with every round of the trajectory estimate, and its step in standard deviations.
 

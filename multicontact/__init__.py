@@ -109,26 +109,6 @@ __all__ = [
     "write_model",
 ]
 
-_MODULES = {
-    **dict.fromkeys(
-        (
-            "Excitation",
-            "base_motion",
-            "fall",
-            "mechanism",
-            "simulate",
-            "simulate_many",
-            "state_columns",
-            "tree_from_model",
-            "updated_spec",
-            "write_model",
-        ),
-        "sim",
-    ),
-    "report": "multicontact.pages",
-}
-"""Module of each name that is not one of `ident`."""
-
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
@@ -137,7 +117,11 @@ def __getattr__(name: str) -> Any:
         return import_module("scenes")
     if name not in __all__:
         raise AttributeError(f"module 'multicontact' has no attribute '{name}'")
-    return getattr(import_module(_MODULES.get(name, "ident")), name)
+    if name == "report":
+        return import_module("multicontact.pages").report
+    # A package's own list: it also has rooms, one of which is named as a function of the other.
+    packages = map(import_module, ("ident", "sim"))
+    return getattr(next(package for package in packages if name in package.__all__), name)
 
 
 def __dir__() -> list[str]:

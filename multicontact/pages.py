@@ -51,8 +51,8 @@ def _file(estimate: Estimate) -> Path | None:
 
 def _check_neighbour() -> None:
     """Refuses a package `experiments` that is not installed beside this one."""
-    own, found = Path(__file__).resolve().parents[1] / "experiments", find_spec("experiments")
-    origin = None if found is None or found.origin is None else Path(found.origin).resolve().parent
+    own, spec = Path(__file__).resolve().parents[1] / "experiments", find_spec("experiments")
+    origin = None if spec is None or spec.origin is None else Path(spec.origin).resolve().parent
     if origin != own:
         raise InputError(
             f"A page needs multicontact's own package 'experiments', but {origin or 'none'} comes first on Python's "

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one log.
+    """Outcome of one log.
 
     Attributes:
         log: Its name.

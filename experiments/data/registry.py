@@ -7,7 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Source:
-    """Where a recording is published.
+    """Place at which a recording is published.
 
     Attributes:
         repository: GitHub repository, `owner/name`.

@@ -42,7 +42,7 @@ _UNNAMED = re.compile(r"_child\d+|_nolegend_?|_container\d+|")
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """What an artist draws.
+    """Numbers that an artist draws.
 
     Attributes:
         mark: `line`, `points`, `interval`, `bar` or `span`.
@@ -153,7 +153,7 @@ def _cells(column: np.ndarray) -> list[float | None]:
 
 
 def _marks(artist: Artist, within: Sequence[bool], orientation: str | None) -> Marks:
-    """What an artist draws in the coordinates of the data.
+    """Numbers that an artist draws, in the coordinates of the data.
 
     Args:
         artist: The artist.

@@ -30,13 +30,9 @@ UNCERTAIN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Low
 def held_out_figure(result: Estimate) -> Figure:
     """Measured and predicted channels on the held-out part."""
     held = result.held_out
-    # Lines are interrupted between recordings and at gaps.
-    breaks = held.starts[1:]
-    time, measured, predicted = (
-        np.insert(x, breaks, np.nan, axis=0)
-        for x in (held.time, held.samples.measured, held.samples.measured - held.residual)
-    )
-    slow = np.insert(result.near_reversals, breaks, False, axis=0)
+    measured = held.samples.measured
+    time, measured, predicted = map(held.interrupted, (held.time, measured, measured - held.residual))
+    slow = held.interrupted(result.near_reversals, by=False)
     with styles.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):

@@ -1,1 +1,1 @@
-"""How results look in an interpreter, a notebook and a data frame. Text, HTML, pandas and matplotlib are here alone."""
+"""Results as text, HTML for notebooks, data frames and plots; pandas and matplotlib are imported here alone."""

@@ -1,5 +1,6 @@
-"""Objects in a few lines: their `repr`, and the same as a table of HTML."""
+"""Objects in a few lines: their `repr`, and the same as a table of HTML for notebooks."""
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from html import escape
 
@@ -24,3 +25,18 @@ def properties(kind: str, lines: Mapping[str, object]) -> str:
     rows = [(name, str(value)) for name, value in lines.items() if value not in ("", None)]
     body = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
     return f"<div><strong>{escape(kind)}</strong><table><tbody>{body}</tbody></table></div>"
+
+
+class Brief:
+    """Base of classes whose `repr` is a few properties; data classes need `repr=False`."""
+
+    @property
+    @abstractmethod
+    def _in_short(self) -> Mapping[str, object]:
+        """Properties that the `repr` shows, by name; empty ones and None are left out."""
+
+    def __repr__(self) -> str:
+        return short(type(self).__name__, self._in_short)
+
+    def _repr_html_(self) -> str:
+        return properties(type(self).__name__, self._in_short)

@@ -39,11 +39,8 @@ def parameters_plot(estimate: "Estimate") -> Figure:
 def fit_plot(estimate: "Estimate") -> Figure:
     """Measured and predicted channels on the held-out part."""
     held = estimate.held_out
-    predicted = held.samples.measured - held.residual
-    # Lines are interrupted between recordings and at gaps.
-    time, measured, predicted = (
-        np.insert(x, held.starts[1:], np.nan, axis=0) for x in (held.time, held.samples.measured, predicted)
-    )
+    measured = held.samples.measured
+    time, measured, predicted = map(held.interrupted, (held.time, measured, measured - held.residual))
     figure, axes = _panels(estimate, "Time (s)", "")
     for k, ax in enumerate(axes):
         ax.plot(time, measured[:, k], "k", lw=1.2, label="Measured")

@@ -184,9 +184,11 @@ def prepared(
     notes += _hidden(mechanism, sensors, parameters, channels.names)
     notes += [parameters.remark] if parameters.remark else []
     drives = usual_drives(mechanism, channels.torques) if drive is None else asked if channels.torques else ()
-    servos = servo_gains(recording, tree, channels.torques)
-    equations = Equations(mechanism, parameters, rows, channels.torques, channels.names, drives, servos=servos)
-    equations = replace(equations, scales=scale_deviations(recording, tree, channels.torques))
+    equations = Equations(
+        *(mechanism, parameters, rows, channels.torques, channels.names, drives),
+        servos=servo_gains(recording, tree, channels.torques),
+        scales=scale_deviations(recording, tree, channels.torques),
+    )
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
     if lost := [name for name in drives if name not in fitted.drives]:

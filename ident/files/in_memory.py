@@ -28,7 +28,7 @@ InMemory: TypeAlias = Mapping[str, Any] | DataFrame
 """Columns by name: arrays (N,) or (N, d), a data frame, or an xarray dataset."""
 
 TYPES = "a mapping of arrays, a pandas DataFrame or an xarray Dataset"
-"""What a table is made of."""
+"""Types of the sources of a table, for messages."""
 
 
 def table_of(source: Any) -> Table | None:

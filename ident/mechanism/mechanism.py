@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.arguments import OF_BODIES, checked_deviations
-from ident.display.brief import listed, properties, short
+from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
@@ -15,7 +15,7 @@ from ident.mechanism.tree import Tree
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mechanism:
+class Mechanism(Brief):
     """A tree of bodies with gravity, and the prior, sites, ranges and drives of a model.
 
     Attributes:
@@ -61,15 +61,8 @@ class Mechanism:
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
         object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
 
-    def __repr__(self) -> str:
-        return short("Mechanism", self._in_short)
-
-    def _repr_html_(self) -> str:
-        return properties("Mechanism", self._in_short)
-
     @property
     def _in_short(self) -> dict[str, object]:
-        """Properties that its `repr` shows."""
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),

@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ident.display.brief import listed, properties, short
+from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
@@ -30,7 +30,7 @@ STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BaseParameters:
+class BaseParameters(Brief):
     """A regrouping `ψ = φ[kept] + beta φ[dependent]` with `Y φ = Y[:, kept] ψ`.
 
     Attributes:
@@ -78,15 +78,8 @@ class BaseParameters:
             f"stead: {', '.join(self.passed_over)}."
         )
 
-    def __repr__(self) -> str:
-        return short("BaseParameters", self._in_short)
-
-    def _repr_html_(self) -> str:
-        return properties("BaseParameters", self._in_short)
-
     @property
     def _in_short(self) -> dict[str, object]:
-        """Properties that its `repr` shows."""
         return {
             "rank": f"{self.rank} of {len(self.parameters)} parameters",
             "base parameters": listed(self.expressions(4), 6),

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ident.display.brief import listed, properties, short
+from ident.display.brief import Brief, listed
 from ident.display.text import rounded
 from ident.estimate import Estimate
 from ident.estimation.setup import SetupParameter
@@ -69,7 +69,7 @@ class SensorParameter(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Payload:
+class Payload(Brief):
     """An identified payload.
 
     Attributes:
@@ -88,15 +88,8 @@ class Payload:
     estimate: Estimate
     notes: tuple[str, ...]
 
-    def __repr__(self) -> str:
-        return short("Payload", self._in_short)
-
-    def _repr_html_(self) -> str:
-        return properties("Payload", self._in_short)
-
     @property
     def _in_short(self) -> dict[str, object]:
-        """Properties that its `repr` shows."""
         values, _, std, identifiable = self.in_frame()
         rows = zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True)
         known = [f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen]

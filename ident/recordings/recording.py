@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.display.brief import listed, properties, short
+from ident.display.brief import Brief, listed
 from ident.errors import LogError
 from ident.files.npz import LIMIT
 from ident.files.table import BASE
@@ -27,7 +27,7 @@ STATES = ("position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording:
+class Recording(Brief):
     """Channels at common sample times, simulated or measured, and streams at times of their own.
 
     Joint channels are named `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`, or
@@ -104,15 +104,8 @@ class Recording:
             if stream.values.shape[1:] != common.shape[1:]:
                 raise LogError(f"The stream '{name}' needs {common[0].size} components, got {stream.columns.shape[1]}.")
 
-    def __repr__(self) -> str:
-        return short("Recording", self._in_short)
-
-    def _repr_html_(self) -> str:
-        return properties("Recording", self._in_short)
-
     @property
     def _in_short(self) -> dict[str, object]:
-        """Properties that its `repr` shows."""
         samples = len(self.time)
         return {
             "samples": f"{samples} at {self.rate:.4g} Hz, {np.ptp(self.time):.4g} s" if samples > 1 else str(samples),

@@ -31,6 +31,15 @@ class HeldOut:
         """RMS residual over the signal's standard deviation, of each channel (C,)."""
         return self._ratio(self.residual)
 
+    def interrupted(self, x: np.ndarray, by: float = np.nan) -> np.ndarray:
+        """An array of the samples with another row before each recording or gap, where curves are interrupted.
+
+        Args:
+            x: One row for each sample (M, …).
+            by: Value of the rows.
+        """
+        return np.insert(x, self.starts[1:], by, axis=0)
+
     @property
     def relative_rms(self) -> np.ndarray:
         """RMS residual over the RMS of the signal, mean included, as often published (C,)."""

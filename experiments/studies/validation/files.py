@@ -29,7 +29,7 @@ DAMAGED = (
 
 @dataclass(frozen=True)
 class Places:
-    """Where the files of entries may be.
+    """Folders in which files of entries are looked for.
 
     Attributes:
         data: Local folders, each with a folder for each entry.

@@ -21,7 +21,7 @@ FILE = "validation.npz"
 
 
 class Task(NamedTuple):
-    """What one worker does at a time: a recording, or one of its trials alone.
+    """Task of one worker at a time: a recording, or one of its trials alone.
 
     Attributes:
         entry: The recording.
@@ -71,10 +71,7 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
 
 
 def tasks_of(entries: Iterable[Entry], folders: Mapping[str, Path]) -> list[Task]:
-    """Tasks of recordings, the shorter ones last, so that all workers end at about the same time.
-
-    A recording of several logs is identified from each of its trials alone as well.
-    """
+    """Tasks of recordings, and then of each trial alone for those with several logs, which are shorter."""
     entries = list(entries)
     whole = [Task(entry, folders[entry.name]) for entry in entries]
     alone = [Task(entry, folders[entry.name], trial) for entry in entries for trial in trials_of(entry)]
