@@ -54,11 +54,12 @@ def test_numbers_are_set_on_the_joint_whatever_its_class_has(tmp_path):
     assert joints["turn"].get("stiffness") == "0.0" and joints["lift"].get("damping") == "2.0"
 
 
-SERVOS = """<mujoco><default><position kp="7" dampratio="1"/><general gainprm="9" biasprm="0 -9 -1"/></default>
+SERVOS = """<mujoco><default><default class="stiff"><position kp="7" dampratio="1"/></default>
+  <default class="own"><general gainprm="9" biasprm="0 -9 -1"/></default></default>
   <worldbody><body><joint name="a"/><geom size="1"/><body><joint name="b" axis="0 1 0"/><geom size="1"/></body>
   <body><joint name="c" axis="0 1 0"/><geom size="1"/></body></body></worldbody>
-  <actuator><motor name="free" joint="a"/><position name="pa" joint="a"/></actuator>
-  <actuator><general name="pb" joint="b" biastype="affine"/><position name="pc" joint="c" kp="3" kv="0.5"/></actuator>
+  <actuator><motor name="free" joint="a"/><position name="pa" class="stiff" joint="a"/></actuator>
+  <actuator><general name="pb" class="own" joint="b" biastype="affine"/><position name="pc" joint="c" kp="3" kv="0.5"/></actuator>
   </mujoco>"""
 
 
