@@ -116,6 +116,11 @@ class Equations:
         """Equations with the columns of some drives, of which none is absorbed by others."""
         return replace(self, drives=tuple(drives), absorbed=None)
 
+    def with_stribeck(self, names: Sequence[str]) -> "Equations":
+        """Equations with more columns of Stribeck friction, of which models state none."""
+        absorbed = None if self.absorbed is None else np.append(self.absorbed, np.zeros(len(names)))
+        return replace(self, drives=(*self.drives, *names), absorbed=absorbed)
+
     def with_offsets(self, offsets: Sequence[int]) -> "Equations":
         """Equations with constant offsets of some channels."""
         return replace(self, offsets=tuple(offsets))

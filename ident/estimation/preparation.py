@@ -69,6 +69,7 @@ class Prepared:
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
         rests: Positions of the hinges and slides at rest throughout, by joint.
         drives: Names of the drives' columns before those that depend on others were left out.
+        searches_stribeck: True if the data may add Stribeck friction to them.
     """
 
     mechanism: Mechanism
@@ -86,6 +87,7 @@ class Prepared:
     steps: Mapping[str, float] = field(default_factory=dict)
     rests: Mapping[str, float] = field(default_factory=dict)
     drives: tuple[str, ...] = ()
+    searches_stribeck: bool = False
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
@@ -209,6 +211,7 @@ def prepared(
         steps=steps,
         rests=rests,
         drives=drives,
+        searches_stribeck=drive is None,
     )
 
 

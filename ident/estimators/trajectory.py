@@ -52,6 +52,7 @@ def trajectory(problem: Problem) -> Estimate:
         problem.fitted,
         columns,
         search=search,
+        stribeck=problem.fitted[0].log.searches_stribeck,
         own=problem.own,
         setup=problem.setup,
         physical=problem.physical,
@@ -79,7 +80,7 @@ def trajectory(problem: Problem) -> Estimate:
         trajectory=result,
         rivals=rivals,
         filtered_at=filtered.cutoffs[0],
-        filtered_values=filtered.values[0],
+        filtered_values=_with_zeros(filtered.values[0], with_offsets, fit.equations),
         disagreement=rms,
         disagreements=disagreements(result),
         widening=widening,
@@ -134,6 +135,12 @@ def _solvable(estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, f
         ) from None
 
 
+def _with_zeros(values: np.ndarray, few: Equations, many: Equations) -> np.ndarray:
+    """Values of columns, with zeros for those of Stribeck friction that only other equations have."""
+    at = few.parameters.rank + len(few.drives)
+    return np.insert(values, at, np.zeros(len(many.drives) - len(few.drives)))
+
+
 def _corrected(problem: Problem, trajectory: TrajectoryEstimate) -> Problem:
     """Recordings with the set-up of a trajectory estimate and smoothed motion, that to judge by from angles alone."""
     smoothing = problem.smoothing
@@ -151,6 +158,8 @@ def _rivals(
     problem: Problem, equations: Equations, trajectory: TrajectoryEstimate, fit: Fit, held_out: HeldOut
 ) -> tuple[dict[str, np.ndarray], FilteredLeastSquares]:
     """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
+
+    Least squares have no Stribeck friction that the trajectory estimate added: filtered reversals look like it.
 
     Args:
         problem: Samples to fit and to judge by.

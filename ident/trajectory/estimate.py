@@ -18,6 +18,7 @@ from ident.setup import OFFSET, OWN
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.low_velocity import with_low_velocity_friction
 from ident.trajectory.pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages
@@ -37,6 +38,7 @@ def trajectory_estimate(
     known: Mapping[str, float] | None = None,
     own: Sequence[str] = (),
     search: bool = True,
+    stribeck: bool = False,
     physical: bool = False,
     knots: float | None = None,
     executor: Executor | None = None,
@@ -51,6 +53,7 @@ def trajectory_estimate(
         known: Standard deviations of the model's φ, as for `known_deviations`; None for no prior.
         own: Kinds of parameters that each recording has separately, out of `OWN`.
         search: True to search for set-up errors.
+        stribeck: True to fit Stribeck friction of the joints for which recordings ask for it.
         physical: True to require physical bodies.
         knots: Knot spacing of the trajectory, s; by default chosen by the motion.
         executor: Executor for the pieces; by default they are computed here.
@@ -59,17 +62,24 @@ def trajectory_estimate(
     own = checked_names("own", own, OWN)
     logs = [part.log for part in recordings]
     joints = logs[0].mechanism.joints
-    measurement = _measurement(logs[0], equations, setup)
-    names, setup_at, selections = _shared(measurement, len(recordings), own)
-    prior = _prior(measurement, setup_at, len(names), known)
-    stages = Stages(
-        measurement, recordings, names, setup_at, selections, prior, known is not None, search, executor, report
-    )
+
+    def stages_of(columns: Equations) -> Stages:
+        measurement = _measurement(logs[0], columns, setup)
+        names, setup_at, selections = _shared(measurement, len(recordings), own)
+        prior = _prior(measurement, setup_at, len(names), known)
+        return Stages(
+            measurement, recordings, names, setup_at, selections, prior, known is not None, search, executor, report
+        )
+
+    stages = stages_of(equations)
     share = max(1, round(length(recordings) / ENOUGH))
     finest = KNOTS_PER_SAMPLE / min(log.recording.rate for log in logs)
-    widest = WIDEST if measurement.components else WIDEST_BESIDE_TORQUES
+    widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
     step = knots or min(knot_distance(log.recording, joints, widest) for log in logs)
-    estimate = stages.searched(stages.settled(stages.explored(step, share, knots or max(finest, FINEST))))
+    estimate = stages.settled(stages.explored(step, share, knots or max(finest, FINEST)))
+    if stribeck:
+        stages, estimate = with_low_velocity_friction(stages, estimate, stages_of)
+    estimate = stages.searched(estimate)
     if share > 1:
         estimate = stages.searched(stages.whole(estimate))
     return stages.with_physical_bodies(estimate) if physical else estimate

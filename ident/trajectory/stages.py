@@ -105,6 +105,11 @@ class Stages:
         """Mask of the set-up parameters that are estimated without a search (p,)."""
         return np.isin(np.arange(len(self.names)), [k for k, each in self.setup.items() if each.row.stated])
 
+    @property
+    def stated(self) -> tuple[Deviation, ...]:
+        """Set-up errors that are estimated without a search."""
+        return tuple(Deviation(int(k), ()) for k in np.flatnonzero(self.is_stated))
+
     def explored(self, step: float, share: int, finest: float) -> TrajectoryEstimate:
         """Exploring fit with white noise and the densest knots that still decrease the noise notably.
 
@@ -140,8 +145,7 @@ class Stages:
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
         fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_stated, EXPLORED)
-        stated = tuple(Deviation(int(k), ()) for k in np.flatnonzero(self.is_stated))
-        search, setup = Search(fit, stated), self.setup
+        search, setup = Search(fit, self.stated), self.setup
         return TrajectoryEstimate(self.measurement, search, counts, step, self.known, reversals=reversals, setup=setup)
 
     def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:
@@ -240,10 +244,10 @@ class Stages:
         fit = estimate.fit
         rounds = 0 if fit.status == "interrupted" else rounds
         at = fit.end
-        refit = self._refit_of(replace(estimate, coloured=coloured))
+        refit = self.refit_of(replace(estimate, coloured=coloured))
         again = refit(at, fit.free, rounds)
         again = replace(again, status="interrupted") if not rounds else again
-        measurement = self._measured(estimate.reversals)
+        measurement = self.measured(estimate.reversals)
         return replace(estimate.with_fit(again), coloured=coloured, measurement=measurement)
 
     def whole(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
@@ -261,10 +265,10 @@ class Stages:
 
     def searched(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""
-        estimate = self._with_weighted_prior(self._scattered(estimate))
+        estimate = self._with_weighted_prior(self.scattered(estimate))
         if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
             return estimate
-        refit = self._refit_of(estimate)
+        refit = self.refit_of(estimate)
         groups, scatter = _groups(self.setup, len(self.names)), partial(with_scatter, estimate.measurement)
         delays = [at for at, each in self.setup.items() if each.row.far]
         first = with_long_delays(estimate.search, refit, estimate.measurement, delays)
@@ -284,7 +288,8 @@ class Stages:
                     out[at] = UNFOLLOWED * estimate.step / abs(each.row.shift(half))
         return out
 
-    def _scattered(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
+    def scattered(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
+        """Estimate with its covariance under noise that is estimated independently of the weights."""
         if estimate.fit.status == "interrupted":
             return estimate
         return estimate.with_fit(with_scatter(estimate.measurement, estimate.fit))
@@ -306,21 +311,21 @@ class Stages:
         if weight < OVERRATED:
             return estimate
         weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)
-        return self._scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
+        return self.scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
 
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""
-        refit = self._refit_of(estimate)
+        refit = self.refit_of(estimate)
         fit = physical_fit(estimate.fit, refit, self.measurement.equations, iteration.ROUNDS)
-        return self._scattered(estimate.with_fit(fit))
+        return self.scattered(estimate.with_fit(fit))
 
-    def _measured(self, reversals: Reversals | None) -> Measurement:
+    def measured(self, reversals: Reversals | None) -> Measurement:
         """Measurement with the estimated slips of friction."""
         if reversals is None:
             return self.measurement
         return self.measurement.with_slips(reversals.slips(self.measurement))
 
-    def _refit_of(self, estimate: TrajectoryEstimate) -> Refit:
+    def refit_of(self, estimate: TrajectoryEstimate) -> Refit:
         """Function that fits the pieces of an estimate again, with its noise model, friction and prior."""
         fit = estimate.fit
         return self._refit(fit.pieces, fit.selections, estimate.coloured, estimate.reversals, prior=fit.prior)
@@ -338,7 +343,7 @@ class Stages:
         """Function that fits pieces, each with its own subset of the parameters."""
         solve = partial(
             iteration.fit,
-            self._measured(reversals),
+            self.measured(reversals),
             pieces,
             prior=prior or self.prior,
             names=self.names,

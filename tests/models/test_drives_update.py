@@ -59,7 +59,8 @@ SERVOS = """<mujoco><default><default class="stiff"><position kp="7" dampratio="
   <worldbody><body><joint name="a"/><geom size="1"/><body><joint name="b" axis="0 1 0"/><geom size="1"/></body>
   <body><joint name="c" axis="0 1 0"/><geom size="1"/></body></body></worldbody>
   <actuator><motor name="free" joint="a"/><position name="pa" class="stiff" joint="a"/></actuator>
-  <actuator><general name="pb" class="own" joint="b" biastype="affine"/><position name="pc" joint="c" kp="3" kv="0.5"/></actuator>
+  <actuator><general name="pb" class="own" joint="b" biastype="affine"/></actuator>
+  <actuator><position name="pc" joint="c" kp="3" kv="0.5"/></actuator>
   </mujoco>"""
 
 
