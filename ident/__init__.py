@@ -61,6 +61,8 @@ if TYPE_CHECKING:
     from ident.recordings.wrench import Sensor, Wrench, total_wrench
     from ident.regression.ordinary import least_squares
 
+__version__: str
+
 __all__ = [
     "BaseMotion",
     "BaseParameters",
@@ -126,16 +128,17 @@ _MODULES = {
 }
 """Module of each name."""
 
-
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        try:
-            return version("multicontact")
-        except PackageNotFoundError:
-            return "0+unknown"
-    if name not in _MODULES:
-        raise AttributeError(f"module 'ident' has no attribute '{name}'")
-    return getattr(import_module(_MODULES[name]), name)
+if not TYPE_CHECKING:
+    # To a type checker every name would be there.
+    def __getattr__(name: str) -> Any:
+        if name == "__version__":
+            try:
+                return version("multicontact")
+            except PackageNotFoundError:
+                return "0+unknown"
+        if name not in _MODULES:
+            raise AttributeError(f"module 'ident' has no attribute '{name}'")
+        return getattr(import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -65,6 +65,8 @@ if TYPE_CHECKING:
         write_model,
     )
 
+__version__: str
+
 __all__ = [
     "BaseMotion",
     "BaseParameters",
@@ -109,19 +111,20 @@ __all__ = [
     "write_model",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name == "__version__":
-        return import_module("ident").__version__
-    if name == "scenes":
-        return import_module("scenes")
-    if name not in __all__:
-        raise AttributeError(f"module 'multicontact' has no attribute '{name}'")
-    if name == "report":
-        return import_module("multicontact.pages").report
-    # A package's own list: it also has rooms, one of which is named as a function of the other.
-    packages = map(import_module, ("ident", "sim"))
-    return getattr(next(package for package in packages if name in package.__all__), name)
+if not TYPE_CHECKING:
+    # To a type checker every name would be there.
+    def __getattr__(name: str) -> Any:
+        if name == "__version__":
+            return import_module("ident").__version__
+        if name == "scenes":
+            return import_module("scenes")
+        if name not in __all__:
+            raise AttributeError(f"module 'multicontact' has no attribute '{name}'")
+        if name == "report":
+            return import_module("multicontact.pages").report
+        # A package's own list: it also has rooms, one of which is named as a function of the other.
+        packages = map(import_module, ("ident", "sim"))
+        return getattr(next(package for package in packages if name in package.__all__), name)
 
 
 def __dir__() -> list[str]:

@@ -52,11 +52,12 @@ _MODULES = {
 }
 """Module of each name."""
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'sim' has no attribute '{name}'")
-    return getattr(import_module(_MODULES[name]), name)
+if not TYPE_CHECKING:
+    # To a type checker every name would be there.
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'sim' has no attribute '{name}'")
+        return getattr(import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:

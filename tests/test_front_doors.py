@@ -78,8 +78,17 @@ def read(arm: mc.Mechanism, columns: dict[str, list[float]]) -> mc.Recording:
 
 
 page = mc.report(mc.identify(mc.mechanism(mc.scenes.load("arm")), "run.csv"), "results").read_text()
+release = ".".join((mc.__version__, "post1"))
 """,
 }
+
+MISTAKEN = {
+    "import ident\n\nident.idntify\n": '"idntify"',
+    "import multicontact as mc\n\nmc.idntify\n": '"idntify"',
+    "import sim\n\nsim.mechanisms\n": '"mechanisms"',
+    "from multicontact import idntify\n": '"idntify"',
+}
+"""Clients with a mistake, and the name that the message needs."""
 
 
 @pytest.mark.parametrize(("package", "name"), PUBLIC, ids=[f"{p.__name__}.{n}" for p, n in PUBLIC])
@@ -120,7 +129,12 @@ def test_clients_are_typed(tmp_path, pytestconfig):
     known = pytestconfig.cache.mkdir("clients")
     for name, code in CLIENTS.items():
         (tmp_path / f"{name.replace(' ', '_')}.py").write_text(code, encoding="utf-8")
+    for k, code in enumerate(MISTAKEN):
+        (tmp_path / f"mistaken_{k}.py").write_text(code, encoding="utf-8")
     arguments = ["--strict", "--follow-imports=silent", "--config-file=", f"--cache-dir={known}"]
     command = [sys.executable, "-m", "mypy", *arguments, *map(str, tmp_path.glob("*.py"))]
     checked = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert checked.returncode == 0, checked.stdout
+    *errors, _ = checked.stdout.splitlines()
+    assert all(error.startswith("mistaken_") for error in errors), checked.stdout
+    for k, name in enumerate(MISTAKEN.values()):
+        assert any(error.startswith(f"mistaken_{k}.py") and name in error for error in errors), checked.stdout
