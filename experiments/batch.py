@@ -81,7 +81,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
             written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         return Outcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
-    known = [each for each in result.parameters if each.kind != "offset"]
+    known = [each for each in result.parameters if each.kind in ("base", "drive")]
     verdict = result.verdict()
     return Outcome(
         log=name,

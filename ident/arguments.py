@@ -1,7 +1,10 @@
-"""Checks of arguments from Python and mapping files: standard deviations, names out of a list, fractions."""
+"""Checks of arguments from Python and mapping files: types, paths, standard deviations, names, fractions."""
 
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from numbers import Real
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 from ident.errors import InputError
@@ -12,6 +15,44 @@ OF_BODIES = ("mass", "center", "inertia")
 
 LEAST = 1e-12
 """Standard deviation below which a value is taken as exact."""
+
+
+def check_type(where: str, given: Any, kind: Any, needed: str) -> None:
+    """Raises an InputError unless an argument is of a type.
+
+    Args:
+        where: Name of the argument in messages.
+        given: The argument.
+        kind: The type, or types joined by `|`.
+        needed: What is needed, for the message.
+    """
+    if not isinstance(given, kind):
+        raise InputError(f"{where} needs {needed}; got {described(given)}.")
+
+
+def checked_path(where: str, given: Any, needed: str = "a path") -> Path:
+    """A path; the name of the argument and what is needed are for messages.
+
+    Raises:
+        InputError: It is neither a text nor a path.
+    """
+    check_type(where, given, str | PathLike, needed)
+    return Path(given)
+
+
+def described(value: Any) -> str:
+    """A value for messages: itself if it is plain, else its type."""
+    plain = isinstance(value, str | PathLike | Real | list | tuple | dict | None)
+    text = _short(repr(value)) if plain else f"an object of type {type(value).__name__}"
+    return " ".join(text.split())
+
+
+def near(name: Any, choices: Iterable[str], others: int = 8) -> str:
+    """Up to three choices that a name is close to, in upper or lower case, or else the first few, for messages."""
+    names = list(choices)
+    folded = [each.casefold() for each in names]
+    close = get_close_matches(str(name).casefold(), folded, 3)
+    return ", ".join([names[folded.index(each)] for each in dict.fromkeys(close)] or names[:others])
 
 
 def checked_deviations(
@@ -34,7 +75,7 @@ def checked_deviations(
     for name, value in given.items():
         if name not in names:
             raise error(f"{where} has no entry '{_short(name)}'; valid are {', '.join(names)}.")
-        if value is not False and not (_is_number(value) and 0 <= value < HUGE):
+        if value is not False and not (is_number(value) and 0 <= value < HUGE):
             raise error(f"{where}.{name} needs a standard deviation, zero or false, got {_short(value)}.")
     return {name: float(value) if value >= LEAST else 0.0 for name, value in given.items()}
 
@@ -61,11 +102,11 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
 
 def check_holdout(value: Any) -> None:
     """Raises an InputError unless a fraction to hold out is a number from 0 to less than 1."""
-    if not (_is_number(value) and 0 <= value < 1):
+    if not (is_number(value) and 0 <= value < 1):
         raise InputError(f"holdout needs a fraction of the recording, from 0 to less than 1, got {_short(value)}.")
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
     """True for real numbers, except True and False."""
     return isinstance(value, Real) and not isinstance(value, bool)
 

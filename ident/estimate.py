@@ -1,19 +1,19 @@
 """Estimate of base parameters from recordings, with predictions, findings and a verdict."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.arguments import near
 from ident.display.brief import listed, short
 from ident.display.frames import parameters_frame
 from ident.display.html import estimate_html
 from ident.display.numbers import estimate_numbers
-from ident.display.parameters import Parameter, intervals, parameters_of
+from ident.display.parameters import Groups, Parameter, intervals, parameters_of
 from ident.display.text import estimate_summary, headline, ratios
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
@@ -54,7 +54,9 @@ if TYPE_CHECKING:
 class Estimate:
     """Base parameters of a mechanism from recordings.
 
-    `estimate["m2rz2"]` is one of the parameters with its interval, `estimate.psi` all base parameters.
+    `estimate["m2rz2"]` is one of the parameters with its interval, `estimate.psi` all base parameters. Its length is
+    their number, and iteration gives their names; `name in estimate` is true for every name that can be looked up,
+    also of drives, offsets and scales.
 
     Attributes:
         logs: Fitted recordings, and the fitted samples of each.
@@ -110,7 +112,7 @@ class Estimate:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All coefficients with their intervals, units and bodies: base parameters, drives, offsets (m,)."""
+        """All coefficients with their intervals, units and bodies: base parameters, drives, offsets, torque scales."""
         return parameters_of(self)
 
     def __getitem__(self, name: str) -> Parameter:
@@ -119,17 +121,31 @@ class Estimate:
         Raises:
             InputError: There is none of that name.
         """
-        for each in self.parameters:
-            if each.name == name:
-                return each
-        near = get_close_matches(str(name), self.fit.names, 3) or self.fit.names[:8]
-        raise InputError(f"The estimate has no parameter {name!r}; near that are {', '.join(near)}.")
+        if name not in self:
+            raise InputError(f"The estimate has no parameter {name!r}; near that are {near(name, self._by_name)}.")
+        return self._by_name[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __bool__(self) -> bool:
+        return True
+
+    @cached_property
+    def _by_name(self) -> dict[str, Parameter]:
+        return {each.name: each for each in self.parameters}
 
     @property
-    def by_body(self) -> dict[str, tuple[Parameter, ...]]:
-        """Coefficients by the body, joint or channel that they belong to."""
+    def by_body(self) -> Groups:
+        """Coefficients by the body, joint or channel that they belong to; a wrong name is an InputError."""
         groups = dict.fromkeys(each.body for each in self.parameters)
-        return {body: tuple(each for each in self.parameters if each.body == body) for body in groups}
+        return Groups({body: tuple(each for each in self.parameters if each.body == body) for body in groups})
 
     def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
         """Confidence intervals of the base parameters (r, 2).
@@ -388,11 +404,8 @@ class Estimate:
         return estimate_numbers(self)
 
     def summary(self) -> str:
-        """Parameters, prediction errors, verdict and findings as text; what `print` shows."""
+        """Parameters, prediction errors, verdict and findings as text; `print(estimate)` is short."""
         return estimate_summary(self)
-
-    def __str__(self) -> str:
-        return self.summary()
 
     def __repr__(self) -> str:
         verdict, doubts = self.verdict(), sum(finding.doubt for finding in self.findings)
@@ -400,7 +413,7 @@ class Estimate:
             "mechanism": listed(self.prepared.mechanism.bodies),
             "residual over signal": ratios(self),
             "verdict": f"{verdict.outcome.value}, {doubts} doubts, {len(self.findings) - doubts} remarks",
-            "more": "print(estimate), estimate.to_frame(), estimate.plot()",
+            "more": "print(estimate.summary()), estimate.to_frame(), estimate.plot()",
         }
         return short(f"Estimate of {headline(self)}", lines)
 
@@ -434,8 +447,12 @@ class Estimate:
         return spectra_plot(self)
 
     def save(self, path: str | Path) -> None:
-        """Writes a `.npz` file that `load` reads back, in the same version; the model's file is not part of it."""
-        save_object(Path(path), "estimate", self)
+        """Writes a `.npz` file that `load` reads back, in the same version; the model's file is not part of it.
+
+        Raises:
+            InputError: The folder does not exist.
+        """
+        save_object(path, "estimate", self)
 
     @classmethod
     def load(cls, path: str | Path) -> "Estimate":
@@ -446,7 +463,7 @@ class Estimate:
         Raises:
             InputError: The file is missing, is no saved estimate, or was written by another version.
         """
-        loaded: Estimate = load_object(Path(path), "estimate")
+        loaded: Estimate = load_object(path, "estimate")
         return loaded
 
     @cached_property

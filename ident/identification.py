@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from ident.arguments import check_holdout, checked_deviations, checked_names
+from ident.arguments import check_holdout, checked_deviations, checked_names, described
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
@@ -14,7 +14,7 @@ from ident.estimators import least_squares
 from ident.estimators.trajectory import trajectory
 from ident.files.in_memory import TYPES, InMemory
 from ident.judgement.unmeasured import without_unmeasured
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Mechanism, check_mechanism
 from ident.parameters.prior import KNOWN
 from ident.problem import Problem, problem_of
 from ident.recordings.log import read_log
@@ -118,6 +118,7 @@ def identify(
         InputError: Something is missing or does not fit; the message names it.
         ExcitationError: The motion does not separate the base parameters.
     """
+    check_mechanism("mechanism", mechanism)
     estimator = checked_estimator(estimator)
     if not ESTIMATORS[estimator].filters and cutoff is not None:
         raise InputError(NO_CUTOFF)
@@ -205,17 +206,27 @@ def identified(
 
 def _recordings(where: str, given: Any, mechanism: Mechanism, columns: Any) -> list[Recording]:
     """Recordings as a list, logs and columns in memory read."""
-    one = isinstance(given, Recording | str | Path | Mapping) or hasattr(given, "columns")
-    several = [given] if one or not isinstance(given, Iterable) else list(given)
-    return [_recording(where, each, mechanism, columns) for each in several]
+    if _is_one(given):
+        return [_recording(given, mechanism, columns)]
+    needed = f"a Recording, the path of a log, {TYPES}"
+    if isinstance(given, Estimate) or not isinstance(given, Iterable):
+        raise InputError(f"{where} needs {needed}, or a list; got {described(given)}.")
+    several = list(given)
+    for k, each in enumerate(several):
+        if not _is_one(each):
+            raise InputError(f"{where}[{k}] needs {needed}; got {described(each)}.")
+    return [_recording(each, mechanism, columns) for each in several]
 
 
-def _recording(where: str, given: Any, mechanism: Mechanism, columns: Any) -> Recording:
+def _is_one(given: Any) -> bool:
+    """True for a recording and for what may be read as one."""
+    return isinstance(given, Recording | str | Path | Mapping) or hasattr(given, "columns")
+
+
+def _recording(given: Any, mechanism: Mechanism, columns: Any) -> Recording:
     """A recording, or one that is read, with a note on what it is."""
     if isinstance(given, Recording):
         return given
-    if not isinstance(given, str | Path | Mapping) and not hasattr(given, "columns"):
-        raise InputError(f"{where} needs a Recording, the path of a log, {TYPES}, or a list; got {given!r:.60}.")
     read = read_log(given, mechanism, columns)
     name = str(given) if isinstance(given, str | Path) else f"the {type(given).__name__}"
     unused = f"; not used: {', '.join(read.unused[:12])}" if read.unused else ""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from ident.arguments import check_type, checked_path
 from ident.display.html import PAGES
 from ident.errors import InputError
 from ident.estimate import Estimate
@@ -26,6 +27,8 @@ def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = (
         InputError: A format is unknown, the folder cannot be written, or another package is named `experiments`.
     """
     _check_neighbour()
+    check_type("estimate", estimate, Estimate, "an Estimate, as of mc.identify")
+    path = checked_path("folder", folder, "the path of a folder")
     from experiments.document.provenance import provenance
     from experiments.document.writer import Output, written
     from experiments.reports import identify_report
@@ -36,7 +39,7 @@ def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = (
         raise InputError(f"formats needs some of pdf, png, svg; got {formats!r}.")
     origin, followed = provenance({"formats": chosen}), following(estimate)
     made = identify_report.document(estimate, _file(estimate), (), origin, following=followed)
-    out = Output(Path(folder), chosen)
+    out = Output(path, chosen)
     written(made, out, stale=identify_report.OUTPUTS)
     PAGES[estimate] = page = out.folder / "report.html"
     return page

@@ -59,6 +59,7 @@ EXTRAS = {
     "files": {"ezc3d", "rosbags", "pyarrow"},
     "display": {"matplotlib", "pandas"},
     "estimate.py": {"matplotlib", "pandas"},
+    "recordings": {"matplotlib", "pandas"},
 }
 """Packages that a room imports where they are needed, or for types: optional ones, and matplotlib for plots."""
 

@@ -4,9 +4,11 @@
 import argparse
 import importlib.metadata
 import os
+import re
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
+from typing import NoReturn
 
 import experiments.__main__
 from experiments import (
@@ -29,6 +31,7 @@ from experiments import (
 )
 from experiments.cli import running
 from experiments.runs.environment import end_at_once
+from ident.arguments import near
 
 FROM_A_CLONE = "noise", "in_vivo", "benchmark", "readme"
 """Subcommands for developers, which an installed wheel does not have."""
@@ -58,6 +61,16 @@ COMMANDS = {
 """Modules of the subcommands."""
 
 
+class _Commands(argparse.ArgumentParser):
+    """A parser of subcommands that names those which a misspelt one is near."""
+
+    def error(self, message: str) -> NoReturn:
+        """Ends with one sentence and exit code 2."""
+        if wrong := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
+            message = f"there is no command '{wrong[1]}'; near that are {near(wrong[1], COMMANDS, len(COMMANDS))}."
+        super().error(message)
+
+
 def run(args: argparse.Namespace) -> None:
     """Runs the chosen subcommand."""
     vars(args).pop("run")(args)
@@ -66,9 +79,9 @@ def run(args: argparse.Namespace) -> None:
 def parser() -> argparse.ArgumentParser:
     """Command-line options of all subcommands."""
     package = importlib.metadata.metadata("multicontact")
-    out = argparse.ArgumentParser("multicontact", description=package["Summary"])
+    out = _Commands("multicontact", description=package["Summary"])
     out.add_argument("--version", action="version", version=f"%(prog)s {package['Version']}")
-    commands = out.add_subparsers(metavar="COMMAND", required=True)
+    commands = out.add_subparsers(metavar="COMMAND", required=True, parser_class=argparse.ArgumentParser)
     for name, module in COMMANDS.items():
         one = module.parser()
         commands.add_parser(

@@ -1,11 +1,13 @@
 """Results as pandas data frames."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.errors import InputError
+from ident.files.table import vector_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,10 +23,7 @@ def parameters_frame(parameters: Sequence["Parameter"]) -> "pd.DataFrame":
     Raises:
         InputError: pandas is not installed.
     """
-    try:
-        import pandas as pd
-    except ImportError:
-        raise InputError(NEEDED) from None
+    pd = _pandas()
     intervals = np.array([each.interval() for each in parameters]).reshape(-1, 2)
     columns = ("kind", "body", "value", "std", "std_setup", "unit", "model", "expression")
     out: dict[str, Any] = {key: [getattr(each, key) for each in parameters] for key in columns}
@@ -33,3 +32,28 @@ def parameters_frame(parameters: Sequence["Parameter"]) -> "pd.DataFrame":
     index = pd.Index([each.name for each in parameters], name="parameter")
     order = [*columns[:5], "lower", "upper", *columns[5:]]
     return pd.DataFrame(out, index=index)[order]
+
+
+def channels_frame(time: np.ndarray, channels: Mapping[str, np.ndarray]) -> "pd.DataFrame":
+    """Data frame of channels (N,) or (N, d) by name, a column for each component, with the times as its index.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    pd = _pandas()
+    columns: dict[str, np.ndarray] = {}
+    for name, x in channels.items():
+        columns |= vector_columns(name, x)
+    return pd.DataFrame(columns, index=pd.Index(time, name="time"))
+
+
+def _pandas() -> Any:
+    """The module pandas.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        return import_module("pandas")
+    except ImportError:
+        raise InputError(NEEDED) from None

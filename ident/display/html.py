@@ -30,16 +30,13 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable
 
 def estimate_html(estimate: "Estimate") -> str:
     """Verdict, parameters and findings of an estimate, with a link to its page if one was written."""
-    parameters, verdict = estimate.parameters, estimate.verdict()
-    rows = text.parameter_rows(parameters[: text.SHOWN])
-    left = len(parameters) - text.SHOWN
-    more = f"<p>… and {left} more; <code>estimate.to_frame()</code> has all</p>" if left > 0 else ""
+    verdict, (parameters, more) = estimate.verdict(), text.first_parameters(estimate)
     items = [f"<li>{'<strong>Doubt:</strong> ' * each.doubt}{escape(each.text)}</li>" for each in estimate.findings]
     parts = [
         f"<p><strong>{escape(text.headline(estimate))}</strong></p>",
         f"<p>{escape(str(verdict))}</p>",
-        table(text.HEADS, rows, (2, 3, 4, 6)),
-        more,
+        table(text.HEADS, text.parameter_rows(parameters), (2, 3, 4, 6)),
+        f"<p>{escape(more)}</p>" if more else "",
         f"<p>Residual over signal: {escape(text.ratios(estimate))}</p>",
         f"<details><summary>{len(items)} findings</summary><ul>{''.join(items)}</ul></details>" if items else "",
         _link(PAGES.get(estimate)),

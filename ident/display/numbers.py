@@ -34,6 +34,7 @@ def estimate_numbers(estimate: "Estimate") -> dict[str, Any]:
         },
         "best_candidate": verdict.best,
         "filtered_at_hz": estimate.filtered_at,
+        "scales": {joint: {"value": value, "std": std} for joint, (value, std) in estimate.scales.items()},
         "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in estimate.bounded.items()},
         "setup": [each.to_dict() for each in estimate.setup],
         "friction": estimate.friction,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
+from ident.arguments import is_number, near
 from ident.errors import InputError
 from ident.estimation.units import coefficient_unit
 from ident.geometry.inertia import body_of_parameter
@@ -20,12 +21,13 @@ class Parameter:
     """An estimated coefficient.
 
     Attributes:
-        name: Its name, such as `m2rz2`, `Fv(knee)` or `offset(Fx)`.
-        kind: `base` for a base parameter, `drive` for friction, a rotor or a spring, `offset` of a channel.
+        name: Its name, such as `m2rz2`, `Fv(knee)`, `offset(Fx)` or `scale(knee)`.
+        kind: `base` for a base parameter, `drive` for friction, a rotor or a spring, `offset` of a channel, or
+            `scale` of a joint's torque, true over stated.
         value: Its estimate in its unit.
         std: Standard deviation from the noise.
         std_setup: Standard deviation with the uncertainty of the set-up.
-        unit: SI unit.
+        unit: SI unit, "" for a scale.
         body: Body or joint that it belongs to, or the channel of an offset.
         model: The model's value; None where it has none.
         expression: The standard parameters that it consists of, its name if there is one alone.
@@ -62,15 +64,23 @@ class Parameter:
         return f"{self.name} = {self.value:.4g} {self.unit}, 95 % interval {low:.4g} to {high:.4g}{model}".strip()
 
 
+class Groups(dict[str, tuple[Parameter, ...]]):
+    """Coefficients by the body, joint or channel that they belong to."""
+
+    def __missing__(self, body: str) -> tuple[Parameter, ...]:
+        """Raises an InputError that names what is near."""
+        raise InputError(f"The estimate has no parameters of {body!r}; near that are {near(body, self)}.")
+
+
 def intervals(values: Sequence[float] | np.ndarray, std: Sequence[float] | np.ndarray, level: float) -> np.ndarray:
     """Lower and upper limits of confidence intervals for normal errors (m, 2).
 
     Raises:
         InputError: The level is not between 0 and 1.
     """
-    if not isinstance(level, int | float) or not 0 < level < 1:
+    if not is_number(level) or not 0 < level < 1:
         raise InputError(f"level needs a number between 0 and 1, as 0.95; got {level!r}.")
-    half = -special.ndtri((1 - level) / 2) * np.asarray(std)
+    half = -special.ndtri((1 - float(level)) / 2) * np.asarray(std)
     return np.stack([np.asarray(values) - half, np.asarray(values) + half], axis=-1)
 
 
@@ -80,7 +90,7 @@ def body_of(name: str, bodies: Sequence[str]) -> str:
 
 
 def parameters_of(estimate: "Estimate") -> tuple[Parameter, ...]:
-    """All coefficients of an estimate: base parameters, drives, offsets (m,)."""
+    """All coefficients of an estimate: base parameters, drives, offsets (m,), and scales of joint torques."""
     base, arm, fit = estimate.base, estimate.prepared.mechanism, estimate.fit
     kinds = ["base"] * base.rank + ["drive"] * len(fit.equations.drives)
     kinds += ["offset"] * (len(fit.names) - len(kinds))
@@ -89,7 +99,7 @@ def parameters_of(estimate: "Estimate") -> tuple[Parameter, ...]:
     model += [None] * (len(fit.names) - len(model))
     wider, regrouped = np.sqrt(np.diag(estimate.covariance_setup)), (*base.expressions(4), *fit.names[base.rank :])
     columns = fit.names, kinds, fit.values.tolist(), fit.std.tolist(), wider.tolist(), model, regrouped
-    return tuple(
+    coefficients = (
         Parameter(
             *(name, kind, value, std, std_setup),
             unit=coefficient_unit(name, arm.tree),
@@ -100,3 +110,8 @@ def parameters_of(estimate: "Estimate") -> tuple[Parameter, ...]:
         )
         for name, kind, value, std, std_setup, own, expression in zip(*columns, strict=True)
     )
+    scales = (
+        Parameter(name := f"scale({joint})", "scale", value, std, std, "", joint, 1.0, name)
+        for joint, (value, std) in estimate.scales.items()
+    )
+    return (*coefficients, *scales)

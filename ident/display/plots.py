@@ -1,5 +1,6 @@
-"""Plots of an estimate as matplotlib figures, in the style that matplotlib is set to."""
+"""Plots of estimates and recordings as matplotlib figures, in the style that matplotlib is set to."""
 
+from collections import ChainMap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,9 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimation.units import channel_unit
+from ident.files.table import vector_columns
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
+    from ident.recordings.recording import Recording
+
+JOINTS = {"position": "rad or m", "command": "rad or m", "torque": "N m or N"}
+"""Quantities of joints that are drawn, and their units where a recording states none."""
+
+LINES = 10
+"""Largest number of lines that a panel names."""
 
 MOST = 60
 """Largest number of parameters in a figure: those with the narrowest relative intervals."""
@@ -61,6 +70,41 @@ def spectra_plot(estimate: "Estimate") -> Figure:
         ax.margins(x=0)
     _add_legend(figure, axes)
     return figure
+
+
+def recording_plot(recording: "Recording") -> Figure:
+    """Joint positions, commands and torques of a recording over time, and force and moment of each wrench."""
+    panels = _panels_of(recording)
+    figure = _figure(8, 1 + 1.5 * max(len(panels), 1))
+    axes = figure.subplots(max(len(panels), 1), sharex=True, squeeze=False)[:, 0]
+    for (label, lines), ax in zip(panels.items(), axes, strict=False):
+        for name, x in lines.items():
+            ax.plot(recording.time, x, lw=1, label=name)
+        ax.set_ylabel(label)
+        ax.margins(x=0)
+        if len(lines) <= LINES:
+            ax.legend(loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    axes[-1].set_xlabel("Time (s)")
+    return figure
+
+
+def _panels_of(recording: "Recording") -> dict[str, dict[str, np.ndarray]]:
+    """Lines (N,) of each panel by name, by the panel's label."""
+    channels = recording.measured
+    positions = [name for name in channels if name.endswith("_position")]
+    # Positions of three components are those of bodies.
+    joints = [name.removesuffix("_position") for name in positions if channels[name].shape[1:] != (3,)]
+    groups = [(f"Joint {kind}", unit, {j: f"{j}_{kind}" for j in joints}) for kind, unit in JOINTS.items()]
+    for name in recording.wrenches:
+        groups += [(f"Force {name}", "N", {"F": f"{name}_force"}), (f"Moment {name}", "N m", {"M": f"{name}_torque"})]
+    panels = {}
+    for title, usual, names in groups:
+        measured = {line: name for line, name in names.items() if name in channels}
+        units = dict.fromkeys(recording.units.get(name, usual) for name in measured.values())
+        lines = [vector_columns(line, channels[name]) for line, name in measured.items()]
+        if lines:
+            panels[f"{title}\n({', '.join(units)})"] = dict(ChainMap(*reversed(lines)))
+    return panels
 
 
 def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:

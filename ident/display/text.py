@@ -14,7 +14,7 @@ WIDTH = 120
 """Longest line of a sentence."""
 
 SHOWN = 30
-"""Largest number of parameters that a summary shows."""
+"""Largest number of parameters of a kind that a summary shows."""
 
 
 def decimals_of(std: float | None) -> int | None:
@@ -61,11 +61,18 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Iterab
     return [line(heads), *map(line, rows)]
 
 
+def first_parameters(estimate: "Estimate") -> tuple[list[Parameter], str]:
+    """The first parameters of each kind of an estimate, and a sentence on the others, "" for none."""
+    kinds = dict.fromkeys(each.kind for each in estimate.parameters)
+    out = [row for kind in kinds for row in [each for each in estimate.parameters if each.kind == kind][:SHOWN]]
+    left = len(estimate.parameters) - len(out)
+    return out, f"… and {left} more; estimate.to_frame() has all" if left else ""
+
+
 def estimate_summary(estimate: "Estimate") -> str:
     """Table of the parameters, prediction errors, verdict and findings of an estimate."""
-    parameters = estimate.parameters
-    rows = [(*row[:-1], f"{row[-1]:.40}") for row in parameter_rows(parameters[:SHOWN])]
-    more = [f"… and {len(parameters) - SHOWN} more; estimate.to_frame() has all"] * (len(parameters) > SHOWN)
+    parameters, more = first_parameters(estimate)
+    rows = [(*row[:-1], f"{row[-1]:.40}") for row in parameter_rows(parameters)]
     notes = [f"  {note}" for part in estimate.logs for note in part.log.notes]
     sentences = [
         f"Residual over signal: {ratios(estimate)}; condition number {estimate.condition_number:.3g}.",
@@ -73,9 +80,8 @@ def estimate_summary(estimate: "Estimate") -> str:
         *notes,
         *(finding.line for finding in estimate.findings),
     ]
-    return "\n".join(
-        [f"{headline(estimate)}, SI units", *aligned(HEADS, rows, (2, 3, 4, 6)), *more, *map(_wrapped, sentences)]
-    )
+    lines = [f"{headline(estimate)}, SI units", *aligned(HEADS, rows, (2, 3, 4, 6)), more, *map(_wrapped, sentences)]
+    return "\n".join(filter(None, lines))
 
 
 def _wrapped(sentence: str) -> str:
@@ -87,8 +93,9 @@ def _wrapped(sentence: str) -> str:
 def headline(estimate: "Estimate") -> str:
     """Number of parameters of an estimate, and of samples and recordings that they are from."""
     base, logs = estimate.base, len(estimate.logs)
-    others = len(estimate.parameters) - base.rank
-    more = f" and {others} of drives and offsets" if others else ""
+    others = estimate.parameters[base.rank :]
+    kinds = dict.fromkeys(f"{each.kind}s" for each in others)
+    more = f" and {len(others)} of {' and '.join(kinds)}" if others else ""
     recordings = f" of {logs} recordings" if logs > 1 else ""
     return f"{base.rank} base parameters{more} from {estimate.fit.samples} samples{recordings}"
 

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ident.errors import InputError
+
 try:
     import fcntl
 except ImportError:  # Not on Windows.
@@ -27,8 +29,11 @@ def replacing(path: Path) -> Iterator[Path]:
         path: File to write; its folder must exist. The temporary name keeps the suffix.
 
     Raises:
+        InputError: Its folder does not exist.
         OSError: The file could not be written, see `unwritten`; an existing file is unchanged.
     """
+    if not path.parent.is_dir():
+        raise InputError(f"'{path}' cannot be written: the folder '{path.parent}' does not exist; make it first.")
 
     def made() -> Path:
         handle, name = tempfile.mkstemp(prefix=PARTIAL, suffix=path.suffix, dir=path.parent)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arguments import checked_path
 from ident.errors import InputError
 from ident.files.atomic import replacing
 from ident.files.npz import LIMIT, check_size, reason
@@ -25,7 +26,7 @@ KEY = "objects"
 PLAIN = (str, int, float, bool, type(None))
 
 
-def save_object(path: Path, kind: str, root: Any) -> None:
+def save_object(path: str | Path, kind: str, root: Any) -> None:
     """Writes an object and all that it consists of.
 
     Args:
@@ -33,15 +34,18 @@ def save_object(path: Path, kind: str, root: Any) -> None:
         kind: Kind of the object, for messages when it is read.
         root: A data class of `ident`, with data classes, sequences, mappings, numbers, texts and arrays in it. What
             belongs to other packages, such as the compiled model of a mechanism, is left out and read as None.
+
+    Raises:
+        InputError: The path is none, or its folder does not exist.
     """
-    writer = _Writer()
+    path, writer = checked_path("path", path), _Writer()
     text = json.dumps({"kind": kind, "root": writer.number_of(root), "objects": writer.objects})
     with replacing(path) as temporary, temporary.open("wb") as file:
         savez: Any = np.savez_compressed
         savez(file, **{KEY: np.array(text)}, **writer.arrays)
 
 
-def load_object(path: Path, kind: str, *, limit: int = LIMIT) -> Any:
+def load_object(path: str | Path, kind: str, *, limit: int = LIMIT) -> Any:
     """Reads what `save_object` wrote.
 
     Args:
@@ -52,6 +56,7 @@ def load_object(path: Path, kind: str, *, limit: int = LIMIT) -> Any:
     Raises:
         InputError: The file is missing, is none, holds another kind of object, or was written by another version.
     """
+    path = checked_path("path", path)
     try:
         with zipfile.ZipFile(path) as members:
             check_size(path, sum(each.file_size for each in members.infolist()), limit)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.arguments import OF_BODIES, checked_deviations
+from ident.arguments import OF_BODIES, check_type, checked_deviations
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
 from ident.mechanism.carrier import Carrier, divided
@@ -155,3 +155,8 @@ def checked_gravity(gravity: np.ndarray) -> np.ndarray:
     if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
         raise ModelError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
     return g
+
+
+def check_mechanism(where: str, given: Any) -> None:
+    """Raises an InputError unless the argument of a name is a mechanism."""
+    check_type(where, given, Mechanism, 'a Mechanism, such as mc.mechanism("arm.xml")')

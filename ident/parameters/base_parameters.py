@@ -10,7 +10,7 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Mechanism, check_mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.independent_columns import (
     DEPENDENT,
@@ -144,6 +144,7 @@ def find_base_parameters(
     if isinstance(source, np.ndarray):
         return _of_regressor(source, np.ones(source.shape[-1]), parameters, kept)
     mechanism = Mechanism(source, gravity) if isinstance(source, Tree) else source
+    check_mechanism("source", mechanism)
     return _of_structure(mechanism, sensors, parameters, kept)
 
 

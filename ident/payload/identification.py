@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.arguments import checked_deviations
+from ident.arguments import check_type, checked_deviations
 from ident.errors import InputError
 from ident.estimation.preparation import prepared
 from ident.identification import identified
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Mechanism, check_mechanism
 from ident.payload.mounting import on_payload
 from ident.payload.payload import Payload
 from ident.payload.weight import known, likely, weighing
@@ -53,9 +53,13 @@ def identify_payload(
         InputError: Something is missing or does not fit, or the sensor is mounted in another way than was stated.
         ExcitationError: The motion does not separate the payload from the sensor's offsets.
     """
+    check_mechanism("robot", robot)
+    check_type("recording", recording, Recording | Sequence, "a Recording, as of mc.read_log, or a list of them")
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
         raise InputError("A payload needs at least one recording, got none.")
+    for k, each in enumerate(recordings):
+        check_type(f"recording[{k}]", each, Recording, "a Recording, as of mc.read_log")
     part = robot.beyond(body)
     if part.tree.joints:
         raise InputError(

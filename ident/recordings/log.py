@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ident.errors import LogError
+from ident.arguments import checked_path, described
+from ident.errors import InputError, LogError
 from ident.files.counted import counted
 from ident.files.in_memory import TYPES, InMemory, table_of
 from ident.files.npz import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Mechanism, check_mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
@@ -66,6 +67,7 @@ def read_log(
             column.
         InputError: The library that reads such files is not installed.
     """
+    check_mechanism("mechanism", mechanism)
     if not isinstance(path, str | Path):
         return _in_memory(path, mechanism, columns, gaps=gaps)
     (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
@@ -89,7 +91,8 @@ def read_log_pieces(
         path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
         samples: Samples of each piece, at least `LEAST_SAMPLES`.
     """
-    yield from _pieces(Path(path), mechanism, columns, samples, gaps=False, limit=limit)
+    check_mechanism("mechanism", mechanism)
+    yield from _pieces(checked_path("path", path), mechanism, columns, samples, gaps=False, limit=limit)
 
 
 def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -> Recording:
@@ -97,7 +100,8 @@ def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -
     name = f"The {type(source).__name__}"
     try:
         if (table := table_of(source)) is None:
-            raise LogError(f"A log needs the path of a file, or {TYPES}; got {type(source).__name__}.")
+            several = " Read each by itself, or give `identify` the list." if isinstance(source, list | tuple) else ""
+            raise InputError(f"A log needs the path of a file, or {TYPES}; got {described(source)}.{several}")
         mapping, kinds = _mapping(columns, mechanism), joint_kinds(mechanism.tree)
         table = replace(table, sums=mapping.sums)
         if mapping.selection:
@@ -115,7 +119,8 @@ def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanis
         return ColumnMapping()
     if isinstance(columns, Mapping):
         return stated_mapping(columns, mechanism.tree)
-    return read_mapping(Path(columns), mechanism.tree)
+    file = checked_path("columns", columns, "the path of a TOML file, or its content as a mapping")
+    return read_mapping(file, mechanism.tree)
 
 
 def _pieces(

@@ -5,12 +5,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.arguments import checked_path
 from ident.display.brief import Brief, listed
+from ident.display.frames import channels_frame
 from ident.errors import LogError
 from ident.files.npz import LIMIT
 from ident.files.table import BASE
@@ -21,6 +23,10 @@ from ident.recordings import saved
 from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
 from ident.recordings.servo import Servo
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 STATES = ("position", "velocity", "acceleration")
 """Names of q, q̇ and q̈ in a joint's channels."""
@@ -267,9 +273,32 @@ class Recording(Brief):
         """Pose of a body in the base frame (N, 4, 4)."""
         return poses(self[f"{body}_position"], self[f"{body}_orientation"])
 
+    def to_frame(self) -> "pd.DataFrame":
+        """Measured channels as a pandas data frame, with the times in s as its index.
+
+        Units are those of `units`, else rad, rad/s, rad/s², N and N m; m for slides. A vector has a column for each
+        component, such as `ground_force.x`, a moving base 16 for its poses. `read_log` reads such a frame.
+
+        Raises:
+            InputError: pandas is not installed (extra `pandas`).
+        """
+        base = {} if self.base is None else {BASE: self.base.reshape(-1, 16)}
+        return channels_frame(self.time, {**self.measured, **base})
+
+    def plot(self) -> "Figure":
+        """Joint positions, torques and commands and the wrenches over time, as a matplotlib figure."""
+        from ident.display.plots import recording_plot
+
+        return recording_plot(self)
+
     def save(self, path: str | Path) -> None:
-        """Writes a `.npz` or `.csv` file that `load` reads back exactly, except for the streams."""
-        saved.save(Path(path), vars(self))
+        """Writes a `.npz` or `.csv` file that `load` reads back exactly, except for the streams.
+
+        Raises:
+            LogError: A channel has a name that a file cannot hold, or the file another suffix.
+            InputError: The folder does not exist.
+        """
+        saved.save(checked_path("path", path), vars(self))
 
     @classmethod
     def load(cls, path: str | Path, *, limit: int = LIMIT) -> "Recording":
@@ -300,11 +329,12 @@ class Recording(Brief):
         """
         if samples < 1:
             raise LogError(f"A piece of a recording needs at least one sample, got {samples}.")
+        file = checked_path("path", path)
         try:
-            for fields in saved.load(Path(path), samples, limit=limit):
+            for fields in saved.load(file, samples, limit=limit):
                 yield cls(**fields)
         except (LogError, OSError) as error:
-            raise LogError(f"{path}: {error}", Path(path)) from error
+            raise LogError(f"{path}: {error}", file) from error
 
 
 def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:

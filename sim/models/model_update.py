@@ -8,11 +8,12 @@ from typing import Protocol, TypeAlias
 import mujoco
 import numpy as np
 
+from ident.arguments import checked_path, described
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.drives import Drive
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Mechanism, check_mechanism
 from sim.models.drives_update import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.inertials import (
     OVERRIDING,
@@ -94,10 +95,12 @@ def write_model(
         ModelError: As for `updated_spec`, the file does not read back as φ, or a drive is negative or of no joint.
         InputError: As for `updated_spec`, or a URDF or OpenSim file is requested for a model in another format.
     """
+    path = checked_path("path", path, "the path of a file to write")
+    check_mechanism("mechanism", mechanism)
     if isinstance(mechanism.source, OpenSimOrigin):
-        write_opensim(Path(path), mechanism, np.asarray(getattr(phi, "phi", phi), float))
+        write_opensim(path, mechanism, _numbers(phi))
         return
-    path, (origin, source, phi) = Path(path), _given(mechanism, phi)
+    origin, source, phi = _given(mechanism, phi)
     if is_opensim(path):
         raise InputError(f"An OpenSim file can only be made from an OpenSim file; write '{path.stem}.xml' instead.")
     urdf = path.suffix.lower() == ".urdf"
@@ -113,6 +116,7 @@ def write_model(
 
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
     """Origin of a mechanism, its editable file or specification, and φ."""
+    check_mechanism("mechanism", mechanism)
     origin = mechanism.source
     if isinstance(origin, OpenSimOrigin):
         raise ModelError(f"{origin.path}: an OpenSim file has no MuJoCo specification; it is written by write_model.")
@@ -120,7 +124,20 @@ def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Edit
         raise ModelError(
             "Only a model that came as a file or as a specification can be updated, not a compiled one or none."
         )
-    return origin, origin.text, np.asarray(getattr(phi, "phi", phi), float)
+    return origin, origin.text, _numbers(phi)
+
+
+def _numbers(phi: np.ndarray | Bodies) -> np.ndarray:
+    """φ as an array.
+
+    Raises:
+        InputError: It has no numbers.
+    """
+    try:
+        return np.asarray(getattr(phi, "phi", phi), float)
+    except (TypeError, ValueError):
+        needed = "phi needs φ of the bodies (10 b,), or an object with a φ, such as estimate.consistent()"
+        raise InputError(f"{needed}; got {described(phi)}.") from None
 
 
 def specification(source: Editable, packages: Sequence[Path] = ()) -> mujoco.MjSpec:

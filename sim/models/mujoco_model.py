@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 import scenes
+from ident.arguments import check_type
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameters_from_com
@@ -44,9 +45,11 @@ def compiled(source: Source, packages: Sequence[str | Path] = ()) -> mujoco.MjMo
 
     Raises:
         ModelError: The file does not exist, or MuJoCo cannot read or compile it.
+        InputError: The source is none.
     """
     if isinstance(source, mujoco.MjModel):
         return source
+    check_type("source", source, mujoco.MjSpec | str | Path, "the path of a model, an MjSpec or an MjModel")
     model = _compiled_file(Path(source), packages) if isinstance(source, str | Path) else compiled_as_stated(source)
     note_inertias(model)
     return model

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.arguments import check_type, described
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
@@ -99,6 +100,9 @@ def simulate_many(
         ModelError: As for `simulate`.
         InputError: As for `simulate`, or the number of threads is not positive.
     """
+    check_type("spec", spec, mujoco.MjSpec, 'an MjSpec, such as mc.scenes.load("double_pendulum")')
+    if not hasattr(excitation, "trajectory"):
+        raise InputError(f"excitation needs a desired motion, as an Excitation; got {described(excitation)}.")
     threads = (os.cpu_count() or 1) if threads is None else threads
     if not 1 <= samples <= LONGEST:
         raise InputError(f"A recording needs 1 to {LONGEST} samples, got {samples}.")

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from estimates import jointly, quick
 from scipy import stats
+from test_commands import scaled
 
-from ident.display import html
+from ident.display import html, text
 from ident.display.text import aligned, rounded
 from ident.errors import InputError
 from ident.estimation.units import coefficient_unit
@@ -55,6 +56,38 @@ def test_intervals_are_those_of_normal_errors(level):
     np.testing.assert_allclose(estimate[name].interval(level, setup=False), estimate.interval(level, setup=False)[3])
 
 
+def test_levels_may_be_numbers_of_numpy():
+    np.testing.assert_allclose(quick().interval(np.float32(0.9)), quick().interval(0.9), rtol=1e-5)
+    np.testing.assert_array_equal(quick()["m3rx3"].interval(np.float64(0.9)), quick()["m3rx3"].interval(0.9))
+
+
+def test_an_estimate_is_a_mapping_of_names():
+    estimate = quick()
+    assert list(estimate) == list(estimate.names) and len(estimate) == estimate.base.rank
+    assert "m3rx3" in estimate and "Fc(bend)" in estimate and "m3rx4" not in estimate and 3 not in estimate
+    assert all(estimate[name].name == name for name in estimate)
+    assert type(estimate).__bool__(estimate) is True
+
+
+def test_estimated_scales_of_torques_are_parameters():
+    estimate = scaled(("bend",), False)
+    value, std = estimate.scales["bend"]
+    scale = estimate["scale(bend)"]
+    assert (scale.kind, scale.body, scale.value, scale.std_setup, scale.model) == ("scale", "bend", value, std, 1.0)
+    assert scale in estimate.by_body["bend"] and "scale(bend)" in estimate._repr_html_()
+    assert estimate.to_dict()["scales"] == {"bend": {"value": value, "std": std}}
+    assert re.search(r"^scale\(bend\) +bend +[0-9.]+", estimate.summary(), re.MULTILINE)
+    assert "drives and scales from" in repr(estimate) and len(repr(estimate).splitlines()) <= SHORT
+    assert quick().to_dict()["scales"] == {}
+
+
+def test_a_summary_shows_drives_below_any_number_of_base_parameters(monkeypatch):
+    monkeypatch.setattr(text, "SHOWN", 4)
+    for summary in (quick().summary(), quick()._repr_html_()):
+        assert quick().fit.equations.drives[0] in summary and "estimate.to_frame()" in summary
+        assert quick().names[3] in summary and quick().names[8] not in summary
+
+
 @pytest.mark.parametrize("level", [0, 1, 95, "high"])
 def test_a_level_is_between_zero_and_one(level):
     with pytest.raises(InputError, match=r"level needs a number between 0 and 1, as 0.95; got"):
@@ -71,8 +104,13 @@ def test_a_parameter_has_its_unit_body_and_model_and_a_drive_is_not_negative():
     assert replace(friction, value=0.01, std_setup=1.0).interval() == (0.0, pytest.approx(0.01 + 1.959964))
     with pytest.raises(InputError, match=r"has no parameter 'm3rx4'; near that are .*m3rx3"):
         estimate["m3rx4"]
+    for name in ("M3RX3", "fc(bent)"):
+        with pytest.raises(InputError, match=r"near that are .*(m3rx3|Fc\(bend\))"):
+            estimate[name]
     with pytest.raises(InputError, match="has no parameter 3; near"):
         estimate[3]
+    with pytest.raises(InputError, match=r"The estimate has no parameters of 'Fores'; near that are fore\."):
+        estimate.by_body["Fores"]
 
 
 def test_groups_hold_every_parameter_once():
@@ -99,19 +137,19 @@ def test_units_are_those_of_the_quantity():
 
 
 @pytest.mark.parametrize("estimate", [quick, jointly])
-def test_repr_is_short_and_print_has_everything(estimate):
+def test_repr_is_short_and_the_summary_has_everything(estimate):
     estimate = estimate()
+    assert str(estimate) == repr(estimate)
     lines = repr(estimate).splitlines()
     assert len(lines) <= SHORT and max(map(len, lines)) <= 100
     assert "verdict" in repr(estimate) and "base parameters" in lines[0]
-    text = str(estimate)
-    assert text == estimate.summary()
+    summary = estimate.summary()
     for each in estimate.parameters:
-        assert re.search(rf"^{re.escape(each.name)} +{re.escape(each.body)} ", text, re.MULTILINE)
-    words = " ".join(text.split())
+        assert re.search(rf"^{re.escape(each.name)} +{re.escape(each.body)} ", summary, re.MULTILINE)
+    words = " ".join(summary.split())
     sentences = [str(estimate.verdict()), *estimate.prepared.notes, *(finding.text for finding in estimate.findings)]
     assert all(" ".join(sentence.split()) in words for sentence in sentences)
-    assert max(map(len, text.splitlines())) <= 120
+    assert max(map(len, summary.splitlines())) <= 120
 
 
 def test_html_is_well_formed_and_escaped(tmp_path):
@@ -119,9 +157,9 @@ def test_html_is_well_formed_and_escaped(tmp_path):
     tags = Tags()
     tags.feed(estimate._repr_html_())
     assert not tags.open
-    text = " ".join(tags.text)
-    assert all(name in text for name in estimate.names) and str(estimate.verdict()) in text
-    assert "Replay" not in text
+    words = " ".join(tags.text)
+    assert all(name in words for name in estimate.names) and str(estimate.verdict()) in words
+    assert "Replay" not in words
     html.PAGES[estimate] = tmp_path / 'a "page"' / "report.html"
     try:
         linked = estimate._repr_html_()
@@ -154,7 +192,8 @@ def test_plots_are_figures_of_the_estimate(name):
 def test_a_data_frame_has_every_parameter():
     estimate = jointly()
     frame = estimate.to_frame()
-    assert tuple(frame.index) == estimate.fit.names
+    assert tuple(frame.index) == tuple(each.name for each in estimate.parameters)
+    assert "scale(bend)" in scaled(("bend",), False).to_frame().index
     base = frame[frame["kind"] == "base"]
     np.testing.assert_array_equal(base["value"], estimate.psi)
     np.testing.assert_array_equal(base["std_setup"], estimate.std_setup)

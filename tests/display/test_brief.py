@@ -1,6 +1,7 @@
 """Recordings, mechanisms, regroupings and payloads in a few lines."""
 
 import driven_arm
+import numpy as np
 import pytest
 
 import ident
@@ -28,3 +29,45 @@ def test_long_lists_are_cut_and_empty_properties_left_out():
     assert listed("abc") == "a, b, c" and listed("abcd", 2) == "a, b and 2 more"
     assert short("Thing", {"a": "", "b": None, "c": "x" * 200, "d": 0}) == f"<Thing\n  c: {'x' * 94}…\n  d: 0>"
     assert "<th>a</th><td>&lt;i&gt;</td>" in properties("Thing", {"a": "<i>", "b": ""})
+
+
+def test_a_recording_is_plotted_with_all_that_it_measures():
+    log = driven_arm.log(6.0, 50.0)
+    wrenches = {"ground_force": np.ones((300, 3)), "ground_torque": np.zeros((300, 3))}
+    of_body = {"hand_position": np.zeros((300, 3)), "hip_position": np.tile([1.0, 0, 0, 0], (300, 1))}
+    recording = ident.Recording(log.time, {**log.measured, **wrenches, **of_body}, units={"lift_torque": "mN m"})
+    panels = {ax.get_ylabel(): {line.get_label(): line for line in ax.lines} for ax in recording.plot().axes}
+    joints = (*driven_arm.JOINTS, *(f"hip.{x}" for x in "wxyz"))
+    assert {label: tuple(lines) for label, lines in panels.items()} == {
+        "Joint position\n(rad or m)": joints,
+        "Joint torque\n(N m or N, mN m)": driven_arm.JOINTS,
+        "Force ground\n(N)": ("F.x", "F.y", "F.z"),
+        "Moment ground\n(N m)": ("M.x", "M.y", "M.z"),
+    }
+    line = panels["Joint position\n(rad or m)"]["lift"]
+    np.testing.assert_array_equal(line.get_xydata(), np.stack([log.time, log["lift_position"]], axis=1))
+
+
+def test_a_recording_of_nothing_that_is_drawn_has_an_empty_figure():
+    assert ident.Recording(np.arange(3.0), {"temperature": np.zeros(3)}).plot().axes[0].lines[:] == []
+
+
+def test_a_recording_as_a_data_frame_is_read_back(monkeypatch):
+    pytest.importorskip("pandas")
+    log = driven_arm.log(4.0, 50.0)
+    recording = ident.Recording(log.time, {**log.measured, "ground_force": np.ones((200, 3))})
+    frame = recording.to_frame()
+    assert frame.index.name == "time" and [name for name in frame if "force" in name] == [
+        "ground_force.x",
+        "ground_force.y",
+        "ground_force.z",
+    ]
+    again = ident.read_log(frame, driven_arm.mechanism())
+    np.testing.assert_allclose(again.time, log.time)
+    assert {*log.measured} <= {*again.measured} and (again["bend_torque"] == log["bend_torque"]).all()
+
+
+def test_a_data_frame_of_a_recording_needs_pandas(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(ident.InputError, match=r"A data frame needs pandas: pip install 'multicontact\[pandas\]'"):
+        driven_arm.log(4.0, 50.0).to_frame()

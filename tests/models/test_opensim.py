@@ -339,6 +339,8 @@ def test_what_cannot_be_written_is_said(tmp_path):
         sim.write_model(tmp_path / "new.osim", arm, np.r_[-1.0, arm.prior[1:]])
     with pytest.raises(InputError, match="need 100 finite parameters"):
         sim.write_model(tmp_path / "new.osim", arm, arm.prior[:-10])
+    with pytest.raises(InputError, match="phi needs φ of the bodies"):
+        sim.write_model(tmp_path / "new.osim", arm, "heavier")
     with pytest.raises(ModelError, match="no MuJoCo specification"):
         sim.updated_spec(arm, arm.prior)
     path.write_text(every_kind(1)[0].replace("UTF-8", "UTF-16"), encoding="utf-16")

@@ -115,7 +115,7 @@ def test_identify_reads_paths_and_columns_and_says_what_it_read(tmp_path):
         estimate = ident.identify(arm, given, **options)
         np.testing.assert_allclose(estimate.psi, expected.psi, rtol=1e-9, atol=1e-12)
         (note,) = [note for note in estimate.prepared.notes if note.startswith("Read ")]
-        assert "200 samples at 50 Hz of " in note and " ".join(str(estimate).split()).count(note) == 1
+        assert "200 samples at 50 Hz of " in note and " ".join(estimate.summary().split()).count(note) == 1
     both = ident.identify(arm, [tmp_path / "run.csv", log], held_out=tmp_path / "run.csv", **options)
     assert len(both.logs) == 2
     extra = columns() | {"temperature": np.zeros(200)}
@@ -123,13 +123,19 @@ def test_identify_reads_paths_and_columns_and_says_what_it_read(tmp_path):
     assert note.endswith("not used: temperature.")
 
 
-@pytest.mark.parametrize("given", [3, None, [3.0]])
-def test_what_is_no_recording_is_one_sentence(given):
-    expected = "recording needs a Recording, the path of a log, a mapping of arrays, a pandas DataFrame or an xarray"
+@pytest.mark.parametrize(
+    ("given", "where"), [(3, "recording"), (None, "recording"), ([columns(), 3], r"recording\[1\]")]
+)
+def test_what_is_no_recording_is_one_sentence(given, where):
+    expected = f"^{where} needs a Recording, the path of a log, a mapping of arrays, a pandas DataFrame or an xarray"
     with pytest.raises(InputError, match=expected):
         ident.identify(driven_arm.mechanism(), given)
-    with pytest.raises(LogError, match=r"A log needs the path of a file, or a mapping of arrays, .*; got int"):
+    with pytest.raises(InputError, match=r"^A log needs the path of a file, or a mapping of arrays, .*; got 3\.$"):
         ident.read_log(3, driven_arm.mechanism())
+    with pytest.raises(
+        InputError, match=r"got \['a.csv', 'b.csv'\]. Read each by itself, or give `identify` the list\."
+    ):
+        ident.read_log(["a.csv", "b.csv"], driven_arm.mechanism())
 
 
 def test_a_recording_without_notes_is_taken_as_it_is():
