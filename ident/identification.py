@@ -12,7 +12,7 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimators import least_squares
 from ident.estimators.trajectory import trajectory
-from ident.files.in_memory import TYPES, InMemory
+from ident.files.in_memory import TYPES, InMemory, kind_of
 from ident.judgement.unmeasured import without_unmeasured
 from ident.mechanism.mechanism import Mechanism, check_mechanism
 from ident.parameters.prior import KNOWN
@@ -228,7 +228,7 @@ def _recording(given: Any, mechanism: Mechanism, columns: Any) -> Recording:
     if isinstance(given, Recording):
         return given
     read = read_log(given, mechanism, columns)
-    name = str(given) if isinstance(given, str | Path) else f"the {type(given).__name__}"
+    name = str(given) if isinstance(given, str | Path) else f"the {kind_of(given)}"
     unused = f"; not used: {', '.join(read.unused[:12])}" if read.unused else ""
     note = f"Read {name}: {len(read.time)} samples at {read.rate:.4g} Hz of {', '.join(read.measured)}{unused}."
     return replace(read, notes=(note, *read.notes))

@@ -1,6 +1,6 @@
 """Tables of what is in memory already: mappings of arrays, pandas data frames, xarray datasets."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -31,6 +31,12 @@ TYPES = "a mapping of arrays, a pandas DataFrame or an xarray Dataset"
 """Types of the sources of a table, for messages."""
 
 
+def kind_of(source: Any) -> str:
+    """Kind of a source, for messages, such as `pandas DataFrame` or `dict of columns`."""
+    package, name = type(source).__module__.partition(".")[0], type(source).__name__
+    return f"{name} of columns" if package in ("builtins", "collections") else f"{package} {name}"
+
+
 def table_of(source: Any) -> Table | None:
     """Table of columns in memory; None for what is none of `TYPES`.
 
@@ -38,12 +44,12 @@ def table_of(source: Any) -> Table | None:
     each sample. Dates and durations become seconds from the first.
 
     Raises:
-        LogError: A column has no numbers, or columns have different lengths.
+        LogError: A column has no numbers, columns have different lengths, or names are not texts of their own.
     """
     arrays = _arrays(source)
     if arrays is None:
         return None
-    columns = {name: _numbers(name, values) for name, values in arrays.items()}
+    columns = {name: _numbers(name, np.asarray(values)) for name, values in arrays.items()}
     lengths = {name: len(x) for name, x in columns.items()}
     if len(set(lengths.values())) > 1:
         (name, samples), *others = lengths.items()
@@ -51,24 +57,41 @@ def table_of(source: Any) -> Table | None:
         raise LogError(
             f"columns need one length, but '{short(name)}' has {samples} samples and '{short(other)}' has {its}."
         )
-    cells: dict[str, np.ndarray] = {}
-    for name, x in columns.items():
-        cells |= vector_columns(name, x)
+    cells = _named(pair for name, x in columns.items() for pair in vector_columns(name, x).items())
     samples = next(iter(lengths.values()), 0)
-    return Table(cells, range(1, samples + 1), "sample")
+    return Table(cells, range(1, samples + 1), "sample", origin=kind_of(source))
 
 
-def _arrays(source: Any) -> dict[str, np.ndarray] | None:
-    """Arrays by name, as they are."""
+def _arrays(source: Any) -> dict[str, Any] | None:
+    """Columns by name, as they are."""
     if isinstance(source, Mapping):
-        arrays = {str(name): np.asarray(x) for name, x in source.items()}
-        lengths = {x.shape[:1] for x in arrays.values()}
-        coordinates = {str(name): np.asarray(x) for name, x in getattr(source, "coords", {}).items()}
-        return {name: x for name, x in coordinates.items() if x.ndim == 1 and x.shape in lengths} | arrays
+        lengths = {np.shape(x)[:1] for x in source.values()}
+        coordinates = getattr(source, "coords", {}).items()
+        return _named([*((k, x) for k, x in coordinates if np.ndim(x) == 1 and x.shape in lengths), *source.items()])
     if hasattr(source, "columns") and hasattr(source, "index"):
-        index = {} if source.index.name is None else {str(source.index.name): np.asarray(source.index)}
-        return index | {str(name): np.asarray(source[name]) for name in source.columns}
+        index = [] if source.index.name is None else [(source.index.name, source.index)]
+        names = _named((name, name) for name in source.columns)
+        return _named([*index, *((name, source[own]) for name, own in names.items())])
     return None
+
+
+def _named(columns: Iterable[tuple[Any, Any]]) -> dict[str, Any]:
+    """Columns by their names as texts.
+
+    Raises:
+        LogError: A name has several levels, or two columns have one name.
+    """
+    out: dict[str, Any] = {}
+    for name, column in columns:
+        if isinstance(name, tuple):
+            raise LogError(
+                f"column {short(name)} has a name of {len(name)} levels and needs a text; for a data frame, "
+                'frame.columns = frame.columns.map("_".join) makes one.'
+            )
+        if str(name) in out:
+            raise LogError(f"two columns are named '{short(name)}'; each needs a name of its own.")
+        out[str(name)] = column
+    return out
 
 
 def _numbers(name: str, values: np.ndarray) -> np.ndarray:

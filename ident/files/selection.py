@@ -42,8 +42,9 @@ class Selection:
         numbers = np.asarray(table.rows)
         kept = _inside(numbers, self.rows)
         if not kept.any():
-            there = f"the file has {table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "the file has none"
-            raise LogError(f"[select] needs rows that the file has, got {_listed(self.rows)}; {there}.")
+            there = f"{table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
+            has = f"the {table.origin} has"
+            raise LogError(f"[select] needs rows that {has}, got {_listed(self.rows)}; {has} {there}.")
         return taken(table, kept)
 
     def of_times(self, table: Table, seconds: np.ndarray) -> Table:
@@ -61,7 +62,7 @@ class Selection:
         kept = _inside(seconds, self.time)
         if not kept.any():
             there = f"its times go from {seconds.min():g} s to {seconds.max():g} s"
-            raise LogError(f"[select] needs times that the file has, got {_listed(self.time)}; {there}.")
+            raise LogError(f"[select] needs times that the {table.origin} has, got {_listed(self.time)}; {there}.")
         return taken(table, kept)
 
 

@@ -60,6 +60,7 @@ class Table:
         sums: Columns that are computed from those of the file, by name.
         units: Units that the file states, by column: `SI`, or `deg` for SI with angles in degrees.
         notes: Further sentences on the file.
+        origin: Kind of what has the columns, for messages.
     """
 
     cells: Mapping[str, Sequence[str] | np.ndarray]
@@ -71,6 +72,7 @@ class Table:
     sums: Mapping[str, Sum] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    origin: str = "file"
 
     def row(self, i: int) -> str:
         """Location of sample i in the file, for messages."""
@@ -79,7 +81,7 @@ class Table:
     def available(self) -> str:
         """Names of the file's columns, for messages."""
         names = list(map(short, self.cells))
-        return f"the file has {', '.join(names[:40])}{', ...' if len(names) > 40 else ''}"
+        return f"the {self.origin} has {', '.join(names[:40])}{', ...' if len(names) > 40 else ''}"
 
     def column(self, name: str, limit: float = np.inf, *, gaps: bool = False) -> np.ndarray:
         """Numbers of a column (N,), all NaN or none unless some may be missing.

@@ -15,7 +15,7 @@ from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.wrench import GROUND, Sensor, sensors_of
 from ident.tolerances import HUGE
 
-SUGGESTION = " `multicontact columns MODEL LOG` writes a mapping to correct."
+SUGGESTION = " `multicontact columns MODEL LOG` writes a mapping to correct; in Python, columns= takes one."
 """Advice for logs whose columns cannot be assigned by name."""
 
 
@@ -50,7 +50,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             raise NoPositionError(
                 f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
                 f"{'with .w, .x, .y and .z ' if ball else ''}or mapped; {table.available()}. "
-                f"Where it does not move, --fix {joint} [VALUE] leaves it out.{suggestion}"
+                f"Where it does not move, --fix {joint} [VALUE] leaves it out (fix= of mc.mechanism).{suggestion}"
             )
     if not columns["time"].names[0]:
         raise LogError(

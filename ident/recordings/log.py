@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,9 @@ import numpy as np
 
 from ident.arguments import checked_path, described
 from ident.errors import InputError, LogError
+from ident.files.column import BALL, COMMAND, KINDS, Columns
 from ident.files.counted import counted
-from ident.files.in_memory import TYPES, InMemory, table_of
+from ident.files.in_memory import TYPES, InMemory, kind_of, table_of
 from ident.files.npz import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import selected
@@ -26,7 +28,9 @@ from ident.recordings.sampled import Sampled
 from ident.recordings.several_clocks import mapping_of, read_streams
 from ident.recordings.several_files import check_number, files_of, read_files
 from ident.recordings.standing import about_origins, placed
+from ident.recordings.suggestion import misspelt
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
+from ident.recordings.wrench import GROUND
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""
@@ -97,7 +101,7 @@ def read_log_pieces(
 
 def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -> Recording:
     """Recording of columns in memory, arguments as for `read_log`."""
-    name = f"The {type(source).__name__}"
+    name = f"The {kind_of(source)}"
     try:
         if (table := table_of(source)) is None:
             several = " Read each by itself, or give `identify` the list." if isinstance(source, list | tuple) else ""
@@ -172,6 +176,7 @@ def _recordings(
         recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
         recording = placed(recording, mechanism, mapping.plates, notes if first else [])
         if first:
+            notes += misspelt(unused, _missing(mapping, kinds))
             _check(recording, mapping, mechanism, kinds, notes)
         yield replace(recording, notes=notes, unused=unused)
     if clock is None:
@@ -230,6 +235,22 @@ def _check(
     check_angles(recording, mapping, hinges)
     check_rates(recording, hinges)
     notes += unit_of_force(recording, mapping, mechanism)
+
+
+def _missing(mapping: ColumnMapping, kinds: Mapping[str, str]) -> list[str]:
+    """Names that the columns of those channels would have for which the mapping has none."""
+    wanted = {f"wrenches.{GROUND}.{kind}": [f"{GROUND}_{kind}.{c}" for c in "xyz"] for kind in ("force", "torque")}
+    for joint, joint_kind in kinds.items():
+        for kind, (name, *_) in {**KINDS, "command": (COMMAND,)}.items():
+            ends = [f".{c}" for c in BALL.get(kind, "")] if joint_kind == "ball" else [""]
+            wanted[f"joints.{joint}.{kind}"] = [name.format(joint) + end for end in ends]
+    none = Columns(())
+    return [
+        name
+        for key, names in wanted.items()
+        for name, own in zip_longest(names, mapping.columns.get(key, none).names[: len(names)])
+        if not own
+    ]
 
 
 def _check_length(samples: int) -> None:

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Sequence
+from difflib import get_close_matches
 
 from ident.files.table import short
 from ident.recordings.wrench_names import Component, wrench_groups
@@ -12,6 +13,12 @@ KINDS = ("force", "torque")
 
 JOINT_TORQUE = r"torque|moment|effort|(?<![a-z])(tau|trq|t)(?![a-z])"
 """Pattern of the names of joint torques, in lower case."""
+
+ALIKE = 0.85
+"""Similarity from which a name is taken as another one, misspelt."""
+
+PLACE = "in a file for --columns or by columns= in Python"
+"""Place of a mapping, for messages."""
 
 SHOWN = 40
 """Number of columns that are listed at most."""
@@ -34,8 +41,23 @@ def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
     )
     there = f"Besides times and joint states it has {f'the columns {listed}' if columns else 'no columns'}"
     if not lines:
-        return f"{there}; none is named like a wrench or a torque: map what is one in a file for --columns."
-    return "\n".join([f"{there}; these lines in a file for --columns would use those that look like it:", *lines])
+        return f"{there}; none is named like a wrench or a torque: map what is one, {PLACE}."
+    return "\n".join([f"{there}; these lines, {PLACE}, would use those that look like it:", *lines])
+
+
+def misspelt(unused: Sequence[str], wanted: Sequence[str]) -> list[str]:
+    """Sentences on the unused columns whose names are nearly those of channels that are missing.
+
+    Args:
+        unused: Names of the unused columns.
+        wanted: Names that the columns of the missing channels would have.
+    """
+    out = []
+    for name in unused:
+        alike = [each for each in wanted if re.sub(r"\D", "", each) == re.sub(r"\D", "", name)]
+        if close := get_close_matches(name.casefold(), alike, 1, ALIKE):
+            out.append(f"Column '{short(name)}' is not used, since its name is not '{close[0]}'; rename or map it.")
+    return out
 
 
 def _ground(names: Sequence[str]) -> list[str]:

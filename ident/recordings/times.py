@@ -110,8 +110,8 @@ class Clock:
             raise LogError(
                 f"{table.row(kept[i + 1])}, column '{name}' has a gap of {steps[i]:g} s, from {start:g} s "
                 f"to {end:g} s, where steps are {self.step:g} s{others}. A filter would "
-                "invent what is missing: cut the log there, or say that samples may be missing (--gaps), for the joint "
-                "estimate."
+                "invent what is missing: cut the log there, or say that samples may be missing (--gaps, gaps=True in "
+                "Python), for the trajectory estimate."
             )
 
     def _are_gaps(self, steps: np.ndarray) -> np.ndarray:

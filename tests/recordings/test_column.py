@@ -127,7 +127,7 @@ def test_selected_rows_and_times(tmp_path):
     assert len(read(tmp_path, clock, "[select]\ntime = [0.095, 0.3]").time) == 21
     two = "[select]\ntime = [[0, 0.1], [0.2, 0.3]]"
     assert len(read(tmp_path, PLAIN, two, gaps=True).as_measured("hip_position").time) == 22
-    with pytest.raises(LogError, match=r"has a gap of 0\.1 s, from 0\.1 s to 0\.2 s.* \(--gaps\)"):
+    with pytest.raises(LogError, match=r"has a gap of 0\.1 s, from 0\.1 s to 0\.2 s.* \(--gaps, gaps=True in Python\)"):
         read(tmp_path, PLAIN, two)
     pieces = read_log_pieces(tmp_path / "log.csv", MECHANISM, tmp_path / "c.toml", 10)
     with pytest.raises(LogError, match=r"has a gap of 0\.1 s"):

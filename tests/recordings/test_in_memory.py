@@ -1,5 +1,6 @@
 """Recordings from what is in memory: mappings of arrays, data frames, datasets."""
 
+import re
 from dataclasses import replace
 
 import driven_arm
@@ -62,19 +63,36 @@ def test_a_data_frame_is_a_log_whose_index_may_be_the_time(dates):
     if dates:
         time = np.datetime64("2026-11-24T10:00") + np.round(1e9 * time).astype("timedelta64[ns]")
     same(ident.read_log(Frame(own, time, "time"), driven_arm.mechanism()))
-    with pytest.raises(LogError, match=r"The Frame: .*time"):
+    with pytest.raises(LogError, match=r"The \S+ Frame: .*; the \S+ Frame has turn_position"):
         ident.read_log(Frame(own, time, None), driven_arm.mechanism())
 
 
-def test_a_real_data_frame_and_dataset_are_logs():
+def test_a_real_data_frame_is_a_log():
     pandas = pytest.importorskip("pandas")
     same(ident.read_log(pandas.DataFrame(columns()), driven_arm.mechanism()))
     same(ident.read_log(pandas.DataFrame(columns()).set_index("time"), driven_arm.mechanism()))
+    frame = pandas.DataFrame(columns())
+    levels = frame.set_axis(pandas.MultiIndex.from_tuples([("arm", name) for name in frame]), axis=1)
+    for wrong, sentence in {
+        "column ('arm', 'time') has a name of 2 levels and needs a text; for a data frame, frame.columns": levels,
+        "two columns are named 'time'; each needs a name of its own.": frame.rename(columns={"turn_torque": "time"}),
+    }.items():
+        with pytest.raises(LogError, match=re.escape(f"The pandas DataFrame: {wrong}")):
+            ident.read_log(sentence, driven_arm.mechanism())
+    misspelt = frame.assign(turn_velocty=0.0)
+    estimate = ident.identify(driven_arm.mechanism(), misspelt, estimator="weighted", cutoff=8.0)
+    assert any(note.startswith("Read the pandas DataFrame: 200 samples") for note in estimate.prepared.notes)
+    assert "Column 'turn_velocty' is not used, since its name is not 'turn_velocity'" in estimate.summary()
+
+
+def test_a_dataset_of_xarray_is_a_log():
     xarray = pytest.importorskip("xarray")
     own = columns()
     time = own.pop("time")
     dataset = xarray.Dataset({name: ("time", x) for name, x in own.items()}, coords={"time": time, "trial": 3})
     same(ident.read_log(dataset, driven_arm.mechanism()))
+    with pytest.raises(LogError, match=r"^The xarray Dataset: column 'turn_torque' needs numbers, got <U1"):
+        ident.read_log(dataset.assign(turn_torque=("time", ["a"] * 200)), driven_arm.mechanism())
 
 
 def test_vectors_and_a_mapping_of_columns():
@@ -88,7 +106,7 @@ def test_vectors_and_a_mapping_of_columns():
     some = {**mapping, "select": {"time": [[1.0, 3.0]]}}
     selected = ident.read_log(stacked, driven_arm.mechanism(), some)
     assert np.ptp(selected.time) == pytest.approx(2.0, abs=0.03)
-    with pytest.raises(LogError, match=r"The dict: .*\[joints\] has no entry 'knee'"):
+    with pytest.raises(LogError, match=r"The dict of columns: .*\[joints\] has no entry 'knee'"):
         ident.read_log(stacked, driven_arm.mechanism(), {"joints": {"knee": {}}})
 
 
@@ -99,10 +117,12 @@ def test_vectors_and_a_mapping_of_columns():
         ({"turn_torque": ["a"] * 200}, "column 'turn_torque' needs numbers, got <U1"),
         ({"turn_torque": 3.0}, r"column 'turn_torque' needs a number for each sample, got shape \(\)"),
         ({"turn_position": np.full(200, np.nan)}, "turn"),
+        ({1: np.zeros(200), "1": np.zeros(200)}, "two columns are named '1'; each needs a name of its own"),
+        ({"q": np.zeros((200, 3)), "q.x": np.zeros(200)}, "two columns are named 'q.x'"),
     ],
 )
 def test_bad_columns_are_one_sentence(change, message):
-    with pytest.raises(LogError, match=f"The dict: .*{message}"):
+    with pytest.raises(LogError, match=f"The dict of columns: .*{message}"):
         ident.read_log(columns() | change, driven_arm.mechanism())
 
 
