@@ -2,7 +2,7 @@
 
     arm = mc.mechanism("arm.xml", base="base")
     estimate = mc.identify(arm, "run.csv")
-    print(estimate)
+    print(estimate.summary())
     mc.write_model("arm_identified.xml", arm, estimate.consistent())
     mc.report(estimate, "results/arm")
 

@@ -107,7 +107,7 @@ print(f"{len(recording.time)} samples at {recording.rate:.0f} Hz:", ", ".join(re
 # with the parameters. The last two fifths of the recording are held out.
 
 estimate = ident.identify(arm, recording)
-print(estimate)
+print(estimate.summary())
 
 # `s.d.` comes from the noise. `set-up` adds the uncertainty of the set-up: a plate that may be off by some
 # millimetres and degrees makes some parameters less certain, and more data do not help.

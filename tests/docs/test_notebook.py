@@ -1,5 +1,6 @@
 """The notebook of the documentation, executed as Jupyter does."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,9 @@ def test_the_notebook_runs_and_shows_tables_figures_and_a_link(tmp_path):
     pytest.importorskip("pandas")
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells)
+    # Everything is reachable by one import.
+    imports = re.findall(r"^(?:import|from) (\w+)", "\n".join(cell.source for cell in notebook.cells), re.MULTILINE)
+    assert {*imports} <= {"multicontact", "pathlib"}
     nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
     shown = [{kind for out in each for kind in out.get("data", {})} for each in outputs]
@@ -20,4 +24,4 @@ def test_the_notebook_runs_and_shows_tables_figures_and_a_link(tmp_path):
     # One picture for each cell: figures are shown once.
     assert all(len(outputs[k]) == 1 for k in (3, 4))
     html = outputs[5][-1]["data"]["text/html"]
-    assert '<a href="pendulum/report.html"' in html and (tmp_path / "pendulum" / "report.html").is_file()
+    assert '<a href="arm/report.html"' in html and (tmp_path / "arm" / "report.html").is_file()

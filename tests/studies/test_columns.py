@@ -108,6 +108,6 @@ def test_identify_names_the_way_to_a_mapping_unless_there_is_one(tmp_path, capsy
     path, true = write(tmp_path, laboratory)
     arguments = [MODEL, str(path), "--base", "base", "--out", str(tmp_path / "out")]
     message = refusal(identify.main, arguments, capsys)
-    assert message.endswith("`multicontact columns MODEL LOG` writes a mapping to correct.\n")
+    assert "`multicontact columns MODEL LOG` writes a mapping to correct" in message
     true.write_text("[joints.joint1]\nposition = 'Joint 1 angle'\n")
-    assert "experiments.columns" not in refusal(identify.main, [*arguments, "--columns", str(true)], capsys)
+    assert "multicontact columns" not in refusal(identify.main, [*arguments, "--columns", str(true)], capsys)
