@@ -408,11 +408,13 @@ class Estimate:
         return estimate_summary(self)
 
     def __repr__(self) -> str:
-        verdict, doubts = self.verdict(), sum(finding.doubt for finding in self.findings)
+        doubts = sum(finding.doubt for finding in self.findings)
+        counts = {"doubt": doubts, "remark": len(self.findings) - doubts}
+        numbers = [f"{count} {word}{'s' * (count != 1)}" for word, count in counts.items()]
         lines = {
             "mechanism": listed(self.prepared.mechanism.bodies),
             "residual over signal": ratios(self),
-            "verdict": f"{verdict.outcome.value}, {doubts} doubts, {len(self.findings) - doubts} remarks",
+            "verdict": f"{self.verdict().outcome.value}, {', '.join(numbers)}",
             "more": "print(estimate.summary()), estimate.to_frame(), estimate.plot()",
         }
         return short(f"Estimate of {headline(self)}", lines)

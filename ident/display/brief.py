@@ -10,7 +10,7 @@ WIDTH = 100
 
 def short(kind: str, lines: Mapping[str, object]) -> str:
     """`repr` of an object: its kind and a few properties, a line each, cut to `WIDTH`."""
-    rows = [f"  {name}: {value}" for name, value in lines.items() if value not in ("", None)]
+    rows = [f"  {name}: {' '.join(str(value).split())}" for name, value in lines.items() if value not in ("", None)]
     return "\n".join([f"<{kind}", *(row if len(row) <= WIDTH else f"{row[: WIDTH - 1]}…" for row in rows)]) + ">"
 
 

@@ -31,11 +31,13 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable
 def estimate_html(estimate: "Estimate") -> str:
     """Verdict, parameters and findings of an estimate, with a link to its page if one was written."""
     verdict, (parameters, more) = estimate.verdict(), text.first_parameters(estimate)
+    # Units stay on one line.
+    rows = [(*row[:5], row[5].replace(" ", "\N{NO-BREAK SPACE}"), *row[6:]) for row in text.parameter_rows(parameters)]
     items = [f"<li>{'<strong>Doubt:</strong> ' * each.doubt}{escape(each.text)}</li>" for each in estimate.findings]
     parts = [
         f"<p><strong>{escape(text.headline(estimate))}</strong></p>",
         f"<p>{escape(str(verdict))}</p>",
-        table(text.HEADS, text.parameter_rows(parameters), (2, 3, 4, 6)),
+        table(text.HEADS, rows, (2, 3, 4, 6)),
         f"<p>{escape(more)}</p>" if more else "",
         f"<p>Residual over signal: {escape(text.ratios(estimate))}</p>",
         f"<details><summary>{len(items)} findings</summary><ul>{''.join(items)}</ul></details>" if items else "",

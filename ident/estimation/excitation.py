@@ -108,7 +108,7 @@ def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, Excitat
     names = contributing(hidden, equations.names)
     return s, ExcitationError(
         f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
-        f"parameters; it does not separate {', '.join(names)}. Move the joints further (experiments.excite "
+        f"parameters; it does not separate {', '.join(names)}. Move the joints further (`multicontact excite` "
         "designs a motion), measure more, or put in what the model knows (--prior on).",
         names,
     )

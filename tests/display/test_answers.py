@@ -142,7 +142,10 @@ def test_repr_is_short_and_the_summary_has_everything(estimate):
     assert str(estimate) == repr(estimate)
     lines = repr(estimate).splitlines()
     assert len(lines) <= SHORT and max(map(len, lines)) <= 100
-    assert "verdict" in repr(estimate) and "base parameters" in lines[0]
+    assert (
+        re.search(r"verdict: \w+( \w+)*, (1 doubt|\d+ doubts), (1 remark|\d+ remarks)$", lines[-2])
+        and "base parameters" in lines[0]
+    )
     summary = estimate.summary()
     for each in estimate.parameters:
         assert re.search(rf"^{re.escape(each.name)} +{re.escape(each.body)} ", summary, re.MULTILINE)
@@ -159,7 +162,7 @@ def test_html_is_well_formed_and_escaped(tmp_path):
     assert not tags.open
     words = " ".join(tags.text)
     assert all(name in words for name in estimate.names) and str(estimate.verdict()) in words
-    assert "Replay" not in words
+    assert "Replay" not in words and "kg\N{NO-BREAK SPACE}m²" in words
     html.PAGES[estimate] = tmp_path / 'a "page"' / "report.html"
     try:
         linked = estimate._repr_html_()

@@ -28,6 +28,7 @@ def test_a_repr_has_at_most_ten_lines_and_says_the_most_important(thing, parts):
 def test_long_lists_are_cut_and_empty_properties_left_out():
     assert listed("abc") == "a, b, c" and listed("abcd", 2) == "a, b and 2 more"
     assert short("Thing", {"a": "", "b": None, "c": "x" * 200, "d": 0}) == f"<Thing\n  c: {'x' * 94}…\n  d: 0>"
+    assert short("Thing", {"a": "one\ntwo"}) == "<Thing\n  a: one two>"
     assert "<th>a</th><td>&lt;i&gt;</td>" in properties("Thing", {"a": "<i>", "b": ""})
 
 

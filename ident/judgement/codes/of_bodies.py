@@ -59,7 +59,8 @@ BODIES = {
         "cannot be told from the inertias of the links, which take it up, with or without --drive rotor"
     ),
     "heavier_last_link": Row(
-        "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model: a tool? (experiments.payload)",
+        "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model: a tool? "
+        "`multicontact payload` identifies it.",
         doubt=False,
     ),
 }
