@@ -5,19 +5,17 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
-spec = scenes.load("double_pendulum")
-equations = ident.Equations.of_wrench(sim.mechanism(spec, base="base"))
-exact = sim.simulate(spec, DOUBLE_PENDULUM, samples=300, noise_scale=0)
-motion = ident.Motion(*exact.joint_states(equations.mechanism.tree.joints))
+spec = mc.scenes.load("double_pendulum")
+equations = mc.Equations.of_wrench(mc.mechanism(spec, base="base"))
+exact = mc.simulate(spec, DOUBLE_PENDULUM, samples=300, noise_scale=0)
+motion = mc.Motion(*exact.joint_states(equations.mechanism.tree.joints))
 wrench, rng = exact.wrench("ground").values, np.random.default_rng(1)
 noise = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
-noisy = [ident.Samples(motion, wrench + noise * rng.normal(size=wrench.shape)) for _ in range(100)]
-fits = [ident.least_squares(equations, each) for each in noisy]
+noisy = [mc.Samples(motion, wrench + noise * rng.normal(size=wrench.shape)) for _ in range(100)]
+fits = [mc.least_squares(equations, each) for each in noisy]
 k = fits[0].names.index("m2rz2")
 middle, half = np.array([fit.psi[k] for fit in fits]), 1.96 * np.array([fit.std[k] for fit in fits])
 true = fits[0].parameters.regroup(equations.mechanism.known)[k]

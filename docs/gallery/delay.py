@@ -5,26 +5,24 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 LATE = 0.008
-pendulum = sim.mechanism(scenes.load("double_pendulum"), base="base")
+pendulum = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
 rng, time = np.random.default_rng(0), np.arange(0, 9, 0.01)
-equations = ident.Equations.of_wrench(pendulum)
-late = ident.base_wrench_regressor(pendulum.tree, *DOUBLE_PENDULUM.trajectory(time - LATE), gravity=pendulum.gravity)
+equations = mc.Equations.of_wrench(pendulum)
+late = mc.base_wrench_regressor(pendulum.tree, *DOUBLE_PENDULUM.trajectory(time - LATE), gravity=pendulum.gravity)
 wrench = late @ pendulum.known + rng.normal(size=(len(time), 6)) * [1.2, 1.2, 1.2, 0.12, 0.12, 0.12]
 angles = DOUBLE_PENDULUM.trajectory(time)[0] + 2.5e-4 * rng.normal(size=(len(time), 2))
 channels = {f"{joint}_position": q for joint, q in zip(pendulum.tree.joints, angles.T, strict=True)}
-recording = ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
-(delay,) = ident.identify(pendulum, recording, offsets=False).setup
+recording = mc.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]})
+(delay,) = mc.identify(pendulum, recording, offsets=False).setup
 print(delay.text)
 
 delays = np.linspace(0.0074, 0.0086, 121)
-motions = (ident.Motion(*DOUBLE_PENDULUM.trajectory(time - each)) for each in delays)
-fits = [ident.least_squares(equations, ident.Samples(motion, wrench)) for motion in motions]
+motions = (mc.Motion(*DOUBLE_PENDULUM.trajectory(time - each)) for each in delays)
+fits = [mc.least_squares(equations, mc.Samples(motion, wrench)) for motion in motions]
 logarithm = -len(time) * np.array([np.log(fit.residual_norms).sum() for fit in fits])
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")

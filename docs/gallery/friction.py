@@ -7,17 +7,15 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 
-folder = Path(scenes.__file__).parent
-arm = sim.mechanism(folder / "arm.xml", base="base")
-recording = ident.read_log(folder / "arm.csv", arm)
-estimate = ident.identify(arm, recording, leave_out=("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
+folder = Path(mc.scenes.__file__).parent
+arm = mc.mechanism(folder / "arm.xml", base="base")
+recording = mc.read_log(folder / "arm.csv", arm)
+estimate = mc.identify(arm, recording, leave_out=("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
 motion = estimate.prepared.samples.motion
 drive, elbow = estimate.drives["elbow"], arm.tree.joints.index("elbow")
-links = ident.joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ estimate.consistent().phi
+links = mc.joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ estimate.consistent().phi
 left = (recording["elbow_torque"] - links[:, elbow] - drive.rotor * motion.ddq[:, elbow])[estimate.part]
 speed = motion.dq[estimate.part, elbow]
 print(f"Coulomb {drive.coulomb:.2f} N m, viscous {drive.viscous:.2f} N m s")

@@ -5,20 +5,18 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
-drawn = sim.mechanism(scenes.load("double_pendulum"), base="base")
-base = ident.find_base_parameters(drawn)
+drawn = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
+base = mc.find_base_parameters(drawn)
 angles, errors = (0, 1, 2, 3, 4, 5), {"axes along X": [], "axes as they are": []}
 for angle in angles:
-    spec = scenes.load("double_pendulum", tilt_deg=angle, azimuth_deg=120)
-    recording = sim.simulate(spec, DOUBLE_PENDULUM, samples=500)
-    for name, model in zip(errors, (drawn, sim.mechanism(spec, base="base")), strict=True):
-        equations = ident.Equations(model, ident.find_base_parameters(model, kept=base.names))
-        fit = ident.least_squares(equations, recording)
+    spec = mc.scenes.load("double_pendulum", tilt_deg=angle, azimuth_deg=120)
+    recording = mc.simulate(spec, DOUBLE_PENDULUM, samples=500)
+    for name, model in zip(errors, (drawn, mc.mechanism(spec, base="base")), strict=True):
+        equations = mc.Equations(model, mc.find_base_parameters(model, kept=base.names))
+        fit = mc.least_squares(equations, recording)
         errors[name].append(np.abs(fit.psi - fit.parameters.regroup(drawn.known)))
 print(f"at 5°, axes along X: largest error {errors['axes along X'][-1].max():.1f}")
 

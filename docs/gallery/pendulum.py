@@ -5,15 +5,13 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
-spec = scenes.load("double_pendulum", contact="handle")
-pendulum = sim.mechanism(spec, base="base")
-recording = sim.simulate(spec, DOUBLE_PENDULUM, samples=400)
-sensor = ident.Sensor(*pendulum.sites["contact"], applied_to_link=False)
+spec = mc.scenes.load("double_pendulum", contact="handle")
+pendulum = mc.mechanism(spec, base="base")
+recording = mc.simulate(spec, DOUBLE_PENDULUM, samples=400)
+sensor = mc.Sensor(*pendulum.sites["contact"], applied_to_link=False)
 recording = recording.with_sensors({"contact": sensor})
 poses = pendulum.tree.poses(recording.joint_states(pendulum.tree.joints)[0])
 names = pendulum.tree.names

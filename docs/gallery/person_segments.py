@@ -5,15 +5,13 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import BOWING
 
-spec = scenes.load("bowing")
-person = sim.mechanism(spec, base="foot")
-recording = sim.simulate(spec, BOWING, samples=2000)
-estimate = ident.identify(person, recording, offsets=False, holdout=0.2)
+spec = mc.scenes.load("bowing")
+person = mc.mechanism(spec, base="foot")
+recording = mc.simulate(spec, BOWING, samples=2000)
+estimate = mc.identify(person, recording, offsets=False, holdout=0.2)
 error = estimate.psi - estimate.base.regroup(person.known)
 half = 1.96 * estimate.std_setup
 print(f"{(np.abs(error) < half).sum()} of {len(error)} intervals contain the truth")

@@ -7,16 +7,16 @@ from math import pi
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
+import multicontact as mc
 
 alpha = (0, -pi / 2, pi / 2, pi / 2, -pi / 2, pi / 2, pi / 2)
 d = (0, 0, 0, 0.0825, -0.0825, 0, 0.088)
 r = (0.333, 0, 0.316, 0, 0.384, 0, 0)
 rows = enumerate(zip(alpha, d, r, strict=True), start=1)
 frames = [
-    ident.Frame(f"link{k}", f"link{k - 1}" if k > 1 else None, "revolute", alpha=a, d=x, r=z) for k, (a, x, z) in rows
+    mc.Frame(f"link{k}", f"link{k - 1}" if k > 1 else None, "revolute", alpha=a, d=x, r=z) for k, (a, x, z) in rows
 ]
-base = ident.find_base_parameters(ident.Mechanism(ident.tree_from_mdh(frames), np.array([0, 0, -9.81])))
+base = mc.find_base_parameters(mc.Mechanism(mc.tree_from_mdh(frames), np.array([0, 0, -9.81])))
 matrix = np.zeros((base.rank, len(base.parameters)))
 matrix[np.arange(base.rank), list(base.kept)] = 1
 matrix[:, list(base.dependent)] = base.beta

@@ -5,22 +5,20 @@
 import matplotlib.pyplot as plt
 from scipy.signal import welch
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
-spec = scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
-recording = sim.simulate(spec, DOUBLE_PENDULUM)
-models = {"axes along X": scenes.load("double_pendulum"), "axes as they are": spec}
+spec = mc.scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
+recording = mc.simulate(spec, DOUBLE_PENDULUM)
+models = {"axes along X": mc.scenes.load("double_pendulum"), "axes as they are": spec}
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 figure.suptitle(r"Spectra of $\tau_y$ and its residuals")
 panel.loglog(*welch(recording["ground_torque"][:, 1], recording.rate, nperseg=512), color="0.6", label="measured")
 for (name, each), color in zip(models.items(), ("C1", "C0"), strict=True):
-    model = sim.mechanism(each, base="base")
-    fit = ident.least_squares(ident.Equations.of_wrench(model), recording)
-    motion = ident.Motion(*recording.joint_states(model.tree.joints))
+    model = mc.mechanism(each, base="base")
+    fit = mc.least_squares(mc.Equations.of_wrench(model), recording)
+    motion = mc.Motion(*recording.joint_states(model.tree.joints))
     residual = recording["ground_torque"] - fit.predicted(motion)[:, 3:]
     panel.loglog(*welch(residual[:, 1], recording.rate, nperseg=512), color=color, label=f"residual, {name}")
     print(f"{name}: residual {residual[:, 1].std():.3f} N m")

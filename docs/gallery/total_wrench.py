@@ -5,20 +5,16 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
-spec = scenes.load("double_pendulum", contact="pad handle")
-pendulum = sim.mechanism(spec, base="base")
-recording = sim.simulate(spec, DOUBLE_PENDULUM, samples=600)
-sensors = {
-    name: ident.Sensor(*pendulum.sites[name], applied_to_link=False) for name in ("contact_pad", "contact_handle")
-}
+spec = mc.scenes.load("double_pendulum", contact="pad handle")
+pendulum = mc.mechanism(spec, base="base")
+recording = mc.simulate(spec, DOUBLE_PENDULUM, samples=600)
+sensors = {name: mc.Sensor(*pendulum.sites[name], applied_to_link=False) for name in ("contact_pad", "contact_handle")}
 recording = recording.with_sensors(sensors)
 states = recording.joint_states(pendulum.tree.joints)
-required = ident.base_wrench_regressor(pendulum.tree, *states, gravity=pendulum.gravity) @ pendulum.known
+required = mc.base_wrench_regressor(pendulum.tree, *states, gravity=pendulum.gravity) @ pendulum.known
 without = {
     "ground alone": ("contact_pad", "contact_handle"),
     "ground and pad": ("contact_handle",),

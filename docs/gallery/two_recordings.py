@@ -7,22 +7,20 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
-spec = scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
+spec = mc.scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
 other = replace(DOUBLE_PENDULUM, phase=[[1, 2], [3, 1]])
-recordings = [sim.simulate(spec, motion) for motion in (DOUBLE_PENDULUM, other)]
-right, wrong = sim.mechanism(spec, base="base"), sim.mechanism(scenes.load("double_pendulum"), base="base")
+recordings = [mc.simulate(spec, motion) for motion in (DOUBLE_PENDULUM, other)]
+right, wrong = mc.mechanism(spec, base="base"), mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 figure.suptitle("Difference of two recordings' estimates")
-names = ident.find_base_parameters(wrong).names
+names = mc.find_base_parameters(wrong).names
 for model, label, color, shift in ((wrong, "axes along X", "C1", -0.2), (right, "axes as they are", "C0", 0.2)):
-    equations = ident.Equations(model, ident.find_base_parameters(model, kept=names))
-    first, second = (ident.least_squares(equations, each) for each in recordings)
+    equations = mc.Equations(model, mc.find_base_parameters(model, kept=names))
+    first, second = (mc.least_squares(equations, each) for each in recordings)
     z = (first.psi - second.psi) / np.hypot(first.std, second.std)
     print(f"{label}: root mean square {np.sqrt(np.mean(z**2)):.1f}")
     panel.bar(np.arange(len(z)) + shift, np.abs(z), 0.4, color=color, label=label)

@@ -6,8 +6,7 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 
-import ident
-import sim
+import multicontact as mc
 from ident.recordings.servo import model_servo
 from sim.simulation.commanded import rolled_out
 
@@ -34,12 +33,12 @@ for data.ctrl[:] in commands:
     mujoco.mj_step(robot, data, 10)
 
 guess = 'damping=".1" frictionloss=".1" armature=".01"'
-arm = sim.mechanism(spec((guess, 2), (guess, 2)))
+arm = mc.mechanism(spec((guess, 2), (guess, 2)))
 channels = {f"{joint}_position": q for joint, q in zip(arm.joints, np.transpose(angles), strict=True)}
 channels |= {f"{joint}_command": u for joint, u in zip(arm.joints, commands.T, strict=True)}
 servos = {joint: model_servo(arm, joint) for joint in arm.joints}
-recording = ident.Recording(time, channels, servos=servos)
-estimate = ident.identify(arm, recording)
+recording = mc.Recording(time, channels, servos=servos)
+estimate = mc.identify(arm, recording)
 updated = {"phi": estimate.consistent().phi, "drives": estimate.drives_updated}
 followed = {"model as it came": rolled_out(arm, recording), "updated model": rolled_out(arm, recording, **updated)}
 

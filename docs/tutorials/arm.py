@@ -9,8 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import sim
+import multicontact as mc
 
 # ## The model
 #
@@ -39,14 +38,14 @@ MODEL = """
 </mujoco>
 """
 Path("arm.xml").write_text(MODEL)
-arm = sim.mechanism("arm.xml", base="column")
+arm = mc.mechanism("arm.xml", base="column")
 print(arm.tree.joints, f"{arm.mass:.1f} kg")
 
 # ## What is identifiable?
 #
 # This is known before any measurement: it follows from the structure and from the measured channels.
 
-base = ident.find_base_parameters(arm)
+base = mc.find_base_parameters(arm)
 print(f"{base.rank} of {len(arm.known)}:", ", ".join(base.expressions(3)))
 
 # Bodies are counted from 1 here: body 1 is the column, 4 the forearm.
@@ -62,7 +61,7 @@ built = MODEL.replace('mass="4"', 'mass="3.6"').replace(
     '<inertial pos="0.01 0 0.2" mass="2.8" diaginertia="0.035 0.035 0.006"/>',
 )
 Path("built.xml").write_text(built)
-truth = sim.mechanism("built.xml", base="column")
+truth = mc.mechanism("built.xml", base="column")
 rng, time = np.random.default_rng(1), np.arange(0, 12, 0.01)
 sizes, frequencies = rng.uniform(0.2, 0.5, (3, 3)), rng.uniform(0.15, 0.9, (3, 3))
 phases = rng.uniform(0, 6, (3, 3))
@@ -75,7 +74,7 @@ def motion(t):
     return [(sizes * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle))]
 
 
-wrench = ident.base_wrench_regressor(truth.tree, *motion(time - 0.012), gravity=truth.gravity) @ truth.known
+wrench = mc.base_wrench_regressor(truth.tree, *motion(time - 0.012), gravity=truth.gravity) @ truth.known
 wrench += rng.normal(size=wrench.shape) * [0.5, 0.5, 0.5, 0.05, 0.05, 0.05]
 angles = np.degrees(motion(time)[0]) + 0.1 * rng.normal(size=(len(time), 3))
 header = "t [s],axis 1 [deg],axis 2 [deg],axis 3 [deg],FX,FY,FZ,MX,MY,MZ"
@@ -98,7 +97,7 @@ position = { column = "axis 3 [deg]", unit = "deg" }
 force = ["FX", "FY", "FZ"]
 torque = ["MX", "MY", "MZ"]
 """)
-recording = ident.read_log("run.csv", arm, "run.toml")
+recording = mc.read_log("run.csv", arm, "run.toml")
 print(f"{len(recording.time)} samples at {recording.rate:.0f} Hz:", ", ".join(recording.measured))
 
 # ## The estimate
@@ -106,7 +105,7 @@ print(f"{len(recording.time)} samples at {recording.rate:.0f} Hz:", ", ".join(re
 # Only angles and wrench are used. Nothing is filtered and no cut-off is chosen: the trajectory is estimated together
 # with the parameters. The last two fifths of the recording are held out.
 
-estimate = ident.identify(arm, recording)
+estimate = mc.identify(arm, recording)
 print(estimate.summary())
 
 # `s.d.` comes from the noise. `set-up` adds the uncertainty of the set-up: a plate that may be off by some
@@ -117,7 +116,7 @@ print(estimate.summary())
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 
 # The delay was detected and corrected. To see the effect of an uncorrected delay, try
-# `ident.identify(arm, recording, setup={"delay": 0})`. The mass on the forearm, which the model does not have,
+# `mc.identify(arm, recording, setup={"delay": 0})`. The mass on the forearm, which the model does not have,
 # shows in the model's residuals on the held-out part (over the standard deviation of each channel):
 
 ratios = {"the model as it came": estimate.rivals["model"], "the estimate": estimate.held_out.ratio}
@@ -145,8 +144,8 @@ panel.legend()
 # to the model's are:
 
 bodies = estimate.consistent()
-sim.write_model("arm_identified.xml", arm, bodies)
-written = sim.mechanism("arm_identified.xml", base="column")
+mc.write_model("arm_identified.xml", arm, bodies)
+written = mc.mechanism("arm_identified.xml", base="column")
 for name, was, now, true in zip(arm.bodies, *(x.known.reshape(-1, 10) for x in (arm, written, truth)), strict=True):
     print(f"{name:>8}: {was[0]:.2f} kg in the model, {now[0]:.2f} kg identified, {true[0]:.2f} kg built")
 

@@ -9,20 +9,18 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM, Excitation
 
-drawn = sim.mechanism(scenes.load("double_pendulum"), base="base")
-tilted = scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
-built = sim.mechanism(tilted, base="base")
-recording = sim.simulate(tilted, DOUBLE_PENDULUM)
+drawn = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
+tilted = mc.scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
+built = mc.mechanism(tilted, base="base")
+recording = mc.simulate(tilted, DOUBLE_PENDULUM)
 
 
 def fitted(mechanism, names=None, log=recording):
     """Least squares on a mechanism, with given names of base parameters or its own."""
-    return ident.least_squares(ident.Equations(mechanism, ident.find_base_parameters(mechanism, kept=names)), log)
+    return mc.least_squares(mc.Equations(mechanism, mc.find_base_parameters(mechanism, kept=names)), log)
 
 
 def largest_error(fit):
@@ -48,7 +46,7 @@ for name, fit in {"axes along X": wrong, "axes as they are": right}.items():
 # conditioned as the simplified one, and predicts the same wrench as before.
 
 renamed = fitted(built, names=wrong.parameters.names)
-motion = ident.Motion(*recording.joint_states(drawn.tree.joints))
+motion = mc.Motion(*recording.joint_states(drawn.tree.joints))
 difference = abs(renamed.predicted(motion) - right.predicted(motion)).max()
 print(f"condition numbers {right.condition_number:.0f} and {renamed.condition_number:.1f}")
 print(f"largest difference of the predicted wrenches {difference:.0e} N or N m")
@@ -57,7 +55,7 @@ print(f"largest difference of the predicted wrenches {difference:.0e} N or N m")
 #
 # From metres to millimetres, only the condition number changes.
 
-Y = right.parameters.reduce(ident.base_wrench_regressor(built.tree, *motion.states, gravity=built.gravity))
+Y = right.parameters.reduce(mc.base_wrench_regressor(built.tree, *motion.states, gravity=built.gravity))
 Y = Y.reshape(-1, right.parameters.rank)
 power = np.array([0 if "r" not in name and "I" not in name else 1 + name.startswith("I") for name in right.names])
 for unit, length in {"m": 1.0, "mm": 1e-3}.items():
@@ -71,12 +69,12 @@ for unit, length in {"m": 1.0, "mm": 1e-3}.items():
 rng = np.random.default_rng(0)
 time = np.arange(0, 9.43, 0.02)
 noise = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
-base = ident.find_base_parameters(drawn)
+base = mc.find_base_parameters(drawn)
 conditions, deviations = [], []
 for _ in range(40):
     size, frequency, phase = rng.uniform(0.5, 4, (2, 2)), rng.uniform(0.2, 0.9, (2, 2)), rng.uniform(0, 6, (2, 2))
     states = Excitation(np.array([-1.0, 1.1]), size, frequency, phase).trajectory(time)
-    columns = base.reduce(ident.base_wrench_regressor(drawn.tree, *states, gravity=drawn.gravity))
+    columns = base.reduce(mc.base_wrench_regressor(drawn.tree, *states, gravity=drawn.gravity))
     conditions.append(np.linalg.cond(columns.reshape(-1, base.rank)))
     weighted = (columns / noise[:, None]).reshape(-1, base.rank)
     deviations.append(np.exp(np.log(np.diag(np.linalg.inv(weighted.T @ weighted))).mean() / 2))

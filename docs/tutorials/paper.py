@@ -10,9 +10,7 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 # ## What is identifiable
@@ -21,8 +19,8 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 # and torque sensor below the base determines 13 combinations of them, which follow from the geometry alone; the names
 # are those of the paper's tables.
 
-drawn = sim.mechanism(scenes.load("double_pendulum"), base="base")
-base = ident.find_base_parameters(drawn)
+drawn = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
+base = mc.find_base_parameters(drawn)
 print(f"{len(drawn.known)} parameters, {base.rank} base parameters:", *base.expressions(4), sep="\n  ")
 
 # ## A recording
@@ -30,7 +28,7 @@ print(f"{len(drawn.known)} parameters, {base.rank} base parameters:", *base.expr
 # The pendulum as built has its axes tilted by 5°. MuJoCo's servos drive it along the excitation; joint states,
 # the wrench under the base and the poses of the links are measured with noise, 943 times at 100 Hz as in the paper.
 
-recording = sim.simulate(scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120), DOUBLE_PENDULUM)
+recording = mc.simulate(mc.scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120), DOUBLE_PENDULUM)
 print(", ".join(recording.measured))
 
 # ## The simplified model
@@ -41,8 +39,8 @@ print(", ".join(recording.measured))
 
 def fitted(mechanism, names=None):
     """Least squares on a mechanism, with given names of base parameters or its own."""
-    parameters = ident.find_base_parameters(mechanism, kept=names)
-    return ident.least_squares(ident.Equations(mechanism, parameters), recording)
+    parameters = mc.find_base_parameters(mechanism, kept=names)
+    return mc.least_squares(mc.Equations(mechanism, parameters), recording)
 
 
 simplified = fitted(drawn)
@@ -65,7 +63,7 @@ print(f"residual {simplified.epsilon / np.linalg.norm(measured):.1%} of the wren
 # decides whether they are treated as one direction.
 
 arms = [np.broadcast_to(np.eye(4), (len(recording.time), 4, 4)), recording.poses("link1"), recording.poses("link2")]
-recovered = ident.recover_axes(drawn.tree, np.stack(arms, axis=1))
+recovered = mc.recover_axes(drawn.tree, np.stack(arms, axis=1))
 axis = recovered.axes[0].vector
 print(f"{np.degrees(np.arccos(axis[0])):.2f}° from X; parallel with p = {recovered.p_values[1]:.2f}")
 
@@ -75,7 +73,7 @@ print(f"{np.degrees(np.arccos(axis[0])):.2f}° from X; parallel with p = {recove
 
 built = replace(drawn, tree=recovered.tree)
 full = fitted(built, names=base.names)
-truth = ident.find_base_parameters(built, kept=base.names).regroup(drawn.known)
+truth = mc.find_base_parameters(built, kept=base.names).regroup(drawn.known)
 print(f"largest error: simplified {abs(error).max():.2f}, full {abs(full.psi - truth).max():.2f}")
 print(f"condition number on its own columns {fitted(built).condition_number:.1f}")
 
@@ -84,7 +82,7 @@ print(f"condition number on its own columns {fitted(built).condition_number:.1f}
 
 figure, panels = plt.subplots(3, 2, figsize=(9, 6), sharex=True, layout="constrained")
 figure.suptitle("Recovered base wrench")
-motion = ident.Motion(*recording.joint_states(drawn.tree.joints))
+motion = mc.Motion(*recording.joint_states(drawn.tree.joints))
 for k, (panel, channel) in enumerate(zip(panels.T.flat, ("Fx", "Fy", "Fz", "τx", "τy", "τz"), strict=True)):
     panel.plot(recording.time, measured[:, k], color="0.6", label="measured")
     panel.plot(recording.time, simplified.predicted(motion)[:, k], color="C1", label="axes along X")
@@ -98,25 +96,25 @@ figure.supxlabel("time, s")
 # In Section VII the end of the second link touches something. A load cell there measures the wrench that the link
 # exerts on its surroundings, and Eq. 17 subtracts it from the ground's wrench.
 
-scene = scenes.load("double_pendulum", contact="pad")
-touching = sim.mechanism(scene, base="base")
-touched = sim.simulate(scene, DOUBLE_PENDULUM)
-cell = ident.Sensor(*touching.site("contact"), applied_to_link=False)
+scene = mc.scenes.load("double_pendulum", contact="pad")
+touching = mc.mechanism(scene, base="base")
+touched = mc.simulate(scene, DOUBLE_PENDULUM)
+cell = mc.Sensor(*touching.site("contact"), applied_to_link=False)
 felt = touched.with_sensors({"contact": cell})
-states = ident.Motion(*touched.joint_states(touching.tree.joints))
-equations = ident.Equations(touching, ident.find_base_parameters(touching))
+states = mc.Motion(*touched.joint_states(touching.tree.joints))
+equations = mc.Equations(touching, mc.find_base_parameters(touching))
 for name, ignored in {"ignored": ["contact"], "measured": []}.items():
     total = felt.total_wrench(touching.tree, ignored).in_base
-    fit = ident.least_squares(equations, ident.Samples(states, total))
+    fit = mc.least_squares(equations, mc.Samples(states, total))
     print(f"contact {name}: largest error {abs(fit.psi - fit.parameters.regroup(touching.known)).max():.2f}")
 
 # ## Noise
 #
-# Least squares treated the measured accelerations as exact. `ident.identify` does not: it also estimates the
+# Least squares treated the measured accelerations as exact. `mc.identify` does not: it also estimates the
 # trajectory, from angles and wrenches, and errors of the set-up. It is not given the tilt, but detects it: 5° towards
 # 120° are 4.3° about y and 2.5° about z. No data can show whether the axes or the plate are tilted.
 
-estimate = ident.identify(drawn, recording)
+estimate = mc.identify(drawn, recording)
 print(*(finding.text for finding in estimate.setup), sep="\n")
 
 # [The paper's numbers and ours](../study.md) has all tables, [Reproduction](../reproduction.md) all errata.

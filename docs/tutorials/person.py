@@ -12,9 +12,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import ident
-import scenes
-import sim
+import multicontact as mc
 from experiments import angles
 from sim.motion import person
 
@@ -25,15 +23,15 @@ from sim.motion import person
 
 STIFF = ("neck", "pronation", "wrist", "toes", "subtalar", "thoracic_flexion", "bending", "rotation", "abduction")
 rng = np.random.default_rng(3)
-spec = scenes.load("humanoid")
+spec = mc.scenes.load("humanoid")
 for joint in [joint for joint in spec.joints if any(word in joint.name for word in STIFF)]:
     spec.delete(joint)
 for body in spec.bodies[1:]:
     for k in range(3):
         body.add_site(name=f"{body.name}_{k}", pos=rng.normal(scale=0.06, size=3))
 Path("person.xml").write_text(spec.to_xml())
-model = sim.mechanism("person.xml", base="pelvis")
-base = ident.find_base_parameters(model, sensors=ident.Sensors(moving_base=True))
+model = mc.mechanism("person.xml", base="pelvis")
+base = mc.find_base_parameters(model, sensors=mc.Sensors(moving_base=True))
 print(f"{len(model.bodies)} bodies, {model.mass:.1f} kg; joints: {', '.join(model.tree.joints)}")
 print(f"{base.rank} base parameters of {len(model.known)}")
 
@@ -50,8 +48,8 @@ def recorded(activity, seconds=4.0, rate=50.0):
     """Times, markers by label, and wrenches of both plates: force, centre of pressure and free moment in the world."""
     time = np.arange(0, seconds, 1 / rate)
     motion = person.motion(model.tree, activity, time, person.Style(rail=False, seed=len(activity)))
-    Y = ident.base_wrench_regressor(model.tree, *motion.states, gravity=model.gravity, base=motion.base)
-    needed = ident.Wrench(Y @ truth.ravel(), "pelvis").values
+    Y = mc.base_wrench_regressor(model.tree, *motion.states, gravity=model.gravity, base=motion.base)
+    needed = mc.Wrench(Y @ truth.ravel(), "pelvis").values
     pelvis = motion.base.T
     force = (pelvis[:, :3, :3] @ needed[:, :3, None])[..., 0]
     moment = (pelvis[:, :3, :3] @ needed[:, 3:, None])[..., 0] + np.cross(pelvis[:, :3, 3], force)
@@ -135,8 +133,8 @@ Path("plates.toml").write_text("".join(PLATE.format(side=side) for side in ("lef
 #     --base pelvis --columns plates.toml --prior on
 # ```
 
-logs = [ident.read_log(f"{trial}/angles.csv", model, "plates.toml") for trial in TRIALS]
-estimate = ident.identify(model, logs, known=True)
+logs = [mc.read_log(f"{trial}/angles.csv", model, "plates.toml") for trial in TRIALS]
+estimate = mc.identify(model, logs, known=True)
 print(estimate.verdict())
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 

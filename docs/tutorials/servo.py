@@ -10,8 +10,7 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 
-import ident
-import sim
+import multicontact as mc
 from sim.simulation.commanded import rolled_out
 
 # ## The model
@@ -46,7 +45,7 @@ MODEL = """
 </mujoco>
 """
 Path("arm.xml").write_text(MODEL)
-arm = sim.mechanism("arm.xml")
+arm = mc.mechanism("arm.xml")
 joints = arm.tree.joints
 
 # ## The robot
@@ -82,7 +81,7 @@ np.savetxt("run.csv", np.column_stack([time, angles, commands]), delimiter=",", 
 Path("run.toml").write_text(
     "".join(f'[joints.{joint}]\nposition = "q{k}"\ncommand = "u{k}"\n' for k, joint in enumerate(joints, start=1))
 )
-recording = ident.read_log("run.csv", arm, "run.toml")
+recording = mc.read_log("run.csv", arm, "run.toml")
 print(*(f"{joint}: {servo}" for joint, servo in recording.servos.items()), sep="\n")
 
 # ## The estimate
@@ -91,7 +90,7 @@ print(*(f"{joint}: {servo}" for joint, servo in recording.servos.items()), sep="
 # that nothing has to be filtered; each command is held until the next one. Friction and rotor inertias are estimated
 # with the links.
 
-estimate = ident.identify(arm, recording)
+estimate = mc.identify(arm, recording)
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 
 deviations = np.sqrt(np.diag(estimate.covariance_setup))
@@ -110,8 +109,8 @@ for joint, true in drives.items():
 #
 # The updated model has the identified bodies and drives. Simulated with the recorded commands, it follows the robot:
 
-sim.write_model("arm_identified.xml", arm, estimate.consistent(), estimate.drives_updated)
-updated = sim.mechanism("arm_identified.xml")
+mc.write_model("arm_identified.xml", arm, estimate.consistent(), estimate.drives_updated)
+updated = mc.mechanism("arm_identified.xml")
 lag = next((each.value for each in estimate.setup if each.name == "lag"), 0.0)
 followed = {"model as it came": rolled_out(arm, recording), "updated model": rolled_out(updated, recording, lag=lag)}
 figure, panels = plt.subplots(3, figsize=(8, 5), sharex=True, layout="constrained")
