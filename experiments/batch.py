@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 PROGRESS = "batch_outcomes.npz"
 """File with the outcomes so far, by which an interrupted run is resumed."""
 
+MODEL = ("base", "ignore", "fix", "packages", "person", "columns")
+"""Options that say how the model is read."""
+
 
 def run(args: argparse.Namespace) -> None:
     """Identifies every log, and writes and prints a table of all."""
@@ -30,6 +33,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.runs.checkpoint import Checkpoint
 
     tasks = tasks_of(args)
+    check_shared(args)
     out = print_options.output_of(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder):
@@ -60,6 +64,25 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     for task in tasks:
         own_model.folder(task)
     return tasks
+
+
+def check_shared(args: argparse.Namespace) -> None:
+    """Reads what all logs share, which is the model, the mapping of columns and the logs to judge by.
+
+    A fault of these would fail every log, and replace the tables of an earlier batch by one of failures.
+
+    Raises:
+        InputError: Something is missing or does not fit; the message names it.
+    """
+    from experiments.studies.identification import prepare, read_mechanism
+    from ident.recordings.columns.mapping import read_mapping
+
+    read = identify.reading(args)
+    arm = read_mechanism(args.model, **{key: read[key] for key in MODEL})
+    if args.columns is not None:
+        read_mapping(args.columns, arm.tree)
+    for log in args.held_out:
+        prepare(args.model, log, **read)
 
 
 def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:

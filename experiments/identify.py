@@ -48,8 +48,28 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
     from experiments.reports import identify_report
     from experiments.studies.following import following
     from experiments.studies.identification import prepare
-    from ident.identification import NO_CUTOFF, identified
+    from ident.identification import identified
 
+    read = reading(args)
+    logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
+    fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
+    fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
+    with _workers(args, logs) as executor:
+        result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
+    out, origin = print_options.output_of(args, folder), own_model.provenance(args, result.logs)
+    document = identify_report.document(result, args.model, args.logs, origin, out.layout, following(result))
+    return result, document, out
+
+
+def reading(args: argparse.Namespace) -> dict[str, Any]:
+    """How the options' model and logs are read, as arguments of `prepare`.
+
+    Raises:
+        InputError: Options contradict each other.
+    """
+    from ident.identification import NO_CUTOFF, check_choices
+
+    check_choices(args.estimator, own=args.own, physical=args.physical)
     if args.estimator == "trajectory" and args.cutoff is not None:
         raise InputError(NO_CUTOFF)
     if args.estimator != "trajectory" and args.gaps:
@@ -60,15 +80,12 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
     read |= {"filters": args.estimator != "trajectory"}
     read |= {"drive": options.drives(args.drive), "leave_out": tuple(args.leave_out)}
     read |= {"ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args), "packages": args.packages}
-    logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
-    fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
-    fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
-    with _workers(args, logs) as executor:
-        result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
-    out, origin = print_options.output_of(args, folder), own_model.provenance(args, result.logs)
-    document = identify_report.document(result, args.model, args.logs, origin, out.layout, following(result))
-    return result, document, out
+    return read | {
+        "limit": options.size_limit(args),
+        "gaps": args.gaps,
+        "person": _person(args),
+        "packages": args.packages,
+    }
 
 
 @contextmanager

@@ -64,6 +64,20 @@ def checked_estimator(name: str) -> str:
     return name
 
 
+def check_choices(estimator: str, *, own: Sequence[str] = (), physical: bool = False) -> None:
+    """Refuses what the trajectory estimate alone can do, for other estimators; arguments as for `identified`.
+
+    Raises:
+        InputError: It is asked of another one.
+    """
+    if not ESTIMATORS[checked_estimator(estimator)].filters:
+        return
+    if own:
+        raise InputError(f"Only the trajectory estimate gives recordings {' and '.join(own)} of their own.")
+    if physical:
+        raise InputError("Only the trajectory estimate can be held to physical bodies.")
+
+
 def identify(
     mechanism: Mechanism,
     recording: Source | Iterable[Source],
@@ -177,12 +191,8 @@ def identified(
     if not logs:
         raise InputError("An identification needs at least one recording, got none.")
     logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
-    if ESTIMATORS[estimator].filters:
-        if own:
-            raise InputError(f"Only the trajectory estimate gives recordings {' and '.join(own)} of their own.")
-        if physical:
-            raise InputError("Only the trajectory estimate can be held to physical bodies.")
-    else:
+    check_choices(estimator, own=own, physical=physical)
+    if not ESTIMATORS[estimator].filters:
         # Without a filter no ends are left out.
         logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
         holdout = 0.0 if len(logs) > 2 and not judges else holdout

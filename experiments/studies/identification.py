@@ -54,9 +54,7 @@ def prepare(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages)
-    if person is not None:
-        arm = with_person(arm, person, read_segments(columns) if columns else None)
+    arm = read_mechanism(source, base=base, ignore=ignore, fix=fix, packages=packages, person=person, columns=columns)
     with with_angles(source, log_path, base, fix) as (angles_path, notes):
         log = recorded(arm, angles_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
     log = replace(log, notes=(*notes, *log.notes))
@@ -67,6 +65,21 @@ def prepare(
     if isinstance(arm.source, Origin):
         check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
     return ready
+
+
+def read_mechanism(
+    source: Path,
+    *,
+    base: str | None = None,
+    ignore: Sequence[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+    packages: Sequence[Path] = (),
+    person: Person | None = None,
+    columns: Path | None = None,
+) -> Mechanism:
+    """Reads a model, arguments as for `prepare`."""
+    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages)
+    return arm if person is None else with_person(arm, person, read_segments(columns) if columns else None)
 
 
 def recorded(

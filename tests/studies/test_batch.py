@@ -90,6 +90,37 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
     assert "are of another run: files differ" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["absent.xml"], "absent.xml"),
+        (["bad.csv"], "bad.csv"),
+        (["arm.xml", "--base", "nobody"], "nobody"),
+        (["arm.xml", "--fix", "nobody", "0"], "nobody"),
+        (["arm.xml", "--columns", "absent.toml"], "absent.toml: a mapping of columns is a TOML file that exists."),
+        (["arm.xml", "--columns", "wrong.toml"], "wrong.toml: [joints] has no entry 'nobody'"),
+        (["arm.xml", "--held-out", "absent.csv"], "absent.csv"),
+        (["arm.xml", "--own", "offset"], "Only the trajectory estimate"),
+        (["arm.xml", "--gaps"], "--gaps"),
+    ],
+)
+def test_what_would_fail_every_log_is_refused_before_anything_is_touched(folder, capsys, options, message):
+    """A batch that was finished before keeps its tables, also with `--resume`."""
+    (folder / "wrong.toml").write_text('[joints.nobody]\nposition = "q"\n', encoding="utf-8")
+    (folder / "out").mkdir()
+    kept = {name: name.encode() for name in ("report.html", "batch.json", batch.PROGRESS)}
+    for name, content in kept.items():
+        (folder / "out" / name).write_bytes(content)
+    model, *rest = options
+    for resumed in ([], ["--resume"]):
+        command = [model, "run0.csv", "run1.csv", "--out", "out", *OPTIONS, *rest, *resumed]
+        assert batch.main(command) == 2
+        shown = capsys.readouterr()
+        assert message in shown.err and "logs failed" not in shown.err and not shown.out
+    assert {path.name: path.read_bytes() for path in (folder / "out").iterdir()} == kept
+    assert batch.main([model, "run0.csv", "--out", "new", *OPTIONS, *rest]) == 2 and not (folder / "new").exists()
+
+
 def test_logs_of_one_name_have_folders_of_their_own_and_none_is_given_twice(folder, capsys):
     (folder / "more").mkdir()
     (folder / "more" / "run0.csv").write_bytes((folder / "run0.csv").read_bytes())
