@@ -19,7 +19,7 @@ from ident.parameters.prior import KNOWN
 from ident.problem import Problem, problem_of
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from ident.setup import OWN, PRIORS
+from ident.setup import OWN, PRIORS, SETUP
 from ident.tolerances import HOLDOUT
 from ident.trajectory.fit.iteration import Report
 
@@ -64,7 +64,9 @@ def checked_estimator(name: str) -> str:
     return name
 
 
-def check_choices(estimator: str, *, own: Sequence[str] = (), physical: bool = False) -> None:
+def check_choices(
+    estimator: str, *, own: Sequence[str] = (), physical: bool = False, setup: Mapping[str, float] | None = None
+) -> None:
     """Refuses what the trajectory estimate alone can do, for other estimators; arguments as for `identified`.
 
     Raises:
@@ -76,6 +78,34 @@ def check_choices(estimator: str, *, own: Sequence[str] = (), physical: bool = F
         raise InputError(f"Only the trajectory estimate gives recordings {' and '.join(own)} of their own.")
     if physical:
         raise InputError("Only the trajectory estimate can be held to physical bodies.")
+    if uncertain := [kind for kind, std in (setup or {}).items() if std]:
+        raise InputError(
+            f"Only the trajectory estimate takes the set-up as uncertain; for estimator '{estimator}' leave out "
+            f"{', '.join(uncertain)} in setup, or state zero."
+        )
+
+
+def checked_setup(given: Any) -> dict[str, float]:
+    """Standard deviations of set-up errors by kind, zero for what is exact.
+
+    Raises:
+        InputError: They are malformed, or one is given to scales of torques, which have their own by joint.
+    """
+    setup = checked_deviations("setup", given, PRIORS)
+    for kind, std in setup.items():
+        if std and SETUP[kind].stated:
+            raise InputError(
+                f"setup.{kind} needs zero or false for exact torques, got {std:g}: how uncertain a torque's scale is "
+                "belongs to its joint (torque_std or kp_std of the columns file, scales of a Recording)."
+            )
+    return setup
+
+
+def _as_stated(log: Prepared, setup: Mapping[str, float]) -> Prepared:
+    """Recording whose stated set-up is exact where `setup` is zero."""
+    recording = replace(log.recording, setup={**log.recording.setup, **setup})
+    scales = log.equations.scales if setup.get("scale", 1.0) else ()
+    return replace(log, recording=recording, equations=replace(log.equations, scales=scales))
 
 
 def identify(
@@ -121,7 +151,8 @@ def identify(
         own: Parameters that each recording has separately in the trajectory estimate: `offset`, `delay`, `lag`.
         setup: Standard deviations of set-up errors in the trajectory estimate by their kinds, in SI units and radians,
             as `{"delay": 0.01, "gain": 0.0}`; zero for what is exactly as stated. By default those of the recording,
-            else those of `ident.setup.PRIORS`.
+            else those of `ident.setup.PRIORS`. Of `scale`, only zero: each joint's torque has its own, in the
+            recording.
         known: Standard deviations of the model's bodies in the trajectory estimate, as `{"mass": 0.1, "center": 0.02,
             "inertia": 0.3}` (relative, m, relative); True for the default, False for no prior, None for the default
             where the motion does not separate all parameters.
@@ -185,14 +216,16 @@ def identified(
     estimator = checked_estimator(estimator)
     check_holdout(holdout)
     own = checked_names("own", own, OWN)
-    setup = {} if setup is None else checked_deviations("setup", setup, PRIORS)
+    setup = checked_setup({} if setup is None else setup)
     beforehand = {} if known is None or isinstance(known, bool) else checked_deviations("known", known, KNOWN)
     logs = [logs] if isinstance(logs, Prepared) else list(logs)
     if not logs:
         raise InputError("An identification needs at least one recording, got none.")
     logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
-    check_choices(estimator, own=own, physical=physical)
-    if not ESTIMATORS[estimator].filters:
+    check_choices(estimator, own=own, physical=physical, setup=setup)
+    if ESTIMATORS[estimator].filters:
+        logs = [_as_stated(log, setup) for log in logs]
+    else:
         # Without a filter no ends are left out.
         logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
         holdout = 0.0 if len(logs) > 2 and not judges else holdout
@@ -205,7 +238,7 @@ def identified(
         offsets=offsets,
         known={**KNOWN, **checked_deviations("known", recording.known, KNOWN), **beforehand},
         wanted=None if known is None else bool(known),
-        setup={**checked_deviations("setup", recording.setup, PRIORS), **setup},
+        setup={**checked_setup(recording.setup), **setup},
         own=own,
         physical=physical,
         executor=executor,

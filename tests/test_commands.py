@@ -12,7 +12,7 @@ from coded import coded
 import ident
 import sim
 from experiments.reports.identify_report import scales_table
-from ident.errors import LogError
+from ident.errors import InputError, LogError
 from ident.recordings.commands import with_servos
 from ident.recordings.servo import Servo, scales_of, servos_of
 from ident.setup import PRIORS
@@ -23,7 +23,7 @@ MAPPING = 'time = "time"\n' + "".join(
 )
 
 
-EXACT_BUT_SCALES = dict.fromkeys(PRIORS, 0.0) | {"scale": PRIORS["scale"]}
+EXACT_BUT_SCALES = {kind: 0.0 for kind in PRIORS if kind != "scale"}
 
 
 @cache
@@ -208,6 +208,53 @@ def test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them(joints, kn
     # Candidates are held against the same torques, so that wrong gains count against the model alone.
     assert (estimate.rivals["least squares"] < 0.05).all()
     assert estimate.rivals["model"][driven_arm.JOINTS.index("bend")] > 0.1
+
+
+def with_uncertain_scales(tmp_path):
+    """Log of commands, of which one is known within 30 %, and a delay of which nobody is sure."""
+    return read(tmp_path, MAPPING.replace("kp = 60.0", "kp = 60.0\nkp_std = 0.3") + "[setup]\nlag = 0.01\n")
+
+
+@pytest.mark.parametrize("estimator", ["weighted", "ordinary"])
+def test_least_squares_say_that_they_take_as_exact_what_is_stated_as_uncertain(tmp_path, estimator):
+    log, options = with_uncertain_scales(tmp_path), {"estimator": estimator, "cutoff": 6.0}
+    estimate = ident.identify(mechanism(), log, **options)
+    torques, setup = coded(estimate, "torque_scale_taken_as_exact", "setup_taken_as_exact")
+    assert torques.doubt and torques.values["joints"] == ("turn",) and not setup.doubt
+    assert setup.values["kinds"] == ("lag",) and not estimate.verdict().usable
+    # What is stated to be exact after all is no finding.
+    exact = ident.identify(mechanism(), log, **options, setup={"scale": 0.0, "lag": False})
+    assert not coded(exact, "torque_scale_taken_as_exact", "setup_taken_as_exact")
+    np.testing.assert_array_equal(exact.psi, estimate.psi)
+
+
+def test_the_trajectory_estimate_has_nothing_of_that_kind_to_say(tmp_path):
+    estimate = ident.identify(mechanism(), with_uncertain_scales(tmp_path), known=True)
+    assert set(estimate.scales) == {"turn"}
+    assert not coded(estimate, "torque_scale_taken_as_exact", "setup_taken_as_exact")
+    exact = ident.identify(mechanism(), with_uncertain_scales(tmp_path), known=True, setup={"scale": 0.0})
+    assert not exact.scales
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"setup": {"delay": 0.1, "gain": 0.0}, "estimator": "weighted"}, "'weighted' leave out delay in setup"),
+        ({"setup": {"delay": 0.1}, "estimator": "ordinary"}, "'ordinary' leave out delay"),
+        ({"setup": {"scale": 0.5}}, r"setup\.scale needs zero or false .* got 0\.5: .*torque_std"),
+        ({"setup": {"scale": 0.5}, "estimator": "weighted"}, r"setup\.scale needs zero or false"),
+    ],
+)
+def test_uncertainties_that_would_have_no_effect_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        ident.identify(mechanism(actuators=True), recording(), **options)
+
+
+def test_a_recording_s_and_a_mapping_s_scale_is_refused_as_well(tmp_path):
+    with pytest.raises(InputError, match=r"setup\.scale needs zero or false"):
+        ident.identify(mechanism(actuators=True), replace(recording(), setup={"scale": 0.2}))
+    with pytest.raises(LogError, match=r"\[setup\] has no entry 'scale'"):
+        read(tmp_path, f"{MAPPING}[setup]\nscale = 0.2\n")
 
 
 def test_the_table_of_scales_has_stated_and_estimated_gains():

@@ -154,3 +154,15 @@ def caveats(evidence: Evidence) -> Iterator[Finding]:
     if evidence.logs[0].cutoff is None:
         yield Finding.of("unfiltered_wrenches")
     yield Finding.of("joint_noise_not_included")
+
+
+def exact_setup_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on a set-up that is stated as uncertain, and that least squares take as exact; on torques a doubt."""
+    if evidence.trajectory is not None or not evidence.logs:
+        return
+    joints = tuple(evidence.fit.equations.scaled)
+    kinds = tuple(dict.fromkeys(kind for log in evidence.logs for kind, std in log.recording.setup.items() if std))
+    if joints:
+        yield Finding.of("torque_scale_taken_as_exact", Place(channels=joints), joints=joints)
+    if kinds:
+        yield Finding.of("setup_taken_as_exact", kinds=kinds)

@@ -9,6 +9,7 @@ from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.fit_findings import (
     caveats,
     course_findings,
+    exact_setup_findings,
     halves_findings,
     inseparable_findings,
     model_error_findings,
@@ -67,6 +68,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     inseparable_findings,
     stuck_findings,
     unchecked_findings,
+    exact_setup_findings,
     caveats,
 )
 """Judges of the fit, in the order of their findings."""

@@ -116,6 +116,8 @@ EXAMPLES = {
     "beyond_joint_ranges": [{"shares": {"hip": 0.02}}],
     "unfiltered_wrenches": [{}],
     "joint_noise_not_included": [{}],
+    "torque_scale_taken_as_exact": [{"joints": ("hip", "knee")}],
+    "setup_taken_as_exact": [{"kinds": ("delay", "gain")}],
     "model_not_contradicted": [{}],
     "physical_within_region": [MOVED, {"moved": []}],
     "no_physical_bodies": [MOVED, {"moved": []}],

@@ -25,6 +25,21 @@ def _beyond_ranges(shares: Mapping[str, float]) -> str:
     return f"Joints are recorded beyond the model's ranges: {each}; a zero, a sign or a unit may be wrong."
 
 
+def _exact_torques(joints: Sequence[str]) -> str:
+    return (
+        f"The scale of the torques of {listed(joints)} is stated as uncertain (torque_std, kp_std), but least squares "
+        "take it as exact: an error of the scale is in the estimate and not in the standard deviations; --estimator "
+        "trajectory estimates it."
+    )
+
+
+def _exact_setup(kinds: Sequence[str]) -> str:
+    return (
+        f"The set-up is stated as uncertain ({listed(kinds)}), but least squares take it as exact: the standard "
+        "deviations are without it."
+    )
+
+
 _PUT = "what the model says of its bodies, give or take, was put in"
 
 FIT = {
@@ -53,4 +68,6 @@ FIT = {
         "is not in them.",
         doubt=False,
     ),
+    "torque_scale_taken_as_exact": Row(_exact_torques, doubt=True),
+    "setup_taken_as_exact": Row(_exact_setup, doubt=False),
 }
