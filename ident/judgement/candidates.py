@@ -22,6 +22,9 @@ CLEARLY = 1.25
 """The same from which it is clearly better: of a hundred independent samples, more than which few held-out parts have,
 the root mean square is known to 7 % and the ratio of two to 10 %."""
 
+BETTER = 1.05
+"""Median over the channels of the ratio of two residuals from which one candidate predicts better than another one."""
+
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""
 
@@ -66,7 +69,21 @@ class Candidates:
         if not self.channels:
             return None
         first = min(self.ratios, key=self.overall)
-        return ESTIMATE if self.overall(ESTIMATE) <= NOTABLY * self.overall(first) else first
+        alike = self.overall(ESTIMATE) <= NOTABLY * self.overall(first) and first != self.better_overall
+        return ESTIMATE if alike else first
+
+    def behind(self, other: str) -> float:
+        """Median over the channels of the estimate's residual over that of another candidate."""
+        own, others = (np.maximum(self.ratios[name], NEGLIGIBLE) for name in (ESTIMATE, other))
+        return float(np.median(own / others))
+
+    @property
+    def better_overall(self) -> str | None:
+        """The other candidate that predicts best of those that are better in the median channel and overall."""
+        others = [name for name in RIVALS if name in self.ratios and self.channels]
+        own = self.overall(ESTIMATE)
+        ahead = [name for name in others if self.overall(name) < own and self.behind(name) > BETTER]
+        return min(ahead, key=self.overall, default=None)
 
     def better(self, name: str, other: str, factor: float) -> tuple[str, ...]:
         """Channels in which a candidate predicts better than another one by a factor."""
@@ -95,10 +112,11 @@ class Candidates:
 
 
 def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt that another candidate predicts better, with the one to use instead."""
+    """Doubt that another candidate predicts clearly better, with what to use instead, or remark that it is better."""
     candidates = Candidates.of(evidence)
     worse = {name: channels for name in RIVALS if (channels := candidates.clearly_worse(name))}
     if not worse:
+        yield from _better_overall(candidates)
         return
     named = {channel: None for channels in worse.values() for channel in channels}
     yield Finding.of(
@@ -108,6 +126,14 @@ def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
         take=_instead(evidence, candidates, worse),
         cutoff_hz=evidence.filtered_at,
     )
+
+
+def _better_overall(candidates: Candidates) -> Iterator[Finding]:
+    """Remark that another candidate predicts somewhat better over the channels."""
+    if (other := candidates.better_overall) is not None:
+        pairs = candidates.pairs(candidates.channels, other)
+        place = Place(channels=candidates.channels)
+        yield Finding.of("candidate_better", place, candidate=other, behind=candidates.behind(other), ratios=pairs)
 
 
 def _instead(evidence: Evidence, candidates: Candidates, better: Collection[str]) -> str | None:

@@ -19,6 +19,9 @@ PRECISIONS = 0.1, 0.2, 0.5
 WIDER = 2.0
 """Ratio of the standard deviation with the set-up to that from the noise above which parameters are named."""
 
+BEHIND = "worse_than_candidate", "candidate_better"
+"""Codes of findings that another candidate predicts better, clearly, which is a doubt, or somewhat."""
+
 SHOWN = 8
 """Largest number of parameters that a sentence names."""
 
@@ -93,7 +96,7 @@ class Verdict:
         """The verdict on evidence and the findings on it."""
         doubts, predicts = doubts_of(findings), any(ratio <= POOR for ratio in evidence.ratios.values())
         outcome = decided(doubts) if predicts else Outcome.PREDICTS_NOTHING
-        worse = next((finding for finding in findings if finding.code == "worse_than_candidate"), None)
+        worse = next((finding for finding in findings if finding.code in BEHIND), None)
         return cls(outcome, doubts, evidence.ratios, evidence.part, Candidates.of(evidence), worse, precision)
 
     @property

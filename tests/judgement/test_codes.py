@@ -35,6 +35,10 @@ EXAMPLES = {
         {"worse": {"model": {"Fy": (0.3, 0.2), "Mz": (0.5, 0.1)}}, "take": "model", "cutoff_hz": 4.0},
         {"worse": {"least squares": {"Fy": (0.3, 0.2)}, "model": {"Fy": (0.3, 0.2)}}, "take": None, "cutoff_hz": 4.0},
     ],
+    "candidate_better": [
+        {"candidate": "least squares", "behind": 1.11, "ratios": {"hip": (0.3, 0.28), "knee": (0.4, 0.35)}},
+        {"candidate": "model", "behind": 1.06, "ratios": {f"joint{k}": (0.3, 0.28) for k in range(9)}},
+    ],
     "residual_above_signal": [{"ratios": {"Fx": 1.2}, "part": "held-out"}],
     "unexplained_channels": [{"ratios": {"Fx": 0.98}, "part": "fitted"}],
     "poor_prediction": [{"ratios": {"Fx": 0.6, "Fy": 0.7}, "part": "held-out"}],

@@ -137,6 +137,24 @@ def test_worse_in_a_channel_and_better_overall_is_no_doubt(estimate):
     assert other.verdict().usable and next(other.verdict().candidates.compared()).worse == ("Fy",)
 
 
+@pytest.mark.parametrize("name", ["least squares", "model"])
+def test_a_candidate_that_is_better_in_the_median_channel_is_the_first_sentence(estimate, name):
+    own, other = {"squares": [0.9, 0.9, 0.95, 0.9, 1.02], "model": [2, 2, 2, 2, 2]}, "squares"
+    if name == "model":
+        own, other = {"model": own["squares"], "squares": own["model"]}, "model"
+    verdict = with_ratios(estimate, **own).verdict()
+    assert verdict.usable and verdict.best == name and verdict.worse.code == "candidate_better"
+    assert verdict.worse.values["candidate"] == name and not verdict.worse.doubt
+    assert verdict.worse.values["behind"] == pytest.approx(1 / 0.9)
+    assert str(verdict).startswith(verdict.worse.text) and "in the median channel" in verdict.worse.text
+    assert "Over all channels the estimate" not in str(verdict)
+    little = with_ratios(estimate, **(own | {other: [0.96, 0.96, 0.96, 0.96, 0.96]})).verdict()
+    assert little.worse is None and little.best == "estimate"
+    # Better in the median channel, and far worse in one.
+    one = with_ratios(estimate, **(own | {other: [0.9, 0.9, 0.9, 0.9, 3]})).verdict()
+    assert one.worse is None and one.best == "estimate"
+
+
 def test_weighted_least_squares_are_compared_with_the_model():
     estimate = ident.identify(PENDULUM, sines(3, seconds=8, size=1), estimator="weighted")
     (model,) = estimate.verdict().candidates.compared()

@@ -21,6 +21,20 @@ def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) ->
     )
 
 
+SHOWN = 8
+"""Largest number of channels whose residuals a sentence lists."""
+
+
+def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]) -> str:
+    pairs = [f"{channel} {other:.3g} against {own:.3g}" for channel, (own, other) in ratios.items()]
+    more = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
+    name = CANDIDATES[candidate]
+    return (
+        f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {behind - 1:.0%} in the median channel "
+        f"({listed(pairs[:SHOWN])}{more}): for prediction alone it is the better choice."
+    )
+
+
 def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
     if take == "model":
         return "keep the model"
@@ -67,6 +81,7 @@ _DEAD = "More is left over than the channel varies, as of a constant offset or a
 
 PREDICTION = {
     "worse_than_candidate": Row(_worse, doubt=True),
+    "candidate_better": Row(_better, doubt=False),
     "residual_above_signal": _ratios(_DEAD, doubt=True),
     "unexplained_channels": _ratios("Not explained by this motion", doubt=False),
     "poor_prediction": _ratios("Predicted poorly", doubt=False),
