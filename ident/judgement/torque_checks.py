@@ -14,6 +14,7 @@ from ident.estimation.loads import SLIP
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
 from ident.estimation.stated_drives import stated_drive_torques
+from ident.judgement.torque_loads import Load, best_load
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -71,7 +72,7 @@ class TorqueCheck:
 
     @property
     def scaled(self) -> bool:
-        """True if a factor of unit or gear explains the torque, and other bodies do not."""
+        """True if a factor of unit or gear explains the torque, and the usual uncertainty of bodies does not."""
         return self.alike > ALIKE and self.far > FAR and not 1 / SCALE < abs(self.gain) < SCALE
 
 
@@ -102,15 +103,23 @@ class TorqueChecks:
     Attributes:
         joints: Check of each torque.
         absent: The mounted body whose absence explains most; None if none is mounted.
+        load: The load that explains most, where a torque is much more than the model's.
     """
 
     joints: tuple[TorqueCheck, ...]
     absent: AbsentBody | None
+    load: Load | None = None
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """Factors between measured and predicted torques that no load explains, by joint."""
+        loaded = self.load is not None and self.load.better
+        return {each.joint: each.gain for each in self.joints if each.scaled and not each.flipped and not loaded}
 
     @property
     def grossly_wrong(self) -> bool:
         """True if a torque's sign or unit is wrong."""
-        return any(check.flipped or check.scaled for check in self.joints)
+        return bool(self.gains) or any(check.flipped for check in self.joints)
 
 
 def torque_checks(prepared: Prepared) -> TorqueChecks | None:
@@ -133,7 +142,11 @@ def torque_checks(prepared: Prepared) -> TorqueChecks | None:
     predicted, size = of_bodies.sum(axis=2) + stated, np.linalg.norm(uncertain, axis=(0, 2))
     each = zip(felt, measured.T, predicted.T, size, strict=True)
     checks = [_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each]
-    return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies))
+    load = None
+    if any(check.scaled and check.gain > SCALE for check in checks):
+        columns = (_without_drives(by_body[:, :, b], motion, felt) for b in range(by_body.shape[2]))
+        load = best_load(mechanism, measured, predicted, columns, size)
+    return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies), load)
 
 
 def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: float) -> TorqueCheck:

@@ -76,8 +76,9 @@ def torque_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     if flipped := tuple(check.joint for check in checks.joints if check.flipped):
         yield Finding.of("torque_sign", Place(joints=flipped), joints=flipped)
-    if gains := {each.joint: each.gain for each in checks.joints if each.scaled and not each.flipped}:
-        yield Finding.of("torque_scale", Place(joints=tuple(gains)), gains=gains)
+    if gains := checks.gains:
+        load = checks.load.body if checks.load is not None and checks.load.possible else None
+        yield Finding.of("torque_scale", Place(joints=tuple(gains)), gains=gains, load=load)
     absent = checks.absent
     if absent is not None and absent.suspicious and not checks.grossly_wrong:
         place = Place(bodies=(absent.body,))

@@ -82,7 +82,7 @@ EXAMPLES = {
         {"check": "torques", "reason": "error", "error": "Singular matrix"},
     ],
     "torque_sign": [{"joints": ("hip", "knee")}],
-    "torque_scale": [{"gains": {"hip": 0.01}}],
+    "torque_scale": [{"gains": {"hip": 0.01}, "load": None}, {"gains": {"hip": 9.0}, "load": "hand"}],
     "torque_scale_estimated": [
         {"joints": ("hip", "knee"), "fixed_by": fixed} for fixed in ((), ("the wrench", "bodies"))
     ],

@@ -15,6 +15,7 @@ import sim
 from ident.estimation.preparation import prepared
 from ident.judgement.body_findings import rotor_findings
 from ident.judgement.torque_checks import FRICTION, _mounted, torque_checks
+from ident.judgement.torque_findings import torque_findings
 from ident.setup import PRIORS
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
@@ -27,9 +28,15 @@ def arm():
     return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=HAND)))
 
 
-def log(*, hand=True, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
+def heavier(factor):
+    """The hand with a load of the same shape, as many times as heavy together."""
+    inertia = tuple(factor * x for x in HAND["inertia"])
+    return HAND | {"mass": factor * HAND["mass"], "inertia": inertia}
+
+
+def log(*, hand=True, load=1.0, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
     """Angles and torques: the links' torques by MuJoCo times `off`, and friction, `slow` N m more at low velocity."""
-    true = mujoco.MjModel.from_xml_string(wrist.model(tool=HAND if hand else NO_HAND))
+    true = mujoco.MjModel.from_xml_string(wrist.model(tool=heavier(load) if hand else NO_HAND))
     data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds, rate), []
     for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
         mujoco.mj_inverse(true, data)
@@ -47,7 +54,9 @@ def checks(**faults):
     return torque_checks(prepared(arm(), log(**faults)))
 
 
-@pytest.mark.parametrize("faults", [{}, {"friction": 1.0}, {"off": 1.15}, {"off": 0.85, "friction": 1.0}])
+@pytest.mark.parametrize(
+    "faults", [{}, {"friction": 1.0}, {"off": 1.15}, {"off": 0.85, "friction": 1.0}, {"load": 2.0, "friction": 1.0}]
+)
 def test_nothing_is_found_where_nothing_is_wrong(faults):
     result = checks(**faults)
     assert not any(check.flipped or check.scaled for check in result.joints)
@@ -66,6 +75,34 @@ def test_opposite_signs_and_missing_factors_are_named():
     assert [joint for joint, check in by_joint.items() if check.flipped] == ["joint2"]
     assert [joint for joint, check in by_joint.items() if check.scaled] == ["joint4"]
     assert by_joint["joint4"].gain == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+def test_a_heavy_load_is_no_factor_although_one_explains_some_torques(friction):
+    result = checks(load=16.0, friction=friction)
+    assert any(check.scaled for check in result.joints)
+    assert result.load.body in ("tool", "link7") and result.load.better and result.load.against_factors < 0.1
+    assert not result.gains and not result.grossly_wrong
+    (finding,) = torque_findings(evidence_of(checks(load=40.0)))
+    # More than the whole arm: a load explains the torques far better, but the unit may be wrong as well.
+    assert finding.code == "torque_scale" and finding.values["load"] in ("tool", "link7")
+
+
+@pytest.mark.parametrize(
+    ("gains", "load"), [(4.0, True), (100.0, True), (0.25, False), (np.where(np.arange(7) == 2, 10.0, 1.0), False)]
+)
+def test_a_factor_on_torques_is_one_also_beside_a_load_and_both_are_named_where_either_may_be(gains, load):
+    """Loads explain torques that are all larger almost as well, and those of which one is larger not at all."""
+    result = checks(gains=gains, friction=1.0)
+    (finding,) = torque_findings(evidence_of(result))
+    assert finding.doubt and finding.values["gains"] == result.gains and result.grossly_wrong
+    assert (finding.values["load"] is not None) == load
+    assert checks(gains=gains, load=3.0, friction=1.0).grossly_wrong
+
+
+def evidence_of(result):
+    """Evidence with checks of torques alone."""
+    return SimpleNamespace(checks=SimpleNamespace(torques=result))
 
 
 @pytest.mark.parametrize("joint", [3, 4])

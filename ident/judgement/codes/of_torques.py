@@ -12,10 +12,11 @@ def _opposite(joints: Sequence[str]) -> str:
     )
 
 
-def _scaled(gains: Mapping[str, float]) -> str:
+def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
+    or_load = "" if load is None else f", or '{load}' carries a heavy load that the model lacks"
     return (
         f"Torques are the model's own but for a factor, in brackets: {bracketed(gains)}; a unit, a gear ratio or a "
-        "motor's constant may be missing."
+        f"motor's constant may be missing{or_load}."
     )
 
 
