@@ -61,6 +61,25 @@ class Published:
 
 
 @dataclass(frozen=True)
+class Reference:
+    """Results of earlier work on a recording, as goals; the identification does not see them.
+
+    Attributes:
+        source: How they were reached.
+        ratios: Held-out residuals over signal by channel.
+        median: Their median over all channels; NaN for none.
+        best: Number of channels in which the estimate is to be best; 0 for none.
+        worse: Share by which it may be worse than the best other candidate in a channel; NaN for none.
+    """
+
+    source: str
+    ratios: Mapping[str, float] = field(default_factory=dict)
+    median: float = float("nan")
+    best: int = 0
+    worse: float = float("nan")
+
+
+@dataclass(frozen=True)
 class Entry:
     """A recording in the registry.
 
@@ -78,6 +97,7 @@ class Entry:
         options: Options of `identify`, by name.
         published: Published parameters.
         held_out: Published held-out residuals over signal, by channel.
+        reference: Results of earlier work; None without any.
         alike: Groups of parameters that are equal by construction of the system.
         note: What could not be verified.
     """
@@ -95,6 +115,7 @@ class Entry:
     options: Mapping[str, Any] = field(default_factory=dict)
     published: tuple[Published, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
+    reference: Reference | None = None
     alike: tuple[tuple[str, ...], ...] = ()
     note: str = ""
 

@@ -56,6 +56,45 @@ class Values:
         return self.std_setup < self.prior / np.sqrt(2)
 
 
+@dataclass(frozen=True)
+class Loss:
+    """A channel in which another candidate predicts better than the estimate.
+
+    Attributes:
+        channel: The channel.
+        own: Held-out residual over signal of the estimate.
+        other: The best other candidate.
+        best: Its residual over signal.
+    """
+
+    channel: str
+    own: float
+    other: str
+    best: float
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A reference result.
+
+    Attributes:
+        what: What it is of.
+        wanted: The reference: the largest value, or the least.
+        reached: What the estimate has.
+        least: True if the reference is the least value.
+    """
+
+    what: str
+    wanted: float
+    reached: float
+    least: bool = False
+
+    @property
+    def met(self) -> bool:
+        """True if the estimate is as good as the reference."""
+        return self.reached >= self.wanted if self.least else self.reached <= self.wanted
+
+
 @dataclass(frozen=True, eq=False)
 class Validation:
     """Results of one recording.
@@ -130,6 +169,39 @@ class Validation:
         """Differences of parameters that are equal by construction, in their standard deviations with the set-up."""
         pairs = [pair for group in self.entry.alike for pair in combinations(group, 2)]
         return np.array([_z(*self.values[a][::2], *self.values[b][::2]) for a, b in pairs])
+
+    @property
+    def losses(self) -> list["Loss"]:
+        """Channels in which another candidate predicts better by more than 5 %."""
+        out = []
+        for k, channel in enumerate(self.channels):
+            ratios = {name: float(self.ratios[name][k]) for name in (MODEL, LEAST_SQUARES) if name in self.ratios}
+            other, own = min(ratios, key=lambda name: ratios[name]), float(self.ratios[ESTIMATE][k])
+            if self.explained[k] and own > WORSE * ratios[other]:
+                out.append(Loss(channel, own, other, ratios[other]))
+        return out
+
+    @property
+    def outside(self) -> dict[str, float]:
+        """Published parameters outside the 95 % intervals: estimate less published value in standard deviations."""
+        z = {each.name: self.published_z(each) for each in self.entry.published}
+        return {name: x for name, x in z.items() if abs(x) > HALF_WIDTH}
+
+    @property
+    def goals(self) -> list["Goal"]:
+        """Reference results of the entry, beside what the estimate reaches."""
+        reference = self.entry.reference
+        if reference is None:
+            return []
+        own = dict(zip(self.channels, self.ratios[ESTIMATE].tolist(), strict=True))
+        out = [Goal(f"residual of {name}", most, own[name]) for name, most in reference.ratios.items() if name in own]
+        if np.isfinite(reference.median):
+            out.append(Goal("median residual", reference.median, float(np.median(self.ratios[ESTIMATE]))))
+        if reference.best:
+            out.append(Goal("channels in which it is best", reference.best, int((self.against_best <= 1).sum()), True))
+        if np.isfinite(reference.worse):
+            out.append(Goal("largest excess over the best other", reference.worse, float(self.against_best.max() - 1)))
+        return out
 
     def published_z(self, published: Published) -> float:
         """Estimate less published value in their standard deviations."""

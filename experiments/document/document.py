@@ -27,6 +27,7 @@ class Document:
         findings: Findings on them, each with True if it is a doubt.
         lines: Sentences with the main numbers.
         heading: Heading of these sentences.
+        folded: More sentences, which the page shows when their summary is opened, by that summary.
         tables: Tables.
         figures: Figures and their captions.
         numbers: Contents of JSON files.
@@ -43,6 +44,7 @@ class Document:
     findings: Sequence[tuple[str, bool]] = ()
     lines: Sequence[str] = ()
     heading: str = "In numbers"
+    folded: Mapping[str, Sequence[str]] = field(default_factory=dict)
     tables: Mapping[str, Table] = field(default_factory=dict)
     figures: Mapping[str, tuple[Figure, str]] = field(default_factory=dict)
     numbers: Mapping[str, dict[str, Any]] = field(default_factory=dict)

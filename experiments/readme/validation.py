@@ -1,6 +1,8 @@
 """Generated parts of docs/validation.md, README.md and paper.md: tables, sentences and figures of the validation."""
 
+import html
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -11,7 +13,7 @@ from experiments.data.validation import WORSE, Study, inside
 from experiments.document import escape
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
-from experiments.reports.validation_report import STEEL, main_lines
+from experiments.reports.validation_report import STEEL, overview_lines, worse_lines
 from experiments.studies.validation.registry import registry
 from experiments.studies.validation.study import study_of
 from ident.errors import InputError
@@ -56,8 +58,8 @@ def page_blocks(study: Study) -> dict[str, str]:
         "published": tables.table_published(study),
         "steel": tables.table_steel(study.validations[STEEL]),
         "agreement": tables.table_agreement(study),
+        "was published": tables.table_was_published(study),
     }
-    sentences = "".join(f"- {escape.markdown(line)}\n" for line in main_lines(study))
     registered = "".join(
         f"| `{entry.name}` | {escape.markdown(entry.title)} | {entry.source.repository} | "
         f"{entry.source.licence or 'not verified'} | {escape.markdown(entry.note)} |\n"
@@ -65,7 +67,26 @@ def page_blocks(study: Study) -> dict[str, str]:
     )
     head = "| name | recording | repository | licence | what is missing |\n| --- | --- | --- | --- | --- |\n"
     texts = {name: table.markdown() for name, table in shown.items()}
-    return {"sentences": sentences, **texts, "untried": head + registered}
+    worse = (tables.table_worse(study), tables.table_outside(study), tables.table_missed(study))
+    shown_worse = [_list(worse_lines(study)), *(table.markdown() for table in worse if table.rows)]
+    return {
+        "sentences": _list(overview_lines(study)),
+        "worse": "\n".join(shown_worse),
+        "verdicts": _verdicts(study),
+        **texts,
+        "untried": head + registered,
+    }
+
+
+def _list(lines: Sequence[str]) -> str:
+    """List of sentences."""
+    return "".join(f"- {escape.markdown(line)}\n" for line in lines)
+
+
+def _verdicts(study: Study) -> str:
+    """The verdicts in words, folded: HTML, as Markdown within it is not read everywhere."""
+    items = "".join(f"<li>{html.escape(f'{each.entry.title}: {each.verdict}')}</li>\n" for each in study)
+    return f"<details><summary>Verdicts in words</summary>\n<ul>\n{items}</ul>\n</details>\n"
 
 
 def sentence(study: Study) -> str:

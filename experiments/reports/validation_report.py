@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.errors import HALF_WIDTH
-from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation, inside
+from experiments.data.validation import WORSE, Goal, Study, Validation, inside
 from experiments.document.document import Document
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
@@ -23,8 +23,8 @@ STEEL = "double_pendulum"
 
 
 def lines(study: Study) -> list[str]:
-    """Sentences with the main numbers, the verdicts, and on what was not run."""
-    out = [*main_lines(study), *(f"{each.entry.title}: {each.verdict}" for each in study)]
+    """Sentences with the main numbers, and on what was not run."""
+    out = [*main_lines(study)]
     unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
     out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
     out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
@@ -35,41 +35,52 @@ def lines(study: Study) -> list[str]:
 
 def main_lines(study: Study) -> list[str]:
     """Sentences with the main numbers: where the estimate is best, where it loses, and how estimates agree."""
+    return [*overview_lines(study), *worse_lines(study)]
+
+
+def overview_lines(study: Study) -> list[str]:
+    """Sentences on the channels in which the estimate is best, and on the agreement of estimates."""
     ratio, z = study.against_best, study.trial_z
     best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
         f"{alike} it is worse by at most {WORSE - 1:.0%} than the best other candidate, and in "
         f"{int((ratio > WORSE).sum())} by more.",
-        *filter(None, map(_losses, study)),
     ]
     if len(z):
         out.append(
             f"Of {len(z)} differences between parameters of two recordings of one system, each identified alone, "
             f"{100 * inside(z):.0f} % are inside their 95 % intervals."
         )
-    out += [_published(each) for each in study if each.entry.published]
     return out + [_identical(each) for each in study if len(each.alike_z)]
 
 
-def _losses(validation: Validation) -> str:
-    """Sentence on the channels in which a recording's estimate is worse than another candidate; empty without any."""
-    worse = []
-    for k, channel in enumerate(validation.channels):
-        ratios = {name: float(validation.ratios[name][k]) for name in (MODEL, LEAST_SQUARES)}
-        other, own = min(ratios, key=lambda name: ratios[name]), float(validation.ratios[ESTIMATE][k])
-        if validation.explained[k] and own > WORSE * ratios[other]:
-            worse.append(f"{channel} ({own:.3f}; {'the model' if other == MODEL else other} {ratios[other]:.3f})")
-    return f"{validation.entry.title}: it loses in {', '.join(worse)}." if worse else ""
+def worse_lines(study: Study) -> list[str]:
+    """Sentences on where the estimate is worse: than other candidates, published parameters and reference results."""
+    lost = {each.entry.title: (len(each.losses), len(each.against_best)) for each in study if each.losses}
+    out = []
+    if lost:
+        counts = ", ".join(f"{title} ({k} of {of})" for title, (k, of) in lost.items())
+        out.append(
+            f"Another candidate predicts better by more than {WORSE - 1:.0%} in {sum(k for k, _ in lost.values())} of "
+            f"{len(study.against_best)} channels: {counts}."
+        )
+    published = [each for each in study if each.entry.published]
+    if published:
+        total, outside = sum(len(v.entry.published) for v in published), sum(len(v.outside) for v in published)
+        names = [f"{each.entry.title} {name} (z {z:+.1f})" for each in published for name, z in each.outside.items()]
+        named = f": {', '.join(names)}" if names else ""
+        out.append(f"Of {total} published parameters {outside} are outside our 95 % intervals{named}.")
+    goals = [(each.entry.title, goal) for each in study for goal in each.goals]
+    if goals:
+        missed = [f"{title}, {goal.what} ({_shown(goal)})" for title, goal in goals if not goal.met]
+        named = f": {'; '.join(missed)}" if missed else ""
+        out.append(f"Of {len(goals)} reference results {len(missed)} are not reached{named}.")
+    return out
 
 
-def _published(validation: Validation) -> str:
-    """Sentence on the published values inside and outside the intervals of a recording."""
-    z = {each.name: validation.published_z(each) for each in validation.entry.published}
-    outside = [f"{name} ({x:+.1f} s.d.)" for name, x in z.items() if inside(np.array([x])) == 0]
-    count = len(z) - len(outside)
-    but = f"; outside: {', '.join(outside)}" if outside else ""
-    return f"{validation.entry.title}: {count} of {len(z)} published values are inside our 95 % intervals{but}."
+def _shown(goal: Goal) -> str:
+    return f"{goal.reached:.3g}, reference at {'least' if goal.least else 'most'} {goal.wanted:g}"
 
 
 def _identical(validation: Validation) -> str:
@@ -105,6 +116,10 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         "table_held_out": tables.table_held_out(study),
         "table_published": tables.table_published(study),
         "table_agreement": tables.table_agreement(study),
+        "table_worse": tables.table_worse(study),
+        "table_outside": tables.table_outside(study),
+        "table_missed": tables.table_missed(study),
+        "table_was_published": tables.table_was_published(study),
     }
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])
@@ -115,6 +130,7 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         "Validation on real systems",
         ABOUT,
         lines=lines(study),
+        folded={"Verdicts in words": [f"{each.entry.title}: {each.verdict}" for each in study]},
         tables={name: table for name, table in made.items() if table.rows},
         figures={name: (figure, CAPTIONS[name]) for name, figure in figures.items()},
         numbers={"summary": numbers(study), "provenance": provenance},

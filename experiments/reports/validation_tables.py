@@ -4,7 +4,19 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation, Values, inside, rms
+from experiments.data.validation import (
+    CANDIDATES,
+    ESTIMATE,
+    LEAST_SQUARES,
+    MODEL,
+    WORSE,
+    Goal,
+    Study,
+    Validation,
+    Values,
+    inside,
+    rms,
+)
 from experiments.document import tabular
 from experiments.reports.validation_figures import agreement
 
@@ -85,6 +97,68 @@ def table_published(study: Study) -> tabular.Table:
     heads = {"published_std": "published s.d."}
     title = "Published parameters and estimates"
     return tabular.Table(title, (*columns, "source"), tuple(rows), decimals=4, heads=heads)
+
+
+def table_worse(study: Study) -> tabular.Table:
+    """Channels in which another candidate predicts better by more than 5 %."""
+    rows = [
+        (each.entry.title, loss.channel, loss.own, CANDIDATES[loss.other], loss.best, f"{loss.own / loss.best - 1:.0%}")
+        for each in study
+        for loss in each.losses
+    ]
+    heads = {"other": "best other candidate", "best": "its residual", "excess": "worse by"}
+    title = f"Channels in which another candidate predicts better by more than {WORSE - 1:.0%}"
+    return tabular.Table(
+        title, ("recording", "channel", "estimate", "other", "best", "excess"), tuple(rows), heads=heads
+    )
+
+
+def table_outside(study: Study) -> tabular.Table:
+    """Published parameters outside the 95 % intervals."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study:
+        for published in each.entry.published:
+            if published.name in each.outside:
+                value, _, std = each.values[published.name]
+                rows.append(
+                    (each.entry.title, published.name, published.value, value, std, each.outside[published.name])
+                )
+    title = "Published parameters outside the 95 % intervals"
+    columns = ("recording", "parameter", "published", "estimate", "std_setup", "z")
+    return tabular.Table(title, columns, tuple(rows), decimals=4)
+
+
+def table_missed(study: Study) -> tabular.Table:
+    """Reference results that the estimate does not reach."""
+    rows = [_missed(each, goal) for each in study for goal in each.goals if not goal.met]
+    columns = ("recording", "of", "reference", "reached", "source")
+    heads = {"source": "origin of the reference"}
+    return tabular.Table("Reference results that are not reached", columns, tuple(rows), heads=heads)
+
+
+def _missed(validation: Validation, goal: Goal) -> tuple[tabular.Cell, ...]:
+    """Row of a reference result."""
+    reference = validation.entry.reference
+    limit = f"at {'least' if goal.least else 'most'} {goal.wanted:g}"
+    source = "" if reference is None else reference.source
+    return validation.entry.title, goal.what, limit, f"{goal.reached:.3g}", source
+
+
+NONE = "—"
+"""Cell of what was not published."""
+
+
+def table_was_published(study: Study) -> tabular.Table:
+    """What was published with each recording: numbers of parameters, of accuracies, and of held-out residuals."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study:
+        published = each.entry.published
+        numbers = (len(published), sum(np.isfinite(x.std) for x in published), len(each.entry.held_out))
+        shown = [str(number) if number else NONE for number in numbers]
+        rows.append((each.entry.title, *shown, f"{each.entry.source.repository}; {each.entry.source.reference}"))
+    heads = {"accuracies": "their accuracies", "residuals": "held-out residuals"}
+    columns = ("recording", "parameters", "accuracies", "residuals", "source")
+    return tabular.Table("What was published with the recordings", columns, tuple(rows), heads=heads)
 
 
 def table_steel(validation: Validation) -> tabular.Table:

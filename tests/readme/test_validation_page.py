@@ -30,8 +30,33 @@ def test_the_summaries_are_those_of_the_run_on_record(name, shown):
 
 def test_the_page_says_where_it_loses(shown):
     losing = [each.entry.title for each in shown if (each.against_best > 1.05).any()]
-    sentences = block("validation.md", "sentences")
-    assert losing and all(f"{title}: it loses in" in sentences for title in losing)
+    worse = block("validation.md", "worse")
+    assert losing and all(f"| {title} | {loss.channel} | {loss.own:.3f} |" in worse for title, loss in _losses(shown))
+    assert {title for title, _ in _losses(shown)} == set(losing)
+    for each in shown:
+        for name, z in each.outside.items():
+            assert f"{each.entry.title} {name} (z {z:+.1f})" in worse
+        for goal in each.goals:
+            assert goal.met or f"| {each.entry.title} | {goal.what} |" in worse
+
+
+def _losses(shown):
+    return [(each.entry.title, loss) for each in shown for loss in each.losses]
+
+
+def test_verdicts_are_words_in_the_table_and_folded_sentences(shown):
+    verdicts = block("validation.md", "verdicts")
+    assert verdicts.startswith("<details><summary>Verdicts in words</summary>")
+    assert verdicts.count("<li>") == len(shown.validations)
+    assert "Usable:" not in block("validation.md", "sentences") + block("validation.md", "recordings")
+    for each in shown:
+        assert f"<li>{each.entry.title}: " in verdicts and f" {each.outcome} |" in block("validation.md", "recordings")
+
+
+def test_what_was_not_published_is_a_dash(shown):
+    rows = block("validation.md", "was published").splitlines()
+    assert not any(each.entry.held_out for each in shown)
+    assert sum("| — |" in row for row in rows) == len(shown.validations)
 
 
 def test_what_the_paper_says_of_the_pendulum_in_steel_is_so(shown):

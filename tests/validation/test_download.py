@@ -1,14 +1,12 @@
 """Downloads, from a server on this machine: resumed, damaged, wrong, refused; and the addresses that are not asked."""
 
 import hashlib
-import threading
-from contextlib import contextmanager
 from dataclasses import replace
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.request import Request
 
 import pytest
+from loopback import server as loopback
 
 from experiments.data.registry import Entry, Source, SourceFile
 from experiments.studies.validation import download as downloads
@@ -20,47 +18,9 @@ CONTENT = bytes(range(256)) * 3000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
 
 
-@contextmanager
-def server(content=CONTENT, *, ranges=True, status=200, whole=None, location=None):
-    """Address of a server, and the ranges that it is asked for.
-
-    Args:
-        content: What it sends.
-        ranges: True if it can send a part.
-        status: Status of its answers.
-        whole: Bytes that it says it sends; then it breaks off.
-        location: Address to redirect to.
-    """
-    asked = []
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            given = self.headers.get("Range")
-            asked.append(given)
-            start = int(given.removeprefix("bytes=").rstrip("-")) if given and ranges else 0
-            if start >= len(content) and given:
-                self.send_error(416)
-                return
-            self.send_response(206 if start else status)
-            if location:
-                self.send_header("Location", location)
-            if start:
-                self.send_header("Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}")
-            self.send_header("Content-Length", str((whole or len(content)) - start))
-            self.end_headers()
-            self.wfile.write(content[start:])
-
-        def log_message(self, *_):
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as httpd:
-        thread = threading.Thread(target=httpd.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{httpd.server_port}", asked
-        finally:
-            httpd.shutdown()
-            thread.join()
+def server(content=CONTENT, **options):
+    """The server of loopback.py, of `CONTENT` by default."""
+    return loopback(content, **options)
 
 
 def test_a_file_is_downloaded_and_its_hash_returned(tmp_path):

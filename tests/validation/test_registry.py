@@ -87,7 +87,7 @@ def test_a_columns_file_states_no_uncertainty_of_a_gain(tmp_path, monkeypatch):
         ({"title": "titel = 'Arm'"}, "no 'titel'"),
         ({"title": ""}, "incomplete"),
         ({"repository": "repository = 'https://example.org'"}, "'owner/name'"),
-        ({"commit": "commit = 'main'"}, "7 to 40 hexadecimal digits"),
+        ({"commit": "commit = 'main'"}, "needs a commit of at least 7 hex digits"),
         ({"sha256": "sha256 = 'abc'"}, "64 hexadecimal digits"),
         ({"sha256": ""}, "was tried and arm.xml has no hash"),
         ({"tried": "tried = false"}, "is untried, and arm.xml has hash|untried"),
@@ -100,11 +100,37 @@ def test_a_columns_file_states_no_uncertainty_of_a_gain(tmp_path, monkeypatch):
         ({"licence": "licence = 'MIT'\nlicense = 'MIT'"}, "unknown entries"),
         ({"path": "path = 'arm.xml'\nconverter = 'magic'"}, "converters are declared_world"),
         ({"about": "about = "}, "TOML"),
+        ({"commit": "commit = '0123ab'"}, "a commit of at least 7 hex digits, at most 40, got 0123ab"),
+        (
+            {"fitted": "fitted = [['one.csv']]\nheld_out = 0.3"},
+            "'held_out' needs a table of numbers by channel, got 0.3",
+        ),
+        ({"fitted": "fitted = [['one.csv']]\nheld_out = { lift = 'low' }"}, "'held_out.lift' needs a number, got low"),
+        ({"fitted": "fitted = [['one.csv']]\nreference = 0.3"}, "'reference' needs a table"),
+        ({"fitted": "fitted = [['one.csv']]\nreference = { ratios = {} }"}, "'reference' is incomplete"),
+        (
+            {"fitted": "fitted = [['one.csv']]\nreference = { source = 'x', best = 'five' }"},
+            "'reference' needs a number, got five",
+        ),
     ],
 )
 def test_malformed_entries_are_refused(replaced, message, tmp_path):
     with pytest.raises(InputError, match=message):
         entry(tmp_path, **replaced)
+
+
+def test_an_untried_entry_has_no_numbers(tmp_path):
+    without = FILES.replace(HASH, "")
+    for more in ("[held_out]\nlift = 0.2\n", "[reference]\nsource = 'x'\nbest = 1\n"):
+        with pytest.raises(InputError, match="arm is untried, and has numbers to compare with"):
+            entry(tmp_path, more, files=without, tried="tried = false")
+
+
+def test_references_are_of_channels_and_every_one_says_how_it_was_reached():
+    references = {name: each.reference for name, each in registry().items() if each.reference}
+    assert set(references) == {"bow", "double_pendulum", "go2_torques", "ur10", "walker"}
+    assert all(each.source for each in references.values())
+    assert references["ur10"].ratios["wrist_3_joint"] == 0.295 and references["walker"].best == 5
 
 
 def test_options_of_the_wrong_kind_are_refused(tmp_path):

@@ -13,6 +13,7 @@ from fuzz.here import Here
 from registered import TEXT, files_of, recorded, written
 
 from experiments import validate
+from experiments.data.registry import Published, Reference
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, inside
 from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
@@ -90,12 +91,16 @@ def test_published_values_are_compared_with_both_deviations(result):
 def test_the_report_has_all_tables_and_figures(result):
     document = report.document(result, {})
     assert set(document.figures) == {"figure_validation", "figure_held_out", "figure_published"}
-    assert set(document.tables) == {"table_recordings", "table_held_out", "table_published", "table_agreement"}
+    tables = {"table_recordings", "table_held_out", "table_published", "table_agreement", "table_was_published"}
+    assert set(document.tables) - {"table_outside"} == tables
     rows = document.tables["table_held_out"].rows
     assert [row[1] for row in rows] == list(driven_arm.JOINTS)
     assert [row[5] for row in rows] == [None, 0.02, None]
     text = " ".join(document.text().split())
     assert "of 1 pairs of parameters that are equal by construction 0 differ by at most 1.96 s.d." in text
+    # Its verdict is a word of the table, and a sentence that is folded.
+    assert document.tables["table_recordings"].rows[0][3] == "usable" and "Usable: " not in text
+    assert document.folded["Verdicts in words"][0].startswith("Arm: Usable: ")
 
 
 def test_tables_and_figures_follow_from_the_numbers(result):
@@ -119,15 +124,60 @@ def made_worse(result, factors):
 
 def test_where_it_loses_it_says_so(result):
     worse = made_worse(result, [0.9, 1.04, 1.5])
-    first, second, *_ = report.lines(worse)
+    first, *others = report.lines(worse)
     assert first.startswith("In 1 of 3 channels") and "in 1 it is worse by at most 5%" in first
     assert first.endswith("in 1 by more.")
-    assert second.startswith("Arm: it loses in bend (") and "least squares" in second
+    assert "Another candidate predicts better by more than 5% in 1 of 3 channels: Arm (1 of 3)." in others
+    (loss,) = next(iter(worse)).losses
+    row = ("Arm", "bend", loss.own, "least squares", loss.best, "50%")
+    assert validation_tables.table_worse(worse).rows == (row,) and loss.own == pytest.approx(1.5 * loss.best)
     notes = [row[-1] for row in validation_tables.table_held_out(worse).rows]
     assert notes == ["best", "as good", "worse by 50%"]
     row = dict(zip(*(lambda t: (t.columns, t.rows[0]))(validation_tables.table_recordings(worse)), strict=True))
     assert (row["channels"], row["best"], row["worse"]) == (3, 1, 1)
-    assert not any("loses" in line for line in report.lines(made_worse(result, [0.9, 1.0, 1.05])))
+    good = made_worse(result, [0.9, 1.0, 1.05])
+    assert not validation_tables.table_worse(good).rows
+    assert not any("Another candidate" in line for line in report.lines(good))
+
+
+def test_published_values_outside_the_intervals_are_named(result):
+    (each,) = result
+    value, _, std = each.values["Fc(turn)"]
+    other, _, its = each.values["Fc(bend)"]
+    published = [Published("Fc(turn)", value + 2.1 * std), Published("Fc(bend)", other - 1.9 * its)]
+    study_of = replace(result, validations={"arm": replace(each, entry=replace(each.entry, published=published))})
+    (row,) = validation_tables.table_outside(study_of).rows
+    assert row[:2] == ("Arm", "Fc(turn)") and row[-1] == pytest.approx(-2.1)
+    assert "Of 2 published parameters 1 are outside our 95 % intervals: Arm Fc(turn) (z -2.1)." in report.lines(
+        study_of
+    )
+    assert validation_tables.table_was_published(study_of).rows == (("Arm", "2", "—", "1", "somebody/arms; "),)
+
+
+def test_reference_results_that_are_not_reached_are_named(result):
+    """Residuals of .2, .104 and .3 for least squares' .2, .1 and .2."""
+    (each,) = result
+    ratios = {LEAST_SQUARES: np.array([0.2, 0.1, 0.2]), ESTIMATE: np.array([0.2, 0.104, 0.3]), MODEL: np.full(3, 0.9)}
+    goals = {"turn": 0.21, "lift": 0.1}
+
+    def missed(**more):
+        entry = replace(each.entry, reference=Reference("by hand", **more))
+        made = replace(result, validations={"arm": replace(each, entry=entry, ratios=ratios)})
+        return [row[1:] for row in validation_tables.table_missed(made).rows], report.lines(made)
+
+    rows, lines = missed(ratios=goals, median=0.19, best=1, worse=0.1)
+    assert rows == [
+        ("residual of lift", "at most 0.1", "0.104", "by hand"),
+        ("median residual", "at most 0.19", "0.2", "by hand"),
+        ("largest excess over the best other", "at most 0.1", "0.5", "by hand"),
+    ]
+    assert any(
+        line.startswith("Of 5 reference results 3 are not reached: Arm, residual of lift (0.104, ") for line in lines
+    )
+    rows, _ = missed(best=2)
+    assert rows == [("channels in which it is best", "at least 2", "1", "by hand")]
+    rows, lines = missed(ratios={"turn": 0.2}, median=0.2, best=1, worse=0.51)
+    assert rows == [] and "Of 4 reference results 0 are not reached." in lines
 
 
 def test_channels_that_nobody_explains_do_not_count(result):
@@ -179,6 +229,33 @@ def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
     assert "has no three_link_human.xml" in refusal(validate.main, ["bow", *out, "--data", str(tmp_path)], capsys)
     assert "is untried" in refusal(validate.main, ["panda", *out, "--data", str(tmp_path)], capsys)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", [name for name, entry in registry.registry().items() if not entry.tried])
+def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_path, capsys, monkeypatch):
+    """Not even one that says what would be fitted, and neither from a folder nor from a server."""
+    entry = registry.registry()[name]
+    (tmp_path / entry.folder).mkdir()
+    for file in entry.files:
+        (tmp_path / entry.folder / file.name).write_bytes(b"something")
+    monkeypatch.setattr("experiments.studies.validation.study.work", None)
+    sentence = (
+        f"{name} is untried and is not run: the registry holds no hash, so that nothing says which files are meant"
+    )
+    for more in (["--data", str(tmp_path)], ["--fetch"]):
+        assert sentence in refusal(validate.main, [name, "--out", str(tmp_path / "out"), *more], capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_damaged_entry_is_one_sentence(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(registry, "folder", lambda: tmp_path)
+    for text, message in (
+        ("title = ", "arm.toml: an entry needs to be TOML"),
+        ("titel = 1", "arm: an entry has no 'titel'"),
+    ):
+        written(tmp_path, text)
+        error = refusal(validate.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
+        assert message in error and error.count("\n") == 1
 
 
 @pytest.mark.usefixtures("undrawn")

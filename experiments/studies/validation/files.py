@@ -42,17 +42,20 @@ class Places:
     host: str = HOST
 
     def folder(self, entry: Entry) -> Path:
-        """Folder that holds the files of an entry, after a download if necessary.
+        """Folder that holds the files of an entry, after a download of those that are missing or damaged in the cache.
 
         Raises:
             InputError: No folder holds all of them; the message says what would do.
         """
-        for place in self._folders(entry):
+        *given, downloads = self._folders(entry)
+        for place in given:
             if _complete(entry, place):
                 return place
+        if _complete(entry, downloads) and not (self.fetch and _damaged(entry, downloads)):
+            return downloads
         if not self.fetch:
-            raise InputError(_missing(entry, self._folders(entry)[:-1]))
-        return fetched(entry, self._folders(entry)[-1], self.host)
+            raise InputError(_missing(entry, given))
+        return fetched(entry, downloads, self.host)
 
     def _folders(self, entry: Entry) -> list[Path]:
         """Folders where an entry may be, that of downloads last."""
@@ -61,6 +64,12 @@ class Places:
 
 def _complete(entry: Entry, folder: Path) -> bool:
     return bool(entry.files) and all((folder / file.name).is_file() for file in entry.files)
+
+
+def _damaged(entry: Entry, folder: Path) -> bool:
+    """True if a file that was downloaded as it is has another hash than the registry's."""
+    kept = [file for file in entry.files if file.sha256 and not file.made]
+    return any(digest(folder / file.name) != file.sha256 for file in kept)
 
 
 def _missing(entry: Entry, places: Iterable[Path]) -> str:

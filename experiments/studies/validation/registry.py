@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from experiments.data.registry import Entry, Published, Source, SourceFile
+from experiments.data.registry import Entry, Published, Reference, Source, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.options import check_columns, check_options
 from ident.errors import InputError
@@ -15,7 +15,7 @@ from ident.files.table import short
 
 KEYS = (
     *("title", "about", "folder", "tried", "note", "source", "files", "model", "fitted", "judged", "options"),
-    *("published", "held_out", "alike"),
+    *("published", "held_out", "reference", "alike"),
 )
 """Entries of a recording's file."""
 
@@ -73,6 +73,7 @@ def read_entry(path: Path) -> Entry:
     entry = _entry(path.stem, content)
     _check_hashes(entry)
     _check_logs(entry)
+    _check_numbers(entry)
     check_options(entry.name, entry.options)
     if "columns" in entry.options:
         check_columns(columns_file(entry.options["columns"]))
@@ -86,6 +87,8 @@ def _entry(name: str, content: Mapping[str, Any]) -> Entry:
             raise InputError(f"{name}: an entry has no '{short(key)}'; valid are {', '.join(KEYS)}.")
     made: dict[str, Any] = dict(content)
     made["source"] = _of(Source, name, "source", content.get("source"))
+    if "reference" in content:
+        made["reference"] = _of(Reference, name, "reference", content["reference"])
     for key, kind in (("files", SourceFile), ("published", Published)):
         made[key] = tuple(_of(kind, name, key, each) for each in _list(name, key, content))
     for key in ("fitted", "judged", "alike"):
@@ -116,7 +119,7 @@ def _check_hashes(entry: Entry) -> None:
     if not REPOSITORY.fullmatch(source.repository):
         raise InputError(f"{name}: a repository is 'owner/name', got {short(source.repository)}.")
     if source.commit and not COMMIT.fullmatch(source.commit):
-        raise InputError(f"{name}: a commit has 7 to 40 hexadecimal digits, got {short(source.commit)}.")
+        raise InputError(f"{name} needs a commit of at least 7 hex digits, at most 40, got {short(source.commit)}.")
     for file in entry.files:
         for given in (file.sha256, file.original):
             if given and not SHA256.fullmatch(given):
@@ -139,3 +142,20 @@ def _check_logs(entry: Entry) -> None:
     used = [*([entry.model] if entry.tried else []), *(name for log in entry.logs for name in log)]
     if missing := [name for name in used if name not in names]:
         raise InputError(f"{entry.name} uses '{missing[0]}', which is not among its files.")
+
+
+def _check_numbers(entry: Entry) -> None:
+    """Refuses published and reference numbers that are none, and any of an untried recording."""
+    reference = entry.reference or Reference("")
+    several: dict[str, Any] = {"held_out": entry.held_out, "reference.ratios": reference.ratios}
+    for key, given in several.items():
+        if not isinstance(given, dict):
+            raise InputError(f"{entry.name}: '{key}' needs a table of numbers by channel, got {short(given)}.")
+    numbers: dict[str, list[Any]] = {f"published {each.name}": [each.value, each.std] for each in entry.published}
+    numbers |= {f"{key}.{channel}": [x] for key, given in several.items() for channel, x in given.items()}
+    numbers |= {"reference": [reference.median, reference.best, reference.worse]}
+    for key, every in numbers.items():
+        if wrong := [x for x in every if isinstance(x, bool) or not isinstance(x, int | float)]:
+            raise InputError(f"{entry.name}: '{key}' needs a number, got {short(wrong[0])}.")
+    if not entry.tried and (entry.published or entry.held_out or entry.reference):
+        raise InputError(f"{entry.name} is untried, and has numbers to compare with.")

@@ -57,8 +57,11 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
     folders, refused = dict[str, Path](), dict[str, str]()
     for entry in entries:
         try:
-            if not entry.fitted:
-                raise InputError(f"{entry.name} is untried: the registry says only where it is. {entry.note}")
+            if not entry.tried:
+                raise InputError(
+                    f"{entry.name} is untried and is not run: the registry holds no hash, so that nothing says which "
+                    f"files are meant. {entry.note}"
+                )
             folders[entry.name] = places.folder(entry)
         except InputError as error:
             refused[entry.name] = str(error)
