@@ -101,17 +101,29 @@ def test_a_columns_file_states_no_uncertainty_of_a_gain(tmp_path, monkeypatch):
         ({"path": "path = 'arm.xml'\nconverter = 'magic'"}, "converters are declared_world"),
         ({"about": "about = "}, "TOML"),
         ({"commit": "commit = '0123ab'"}, "a commit of at least 7 hex digits, at most 40, got 0123ab"),
-        (
-            {"fitted": "fitted = [['one.csv']]\nheld_out = 0.3"},
-            "'held_out' needs a table of numbers by channel, got 0.3",
+        *(
+            ({"fitted": f"fitted = [['one.csv']]\n{text}"}, message)
+            for text, message in (
+                ("held_out = 0.3", "'held_out' of its file needs a table of numbers, got 0.3"),
+                ("held_out = { lift = 'low' }", "'held_out' of its file needs a table of numbers, got low"),
+                ("reference = 0.3", "'reference' needs a table"),
+                ("reference = { ratios = {} }", "'reference' is incomplete"),
+                (
+                    "reference = { source = 'x', best = 'five' }",
+                    "'best' of its reference needs a whole number, got five",
+                ),
+                ("reference = { source = 'x', worse = true }", "'worse' of its reference needs a number, got True"),
+                ("alike = [[1]]", "'alike' needs lists of names"),
+                ("alike = [{}]", "'alike' needs lists of names"),
+                ("options = 5", "'options' of its file needs a table, got 5"),
+                ("published = [{ name = 5, value = 1 }]", "'name' of its published needs a text, got 5"),
+            )
         ),
-        ({"fitted": "fitted = [['one.csv']]\nheld_out = { lift = 'low' }"}, "'held_out.lift' needs a number, got low"),
-        ({"fitted": "fitted = [['one.csv']]\nreference = 0.3"}, "'reference' needs a table"),
-        ({"fitted": "fitted = [['one.csv']]\nreference = { ratios = {} }"}, "'reference' is incomplete"),
-        (
-            {"fitted": "fitted = [['one.csv']]\nreference = { source = 'x', best = 'five' }"},
-            "'reference' needs a number, got five",
-        ),
+        ({"tried": "tried = 'yes'"}, "'tried' of its file needs true or false, got yes"),
+        ({"repository": "repository = 5"}, "'repository' of its source needs a text, got 5"),
+        ({"sha256": "sha256 = [[1]]"}, "'sha256' of its files needs a text"),
+        ({"name": "name = 1.5"}, "'name' of its files needs a text, got 1.5"),
+        ({"model": "model = {}"}, "'model' of its file needs a text"),
     ],
 )
 def test_malformed_entries_are_refused(replaced, message, tmp_path):
@@ -136,6 +148,10 @@ def test_references_are_of_channels_and_every_one_says_how_it_was_reached():
 def test_options_of_the_wrong_kind_are_refused(tmp_path):
     with pytest.raises(InputError, match="'gaps' is of the wrong kind"):
         entry(tmp_path, '[options]\ngaps = "yes"\n')
+    with pytest.raises(InputError, match="'fix' needs a list of numbers for 'turn', got 5"):
+        entry(tmp_path, "[options.fix]\nturn = 5\n")
+    with pytest.raises(InputError, match="'leave_out' needs a list of names, got 5"):
+        entry(tmp_path, "[options]\nleave_out = [5]\n")
 
 
 def test_recordings_are_chosen_by_name_and_a_wrong_one_lists_them():

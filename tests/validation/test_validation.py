@@ -219,6 +219,12 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
         study.collected([other], tasks[1:2], [bad])
 
 
+def test_a_parameter_that_the_estimate_has_not_is_a_sentence(arm):
+    data, entry = arm
+    (whole, *_) = study.tasks_of([replace(entry, alike=(("Fc(turn)", "Fc(other)"),))], {"arm": data / "arm"})
+    assert "arm compares 'Fc(other)', but its parameters are" in json.loads(study.work(whole)[0])["refused"]
+
+
 def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
     monkeypatch.delenv(validate.VARIABLE, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -46,6 +46,12 @@ def check_options(where: str, options: Mapping[str, Any]) -> None:
     for name, value in options.items():
         if not isinstance(value, kinds[name]):
             raise InputError(f"{where}: option '{name}' is of the wrong kind, got {short(value)}.")
+    for name in ("ignore", "leave_out"):
+        if wrong := [x for x in options.get(name, []) if not isinstance(x, str)]:
+            raise InputError(f"{where}: option '{name}' needs a list of names, got {short(wrong[0])}.")
+    for joint, at in options.get("fix", {}).items():
+        if not isinstance(at, list) or any(isinstance(x, bool) or not isinstance(x, int | float) for x in at):
+            raise InputError(f"{where}: option 'fix' needs a list of numbers for '{joint}', got {short(at)}.")
 
 
 def check_columns(path: Path) -> None:

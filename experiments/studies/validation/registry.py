@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from experiments.data.registry import Entry, Published, Reference, Source, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
@@ -73,7 +73,6 @@ def read_entry(path: Path) -> Entry:
     entry = _entry(path.stem, content)
     _check_hashes(entry)
     _check_logs(entry)
-    _check_numbers(entry)
     check_options(entry.name, entry.options)
     if "columns" in entry.options:
         check_columns(columns_file(entry.options["columns"]))
@@ -92,7 +91,7 @@ def _entry(name: str, content: Mapping[str, Any]) -> Entry:
     for key, kind in (("files", SourceFile), ("published", Published)):
         made[key] = tuple(_of(kind, name, key, each) for each in _list(name, key, content))
     for key in ("fitted", "judged", "alike"):
-        made[key] = tuple(tuple(each) for each in _list(name, key, content))
+        made[key] = _names(name, key, content)
     return _of(Entry, name, "file", {"name": name, **made})
 
 
@@ -103,10 +102,39 @@ def _list(name: str, key: str, content: Mapping[str, Any]) -> list[Any]:
     return given
 
 
+def _names(name: str, key: str, content: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
+    """Lists of names."""
+    given = _list(name, key, content)
+    for each in given:
+        if not isinstance(each, list) or not all(isinstance(x, str) for x in each):
+            raise InputError(f"{name}: '{key}' needs lists of names, got {short(each)}.")
+    return tuple(map(tuple, given))
+
+
+KINDS: Mapping[Any, tuple[Any, str]] = {
+    str: (str, "a text"),
+    bool: (bool, "true or false"),
+    int: (int, "a whole number"),
+    float: (int | float, "a number"),
+    Mapping[str, float]: (dict, "a table of numbers"),
+    Mapping[str, Any]: (dict, "a table"),
+}
+"""Types of a value in TOML, and their name, by the type that an entry needs."""
+
+
 def _of(kind: Callable[..., Any], name: str, key: str, given: Any) -> Any:
     """Object of a table, whose keys are the arguments of its class."""
     if not isinstance(given, dict):
         raise InputError(f"{name}: '{key}' needs a table, got {short(given)}.")
+    hints = get_type_hints(kind)
+    for each, value in given.items():
+        types, needed = KINDS.get(hints.get(each), (object, ""))
+        numbers = value.values() if hints.get(each) == Mapping[str, float] and isinstance(value, dict) else ()
+        wrong = [x for x in numbers if not isinstance(x, int | float) or isinstance(x, bool)]
+        if not isinstance(value, types) or (isinstance(value, bool) and types is not bool and needed) or wrong:
+            raise InputError(
+                f"{name}: '{each}' of its {key} needs {needed}, got {short(wrong[0] if wrong else value)}."
+            )
     try:
         return kind(**given)
     except TypeError as error:
@@ -135,27 +163,12 @@ def _check_hashes(entry: Entry) -> None:
 
 
 def _check_logs(entry: Entry) -> None:
-    """Refuses logs and models of files that the entry does not list."""
+    """Refuses logs and models of files that the entry does not list, and numbers of an untried recording."""
     names = [file.name for file in entry.files]
     if entry.tried and not entry.fitted:
         raise InputError(f"{entry.name} was tried, and says nothing of what is fitted.")
+    if not entry.tried and (entry.published or entry.held_out or entry.reference):
+        raise InputError(f"{entry.name} is untried, and has numbers to compare with.")
     used = [*([entry.model] if entry.tried else []), *(name for log in entry.logs for name in log)]
     if missing := [name for name in used if name not in names]:
         raise InputError(f"{entry.name} uses '{missing[0]}', which is not among its files.")
-
-
-def _check_numbers(entry: Entry) -> None:
-    """Refuses published and reference numbers that are none, and any of an untried recording."""
-    reference = entry.reference or Reference("")
-    several: dict[str, Any] = {"held_out": entry.held_out, "reference.ratios": reference.ratios}
-    for key, given in several.items():
-        if not isinstance(given, dict):
-            raise InputError(f"{entry.name}: '{key}' needs a table of numbers by channel, got {short(given)}.")
-    numbers: dict[str, list[Any]] = {f"published {each.name}": [each.value, each.std] for each in entry.published}
-    numbers |= {f"{key}.{channel}": [x] for key, given in several.items() for channel, x in given.items()}
-    numbers |= {"reference": [reference.median, reference.best, reference.worse]}
-    for key, every in numbers.items():
-        if wrong := [x for x in every if isinstance(x, bool) or not isinstance(x, int | float)]:
-            raise InputError(f"{entry.name}: '{key}' needs a number, got {short(wrong[0])}.")
-    if not entry.tried and (entry.published or entry.held_out or entry.reference):
-        raise InputError(f"{entry.name} is untried, and has numbers to compare with.")

@@ -14,6 +14,7 @@ from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL
 from experiments.studies.identification import prepare
 from experiments.studies.validation.files import checked, converted
 from experiments.studies.validation.registry import columns_file
+from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared
 from ident.estimation.units import channel_unit
@@ -61,7 +62,15 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None) -> dict
         if trial is not None:
             return {"values": values(_identified(entry, paths, trial, [], holdout=0.0)[0])}
         estimate, seconds = _identified(entry, paths, entry.fitted, entry.judged)
+        _check_parameters(entry, values(estimate)["names"])
         return {**results(estimate), "seconds": seconds, "unchecked": list(unchecked)}
+
+
+def _check_parameters(entry: Entry, names: Sequence[str]) -> None:
+    """Refuses parameters to compare with that the estimate does not have."""
+    compared = [*(each.name for each in entry.published), *(name for group in entry.alike for name in group)]
+    if unknown := [name for name in compared if name not in names]:
+        raise InputError(f"{entry.name} compares '{unknown[0]}', but its parameters are {', '.join(names)}.")
 
 
 def _identified(
