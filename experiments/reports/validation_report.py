@@ -113,12 +113,12 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     """Tables, figures and numbers of the validation."""
     made = {
         "table_recordings": tables.table_recordings(study),
-        "table_held_out": tables.table_held_out(study),
-        "table_published": tables.table_published(study),
-        "table_agreement": tables.table_agreement(study),
         "table_worse": tables.table_worse(study),
         "table_outside": tables.table_outside(study),
         "table_missed": tables.table_missed(study),
+        "table_held_out": tables.table_held_out(study),
+        "table_published": tables.table_published(study),
+        "table_agreement": tables.table_agreement(study),
         "table_was_published": tables.table_was_published(study),
     }
     if STEEL in study.validations:
