@@ -26,7 +26,7 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/studies/test_monte_carlo.py::test_an_interrupt_ends_running_trials_without_a_traceback \
 	tests/studies/test_trajectory_identification.py::test_an_arm_with_friction_is_predicted_as_well_as_with_the_best_filter_found_by_hand \
 	tests/trajectory/test_late_start.py tests/test_payload.py tests/test_judged.py \
-	tests/trajectory/test_unfollowed_jumps.py \
+	tests/trajectory/test_unfollowed_jumps.py tests/trajectory/test_low_velocity.py \
 	tests/test_unusual_recordings.py::test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off \
 	tests/trajectory/test_reversals.py::test_a_drive_at_its_bound_has_a_one_sided_interval \
 	tests/studies/test_human.py::test_a_person_from_a_wrong_prior \

@@ -25,6 +25,7 @@ from ident.judgement.sensor_findings import clipped_findings, resolution_finding
 from ident.judgement.torque_findings import (
     bound_findings,
     friction_findings,
+    low_velocity_findings,
     reversal_findings,
     scale_findings,
     torque_findings,
@@ -56,6 +57,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     friction_findings,
     bound_findings,
     reversal_findings,
+    low_velocity_findings,
     plane_findings,
     quality_findings,
     setup_remarks,

@@ -99,12 +99,26 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
     yield Finding.of("torque_scale_estimated", Place(channels=scaled), joints=scaled, fixed_by=tuple(fixed_by))
 
 
+def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on Stribeck friction that was fitted because the recordings ask for it."""
+    fitted = dict(zip(evidence.fit.names, evidence.fit.values.tolist(), strict=True))
+    values = {_joint(name): x for name, x in fitted.items() if name.startswith(f"{DRIVE[SLOW]}(")}
+    if values and _searched(evidence):
+        yield Finding.of("low_velocity_friction", Place(joints=tuple(values)), values=values)
+
+
+def _searched(evidence: Evidence) -> bool:
+    """True if Stribeck friction was searched for."""
+    return evidence.trajectory is not None and any(log.searches_stribeck for log in evidence.logs)
+
+
 def friction_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on friction that is not fitted and would explain the residual torque."""
-    drives = evidence.fit.equations.drives
+    drives, searched = evidence.fit.equations.drives, _searched(evidence)
     kinds = {joint: lacking_drive(drives, joint) for joint in evidence.friction}
     # A low-pass over a reversal looks like friction that is more at low velocity.
-    kinds = {joint: own for joint, own in kinds.items() if own and (evidence.trajectory is not None or own != [SLOW])}
+    hidden = searched or evidence.trajectory is None
+    kinds = {joint: own for joint, own in kinds.items() if own and not (hidden and own == [SLOW])}
     shares = {joint: evidence.friction[joint] for joint in kinds if evidence.ratios[joint] > WORTH_IT}
     shares = {joint: share for joint, share in shares.items() if share > FOLLOWS}
     if shares:

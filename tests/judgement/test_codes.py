@@ -96,6 +96,7 @@ EXAMPLES = {
         {"velocities": {"hip": 0.05}, "ratios": {"hip": 0.1}},
         {"velocities": {"hip": 0.05}, "ratios": {}},
     ],
+    "low_velocity_friction": [{"values": {"hip": 0.3}}],
     "smooth_coulomb_friction": [{"velocities": {"hip": 0.05}}],
     "setup_delay": [LATE, LATE | {"value": -0.02, "alternatives": OTHERS}],
     "setup_lag": [LATE | {"of": ""}, LATE | {"of": "", "value": -0.02}],

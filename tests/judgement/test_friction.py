@@ -59,6 +59,7 @@ def estimate(share, ratio, drives=()):
         friction={"joint1": 0.0, "joint2": share},
         model_error=np.array([0.0, share]),
         trajectory=SimpleNamespace(),
+        logs=(),
     )
 
 
@@ -89,6 +90,18 @@ def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
     smeared = estimate(0.3, 0.1, drives)
     smeared.trajectory = None
     assert not list(friction_findings(smeared))
+
+
+def test_stribeck_friction_that_was_searched_for_is_not_asked_for_again():
+    drives = tuple(f"{column}({joint})" for column in ("Fv", "Fc") for joint in ("joint1", "joint2"))
+    result = estimate(0.3, 0.1, drives)
+    result.logs = [SimpleNamespace(searches_stribeck=True)]
+    assert not list(friction_findings(result))
+    result.fit.names, result.fit.values = (*drives, "Fs(joint2)"), np.array([0, 0, 1, 2, 0.5])
+    (finding,) = torque_findings.low_velocity_findings(result)
+    assert not finding.doubt and finding.values == {"values": {"joint2": 0.5}} and finding.place.joints == ("joint2",)
+    result.logs = [SimpleNamespace(searches_stribeck=False)]
+    assert not list(torque_findings.low_velocity_findings(result))
 
 
 def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):

@@ -58,6 +58,13 @@ def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
     )
 
 
+def _low_velocity(values: Mapping[str, float]) -> str:
+    return (
+        f"The recordings ask for friction that is higher at low velocity, in N m (N): {followed(values)}. It was "
+        "fitted (Stribeck friction, Fs)."
+    )
+
+
 TORQUES = {
     "torque_sign": Row(_opposite, doubt=True),
     "torque_scale": Row(_scaled, doubt=True),
@@ -70,5 +77,6 @@ TORQUES = {
     "friction_not_fitted": Row(_friction, doubt=None),
     "drive_at_bound": Row(_bound, doubt=False),
     "breakaway_friction": Row(_near_reversals, doubt=False),
+    "low_velocity_friction": Row(_low_velocity, doubt=False),
     "smooth_coulomb_friction": Row(_smooth_coulomb, doubt=False),
 }
