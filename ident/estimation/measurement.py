@@ -31,6 +31,7 @@ from ident.model.regressor import CHUNK
 from ident.model.tape import Program, Signal, Tape
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 from ident.setup import Shift
+from ident.tolerances import DRIVE
 
 CHUNK_COMPILED = 256
 """Samples that compiled code differentiates at once, so that its results are still in cache when they are reordered."""
@@ -107,6 +108,12 @@ class Measurement:
         """Shifts of the samples' true times by their index in θ, the rates of clocks before the delays."""
         shifts = {at: each.row.shift for at, each in self.setup_at.items()}
         return {at: shift for at, shift in reversed(shifts.items()) if shift is not None}
+
+    @property
+    def smooth(self) -> bool:
+        """True if channels are smooth functions of the states alone: there is neither contact nor dry friction."""
+        dry = tuple(f"{DRIVE[kind]}(" for kind in ("coulomb", "stribeck"))
+        return not self.contacts and not any(name.startswith(dry) for name in self.equations.drives)
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
         """Indices in θ of the set-up parameters of a kind, by axis."""

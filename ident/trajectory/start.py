@@ -58,6 +58,11 @@ class _Coordinates:
         """Empty: no shifts of time."""
         return {}
 
+    @property
+    def smooth(self) -> bool:
+        """True, for lack of channels."""
+        return True
+
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels, none (0, M)."""
         return np.zeros((0, len(wrenches)))

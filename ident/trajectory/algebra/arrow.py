@@ -106,6 +106,25 @@ class Arrow:
         self._corner += T.T @ T
         self._below += T.T @ right.ravel()
 
+    def add_products(self, some: slice, rows: np.ndarray, weighed: np.ndarray, right: np.ndarray, width: int) -> None:
+        """Adds rows X with a matrix of weights W, as `Xᵀ W X` and `Xᵀ W y`.
+
+        Args:
+            some: The k intervals of the rows.
+            rows: X, derivatives by the functions of their windows and by θ (k, r, 7 n + p).
+            weighed: W X (k, r, 7 n + p).
+            right: W y (k, r).
+            width: 7 n.
+        """
+        J, T = rows[..., :width], stacked(rows[..., width:])
+        by_functions = transposed(J) @ weighed
+        parts = by_functions[..., :width], by_functions[..., width:], transposed(J) @ right[..., None]
+        for total, by in zip((self._normal, self._border, self._right), parts, strict=True):
+            own = total[some]
+            own += by.reshape(own.shape)
+        self._corner += T.T @ stacked(weighed[..., width:])
+        self._below += T.T @ right.ravel()
+
     def add_separate(self, J: np.ndarray, T: np.ndarray, right: np.ndarray, columns: Mapping[int, int]) -> None:
         """Adds rows of streams that depend on one coordinate each, in order, and some of them on one entry of θ.
 

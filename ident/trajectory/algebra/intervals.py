@@ -29,6 +29,10 @@ class Intervals:
         out[self._place] = rows
         return out.reshape(self.number, self.room, *rows.shape[1:])
 
+    def gathered(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of all samples (N, …) from those grouped by interval (S, m, …)."""
+        return rows.reshape(self.number * self.room, *rows.shape[2:])[self._place]
+
     def before(self, rows: np.ndarray, first: int = 0, *, moved: int = 0) -> np.ndarray:
         """Rows of the preceding samples, zeros for the first.
 

@@ -15,6 +15,7 @@ where c depends on θ. With many samples a few draws of z suffice.
 import numpy as np
 
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
+from ident.trajectory.fit.piece_equations import no_wrenches
 from ident.trajectory.fit.response import Response, Stream, response
 
 SMALL = 1e-3
@@ -47,7 +48,7 @@ def pull(
     for stream, moved in zip(here.streams, here.signals(z, np.zeros((len(theta), draws))), strict=True):
         if stream.by_states is None or stream.by_theta is None:
             continue
-        own = stream.weights(moved)
+        own = stream.gathered(stream.weights(moved))
         by_states, columns = _along(measurement, piece, stream, coefficients, z, theta)
         by_theta += np.einsum("cpkm,mck->p", columns, own, optimize=True)
         pulled = np.einsum("cdjkm,mck->dmj", by_states, own, optimize=True)
@@ -68,7 +69,7 @@ def _along(
     (size, n), draws, every = coefficients.shape, z.shape[1], np.arange(len(theta))
     c = (coefficients[..., None] + SMALL * z.reshape(size, n, draws)).transpose(0, 2, 1).reshape(size, -1)
     x = np.stack([(basis @ c).reshape(-1, draws, n).swapaxes(0, 1).reshape(-1, n) for basis in stream.bases])
-    wrenches = np.tile(piece.wrenches, (draws, 1, 1))
+    wrenches = no_wrenches(x) if stream.nodes else np.tile(piece.wrenches, (draws, 1, 1))
     out = []
     for new, old in zip(measurement.derivatives(x, wrenches, theta, every)[1:], _at(stream), strict=True):
         whole = new[stream.which].reshape(*old.shape[:-1], draws, -1)

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ident.setup import Shift
+from ident.trajectory.algebra.nodes import NODES, WORTH_IT, Nodes
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import Spline
 
@@ -67,6 +68,16 @@ class Piece:
     def at_channels(self, when: np.ndarray) -> Sampling:
         """Basis functions at true times of the channels' samples, computed once if these are as stated."""
         return self._as_stated if np.array_equal(when, self.acting) else Sampling(self.spline, when)
+
+    def nodes(self, when: np.ndarray) -> Nodes | None:
+        """Nodes for channels at true times of their samples; None if there are too few samples or there is slack."""
+        if self.slack is not None or len(when) < WORTH_IT * NODES * self.spline.intervals:
+            return None
+        return self._nodes_as_stated if np.array_equal(when, self.acting) else Nodes(Sampling(self.spline, when))
+
+    @cached_property
+    def _nodes_as_stated(self) -> Nodes:
+        return Nodes(self._as_stated)
 
     @cached_property
     def windows(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -128,6 +139,10 @@ class Predictor(Protocol):
     @property
     def shifts(self) -> dict[int, Shift]:
         """Shifts of the samples' true times by their index in θ."""
+
+    @property
+    def smooth(self) -> bool:
+        """True if channels are smooth functions of the states alone."""
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels (C, M)."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior
+from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
 from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
 from ident.trajectory.algebra.spline import ORDER, Local
 from ident.trajectory.algebra.whitening import Innovations, Sums, innovations
@@ -73,7 +74,11 @@ def misfit(
     channels = []
     for own, when in clocks(measurement, piece, theta):
         local = piece.at_channels(when).local
-        predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
+        if (nodes := _nodes(measurement, piece, when)) is None:
+            predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
+        else:
+            x = nodes.local.combined(coefficients)
+            predicted = nodes.interpolated(measurement.values(x[:3], no_wrenches(x), theta).T).T
         channels.append(_channels(piece, own, when, local, predicted, noise))
     bends = piece.spline.squared_jerk(coefficients)
     nothing = Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
@@ -134,16 +139,18 @@ class ChannelEquations(NamedTuple):
 
     Attributes:
         channels: The channels.
-        when: True times of their samples, s (M,).
+        when: True times of their samples, s (N,).
+        nodes: Nodes at which they are evaluated, None for the samples.
         rows: The rows.
         new: Their innovations.
-        by_states: Their derivatives by coordinates and the coordinates' derivatives (c, 3, n, M).
+        by_states: Their derivatives by coordinates and the coordinates' derivatives, there (c, 3, n, M).
         by_theta: Their derivatives by θ (c, k, M).
     """
 
     channels: slice
     when: np.ndarray
-    rows: ChannelRows
+    nodes: Nodes | None
+    rows: ChannelRows | NodeRows
     new: Innovations
     by_states: np.ndarray
     by_theta: np.ndarray
@@ -220,24 +227,46 @@ def _channel_rows(
     """Yields the rows and innovations of the channels on each clock; rows depend on all coordinates and free θ."""
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
         at = piece.at_channels(when)
-        local, intervals = at.local, at.intervals
-        x = local.combined(coefficients)
-        values, by_states, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, columns)
+        nodes = _nodes(measurement, piece, when)
+        x = (at if nodes is None else nodes).local.combined(coefficients)
+        wrenches = piece.wrenches if nodes is None else no_wrenches(x)
+        values, by_states, by_theta = measurement.derivatives(x[:3], wrenches, theta, columns)
         by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
         if k == 0:
             rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
+            elapsed = piece.when - piece.origin
+            elapsed = elapsed if nodes is None else _along(nodes.time, when, elapsed)
             for entry, shift in measurement.shifts.items():
-                by_theta[..., columns == entry] = (rate * shift(piece.when - piece.origin)[:, None])[..., None]
-        new = _channels(piece, own, when, local, values, noise)
-        rows = ChannelRows(
-            intervals,
-            basis=at.dealt,
-            by_states=intervals.dealt(by_states),
-            by_theta=intervals.dealt(by_theta),
-            factors=Factors.of(new, intervals),
-        )
+                by_theta[..., columns == entry] = (rate * shift(elapsed)[:, None])[..., None]
+        if nodes is not None:
+            values = nodes.interpolated(values.T).T
+        new = _channels(piece, own, when, at.local, values, noise)
+        factors = Factors.of(new, at.intervals)
+        rows: ChannelRows | NodeRows
+        if nodes is None:
+            dealt = at.intervals.dealt
+            rows = ChannelRows(at.intervals, at.dealt, dealt(by_states), dealt(by_theta), factors)
+        else:
+            by_node = [x.reshape(-1, NODES, *x.shape[1:]) for x in (by_states, by_theta)]
+            rows = NodeRows(nodes, by_node[0], by_node[1], factors)
         by = by_states.transpose(1, 2, 3, 0), by_theta.transpose(1, 2, 0)
-        yield ChannelEquations(own, when, rows, new, *by)
+        yield ChannelEquations(own, when, nodes, rows, new, *by)
+
+
+def _nodes(measurement: Predictor, piece: Piece, when: np.ndarray) -> Nodes | None:
+    """Nodes at which to evaluate channels; None for every sample."""
+    return piece.nodes(when) if measurement.smooth else None
+
+
+def no_wrenches(states: np.ndarray) -> np.ndarray:
+    """Wrenches of no contact at some states (…, N, n): (N, 2, 0)."""
+    return np.zeros((states.shape[1], 2, 0))
+
+
+def _along(time: np.ndarray, true: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+    """Time of the channels' clock at some true times, by a straight line through its ends (N,)."""
+    slope = (elapsed[-1] - elapsed[0]) / (true[-1] - true[0])
+    return np.asarray(elapsed[0] + slope * (time - true[0]))
 
 
 def _states(

@@ -16,6 +16,7 @@ from scipy import sparse
 
 from ident.trajectory.algebra.arrow import stacked, transposed
 from ident.trajectory.algebra.block_tridiagonal import Factor
+from ident.trajectory.algebra.nodes import Nodes
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import normal_equations
@@ -66,19 +67,22 @@ class Stream:
     Attributes:
         which: Order of the derivative, or the channels.
         time: Sample times, s (N,).
-        bases: Values of the spline functions at samples; for channels, of the first two derivatives as well.
+        bases: Values of the spline functions at samples or nodes; for channels, of the first two derivatives as well.
+        nodes: Nodes at which channels are evaluated, None for the samples.
         weights: Weights of the samples.
         residual: Residuals, zero where a sample is missing (N, s).
         clear: Mask of the samples from which noise is estimated (N, s).
         std: Standard deviations of the noise assumed by the fit (s,).
         slack: Standard deviations of the error in addition to noise (N, s), None for none.
-        by_states: Derivatives of channels by coordinates and their derivatives (s, 3, n, N), None of coordinates.
-        by_theta: Derivatives of channels by θ (s, p, N).
+        by_states: Derivatives of channels by coordinates and their derivatives, at M samples or nodes (s, 3, n, M);
+            None of coordinates.
+        by_theta: Derivatives of channels by θ (s, p, M).
     """
 
     which: int | slice
     time: np.ndarray
     bases: Sequence[sparse.csr_matrix]
+    nodes: Nodes | None
     weights: Weights
     residual: np.ndarray
     clear: np.ndarray
@@ -88,12 +92,20 @@ class Stream:
     by_theta: np.ndarray | None
 
     @cached_property
-    def by_sample(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Derivatives by coordinates and their derivatives (N, s, 3 n), and by θ (N, s, p); None of coordinates."""
+    def by_row(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Derivatives by coordinates and their derivatives (M, s, 3 n), and by θ (M, s, p); None of coordinates."""
         if self.by_states is None or self.by_theta is None:
             return None
-        s, _, _, N = self.by_states.shape
-        return self.by_states.transpose(3, 0, 1, 2).reshape(N, s, -1), self.by_theta.transpose(2, 0, 1).copy()
+        s, _, _, M = self.by_states.shape
+        return self.by_states.transpose(3, 0, 1, 2).reshape(M, s, -1), self.by_theta.transpose(2, 0, 1).copy()
+
+    def at_samples(self, values: np.ndarray) -> np.ndarray:
+        """Values at the samples (N, …) from those where the channels are evaluated (M, …)."""
+        return values if self.nodes is None else self.nodes.interpolated(values)
+
+    def gathered(self, signals: np.ndarray) -> np.ndarray:
+        """Signals at the samples (N, …) times the transposed matrix of `at_samples` (M, …)."""
+        return signals if self.nodes is None else self.nodes.adjoint(signals)
 
     @property
     def step(self) -> float:
@@ -129,11 +141,11 @@ class Response:
         flat, out = coefficients.reshape(-1, n * k), []
         for stream in self.streams:
             moved = [(basis @ flat).reshape(-1, n, k) for basis in stream.bases]
-            if stream.by_sample is None:
+            if stream.by_row is None:
                 out.append(moved[0])
                 continue
-            by_states, by_theta = stream.by_sample
-            out.append(by_states @ np.concatenate(moved, axis=1) + by_theta @ theta)
+            by_states, by_theta = stream.by_row
+            out.append(stream.at_samples(by_states @ np.concatenate(moved, axis=1) + by_theta @ theta))
         for j, at in self.zeros.items():
             out[0][:, j] += theta[at]
         return out
@@ -145,10 +157,11 @@ class Response:
         c, theta = np.zeros((size, n * k)), np.zeros((self.follows.shape[1], k))
         for stream, y in zip(self.streams, signals, strict=True):
             pulled = y
-            if stream.by_sample is not None:
-                by_states, by_theta = stream.by_sample
-                pulled = transposed(by_states) @ y
-                theta += stacked(by_theta).T @ stacked(y)
+            if stream.by_row is not None:
+                by_states, by_theta = stream.by_row
+                own = stream.gathered(y)
+                pulled = transposed(by_states) @ own
+                theta += stacked(by_theta).T @ stacked(own)
             # Rows of a derivative follow those of the one before it.
             for basis, own in zip(stream.bases, np.split(pulled, len(stream.bases), axis=1), strict=True):
                 c += basis.T @ own.reshape(len(own), -1)
@@ -185,13 +198,14 @@ def response(
     streams = []
     for kind, new in equations.states.items():
         bases = [piece.at_coordinates.matrices[kind]]
-        streams.append(Stream(kind, piece.time, bases, *_of(new), noise.states[kind], None, None, None))
+        streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None, None, None))
     for each in equations.channels:
-        bases = piece.at_channels(each.when).matrices
+        sampling = piece.at_channels(each.when) if each.nodes is None else each.nodes.sampling
         std = noise.channels[each.channels]
         by = each.by_states, each.by_theta
         slack = None if piece.slack is None else piece.slack[:, each.channels]
-        streams.append(Stream(each.channels, piece.when, bases, *_of(each.new), std, slack, *by))
+        bases = sampling.matrices
+        streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, *by))
     eliminated = equations.eliminated
     zeros = dict(measurement.zeros) if 0 in equations.states else {}
     return Response(streams, zeros, eliminated.factor, eliminated.by_theta, coefficients.shape[1])

@@ -25,7 +25,7 @@ SIGMA, SIGMA_CHANNEL, JERK = 0.05, 2.0, 1e-4
 class Linear:
     """One channel `ẍ + w·θ` of one coordinate x, where w is measured at a contact."""
 
-    names = ("a", "b")
+    names, smooth = ("a", "b"), False
     zeros = shifts = {}  # noqa: RUF012
 
     def values(self, states, wrenches, theta):
@@ -40,7 +40,7 @@ class Linear:
 class Turned:
     """One channel `θ ẍ` of one coordinate x: a larger inertia compensates a smaller motion."""
 
-    names = ("inertia",)
+    names, smooth = ("inertia",), True
     zeros = shifts = {}  # noqa: RUF012
 
     def values(self, states, wrenches, theta):

@@ -1,0 +1,193 @@
+"""Channels evaluated at a few nodes of every knot interval instead of at every sample.
+
+Within an interval the trajectory is a polynomial, and a channel is a smooth function of it. The polynomial through its
+values at Gauss nodes equals it up to rounding, and so do its derivatives by coefficients and θ:
+
+    y_k = Σ_i L_ki y(t_i),     Σ_k s_k² x_k x_kᵀ = Σ_ij X_i M_ij X_jᵀ,     M = Σ_k s_k² L_k L_kᵀ
+
+with Lagrange's polynomials in barycentric form (Berrut and Trefethen, SIAM Review 46, 2004,
+doi:10.1137/S0036144502417715).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.trajectory.algebra.arrow import Arrow, Posterior, transposed
+from ident.trajectory.algebra.block_tridiagonal import WINDOW
+from ident.trajectory.algebra.rows import TOGETHER, Factors
+from ident.trajectory.algebra.sampling import Sampling
+from ident.trajectory.algebra.spline import Local, Spline
+
+NODES = 14
+"""Number of nodes of an interval: with fewer, rounding is exceeded where knots are as far apart as they may be."""
+
+WORTH_IT = 2.0
+"""Samples of an interval, over its nodes, from which evaluation at nodes is faster."""
+
+_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
+_WEIGHTS = 1 / np.prod(_PLACES[:, None] - _PLACES + np.eye(NODES), axis=1)
+
+
+def lagrange(u: np.ndarray) -> np.ndarray:
+    """Values of the nodes' polynomials at places in an interval, zero at its start and one at its end (N, NODES)."""
+    off = u[:, None] - _PLACES
+    hit = np.abs(off) < 1e-14
+    terms = _WEIGHTS / np.where(hit, 1.0, off)
+    out = terms / terms.sum(axis=1, keepdims=True)
+    at = hit.any(axis=1)
+    out[at] = hit[at]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Nodes of the intervals of a spline space, and the polynomials through them at the times of samples.
+
+    Attributes:
+        at: Spline functions at the samples.
+    """
+
+    at: Sampling
+
+    @property
+    def spline(self) -> Spline:
+        """The spline space."""
+        return self.at.spline
+
+    @cached_property
+    def sampling(self) -> Sampling:
+        """Spline functions at the nodes."""
+        return Sampling(self.spline, self.time)
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Times of the nodes, s (S NODES,)."""
+        places = np.arange(self.spline.intervals)[:, None] + _PLACES
+        return self.spline.start + (places * self.spline.step).ravel()
+
+    @cached_property
+    def local(self) -> Local:
+        """Spline functions at the nodes."""
+        return Local(np.repeat(np.arange(self.spline.intervals), NODES), self.spline.local(self.time).basis)
+
+    @property
+    def basis(self) -> np.ndarray:
+        """Values of the functions of an interval at its nodes, and of their first two derivatives (NODES, 6, 3)."""
+        return self.local.basis[:3, :NODES].transpose(1, 2, 0)
+
+    @cached_property
+    def polynomials(self) -> np.ndarray:
+        """The nodes' polynomials at the samples, grouped by interval (S, m, NODES)."""
+        return self._at(self.at.time)
+
+    @cached_property
+    def before(self) -> np.ndarray:
+        """The same polynomials at the preceding samples, at most one sample before the interval (S, m, NODES)."""
+        return self._at(np.append(self.at.time[:1], self.at.time[:-1]))
+
+    def _at(self, time: np.ndarray) -> np.ndarray:
+        u = (time - self.spline.start) / self.spline.step - self.at.local.interval
+        return self.at.intervals.dealt(lagrange(u))
+
+    def interpolated(self, values: np.ndarray) -> np.ndarray:
+        """Values at the samples (N, …) from those at the nodes (S NODES, …)."""
+        by_interval = self.polynomials @ values.reshape(self.spline.intervals, NODES, -1)
+        return self.at.intervals.gathered(by_interval).reshape(-1, *values.shape[1:])
+
+    def adjoint(self, signals: np.ndarray) -> np.ndarray:
+        """Signals at the samples (N, …) times the transposed matrix of `interpolated` (S NODES, …)."""
+        by_interval = self.at.intervals.dealt(signals.reshape(len(signals), -1))
+        return (transposed(self.polynomials) @ by_interval).reshape(-1, *signals.shape[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class NodeRows:
+    """Rows of channels as `ChannelRows`, without slack, whose derivatives are given at nodes.
+
+    Attributes:
+        nodes: The nodes.
+        by_states: Derivatives of the channels by coordinates and their derivatives at the nodes (S, NODES, C, 3, n).
+        by_theta: Derivatives by θ at the nodes (S, NODES, C, p).
+        factors: Factors that whiten the samples' rows.
+    """
+
+    nodes: Nodes
+    by_states: np.ndarray
+    by_theta: np.ndarray
+    factors: Factors
+
+    def add_to(self, arrow: Arrow) -> None:
+        """Adds the rows to normal equations."""
+        for some in self._blocks():
+            rows, width = self._rows(some), WINDOW * self.by_states.shape[-1]
+            k, C, nodes, every = rows.shape
+            weighed = (self._innovations[some] @ rows).reshape(k, C * nodes, every)
+            arrow.add_products(some, rows.reshape(k, C * nodes, every), weighed, self._right[some], width)
+
+    def taken(self, posterior: Posterior) -> np.ndarray:
+        """Absorbed degrees of freedom of innovations and of their halves (3, C)."""
+        shares = np.zeros((3, self.by_theta.shape[2]))
+        for some in self._blocks():
+            J, T = np.split(self._rows(some), [WINDOW * self.by_states.shape[-1]], axis=-1)
+            k, C, nodes, width = J.shape
+            flat = J.reshape(k, C * nodes, width)
+            # Effect of θ, the change of the trajectory with it included.
+            F = (T @ posterior.root).reshape(k, C * nodes, -1) - flat @ posterior.followed[some]
+            F, K = (x.reshape(k, C, nodes, -1) for x in (F, flat @ posterior.inverse[some]))
+            covariance = K @ transposed(J) + F @ transposed(F)
+            shares[0] += np.einsum("kcij,kcij->c", self._innovations[some], covariance)
+            for share, half in zip(shares[1:], self._halves, strict=False):
+                share += np.einsum("kcij,kcij->c", half[some], covariance)
+        return shares
+
+    def _blocks(self) -> Iterator[slice]:
+        """Yields blocks of intervals."""
+        S, nodes, C, _, n = self.by_states.shape
+        size = max(1, TOGETHER // (8 * nodes * C * WINDOW * n))
+        return (slice(start, min(start + size, S)) for start in range(0, S, size))
+
+    def _rows(self, some: slice) -> np.ndarray:
+        """Derivatives by the functions from the one before the interval's first, and by θ (k, C, NODES, 7 n + p)."""
+        by_states, by_theta = self.by_states[some], self.by_theta[some]
+        k, nodes, C, _, n = by_states.shape
+        out = np.empty((k, C, nodes, WINDOW * n + by_theta.shape[-1]))
+        out[..., :n] = 0
+        by_functions = self.nodes.basis @ by_states.swapaxes(1, 2)
+        out[..., n : WINDOW * n] = by_functions.reshape(k, C, nodes, -1)
+        out[..., WINDOW * n :] = by_theta.swapaxes(1, 2)
+        return out
+
+    @cached_property
+    def _whitened(self) -> list[np.ndarray]:
+        """Whitened polynomials at the samples of each channel (S, m, NODES)."""
+        L, before, f = self.nodes.polynomials, self.nodes.before, self.factors
+        scaled = (
+            L - f.rho[:, :, c, None] * before if coloured else L for c, coloured in enumerate(self.factors.coloured)
+        )
+        return [f.scale[:, :, c, None] * own for c, own in enumerate(scaled)]
+
+    @cached_property
+    def _innovations(self) -> np.ndarray:
+        """Products of the whitened polynomials (S, C, NODES, NODES)."""
+        return np.stack([transposed(own) @ own for own in self._whitened], axis=1)
+
+    @cached_property
+    def _right(self) -> np.ndarray:
+        """Products of the whitened polynomials and the innovations (S, C NODES)."""
+        each = [transposed(own) @ self.factors.right[:, :, c, None] for c, own in enumerate(self._whitened)]
+        return np.concatenate(each, axis=1)[..., 0]
+
+    @cached_property
+    def _halves(self) -> list[np.ndarray]:
+        """Products of the polynomials' slow and fast halves, zero for channels without ρ (S, C, NODES, NODES) each."""
+        if self.factors.white:
+            return []
+        L, before, f = self.nodes.polynomials, self.nodes.before, self.factors
+        out = []
+        for half, both in ((f.slow, L + before), (f.fast, L - before)):
+            rows = [one * half[:, :, c, None] * both for c, one in enumerate(f.coloured)]
+            out.append(np.stack([transposed(own) @ own for own in rows], axis=1))
+        return out
