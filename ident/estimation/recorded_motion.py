@@ -1,6 +1,7 @@
 """Motion of a recording: its own derivatives, or low-passed coordinates, at a chosen cut-off."""
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -36,6 +37,21 @@ def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
     )
 
 
+_CHOSEN = WeakKeyDictionary[Recording, dict[tuple[str, ...], float]]()
+
+
+def usual_cutoff(recording: Recording, joints: Sequence[str]) -> float:
+    """`chosen_cutoff` of the joints' coordinates, Hz, computed once for each recording.
+
+    Raises:
+        InputError: None can be chosen.
+    """
+    chosen, key = _CHOSEN.setdefault(recording, {}), tuple(joints)
+    if key not in chosen:
+        chosen[key] = chosen_cutoff(coordinates(recording, joints), recording.rate)
+    return chosen[key]
+
+
 def motion_cutoff(
     recording: Recording, joints: Sequence[str], cutoff: str | float | None, filters: bool
 ) -> float | None:
@@ -56,7 +72,7 @@ def motion_cutoff(
         if not joints:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
         try:
-            return chosen_cutoff(coordinates(recording, joints), recording.rate)
+            return usual_cutoff(recording, joints)
         except InputError:
             if filters:
                 raise

@@ -211,14 +211,15 @@ def total_wrench(
     """
     if np.ndim(q) != 2:
         raise InputError(f"The total wrench needs joint coordinates (N, n_q), got shape {np.shape(q)}.")
-    poses = tree.poses(q)
-    if not np.isfinite(poses).all():
+    if not np.isfinite(q).all():
         raise InputError("The total wrench needs finite joint states.")
-    _check(tree, len(poses), ground, contacts)
-    if base is not None and np.shape(base) != (len(poses), 4, 4):
-        raise InputError(f"{len(poses)} joint states need poses of a moving base, got shape {np.shape(base)}.")
+    _check(tree, len(q), ground, contacts)
+    if base is not None and np.shape(base) != (len(q), 4, 4):
+        raise InputError(f"{len(q)} joint states need poses of a moving base, got shape {np.shape(base)}.")
+    # Most wrenches are on the base.
+    poses = tree.poses(q) if contacts else np.zeros((len(q), 0, 4, 4))
     frame = np.eye(4) if ground is None else ground.pose
-    values = np.zeros((len(poses), 6)) if ground is None else ground.on_mechanism.copy()
+    values = np.zeros((len(q), 6)) if ground is None else ground.on_mechanism.copy()
     parts = [] if ground is None else [(np.eye(4), ground.covariance)]
     for contact in contacts:
         body = poses[:, tree.names.index(str(contact.body))]

@@ -17,9 +17,9 @@ from ident.errors import InputError
 from ident.estimation.equations import Equations
 from ident.estimation.part import Part, length
 from ident.estimation.preparation import Filtered, Prepared, filtered
-from ident.estimation.recorded_motion import coordinates
+from ident.estimation.recorded_motion import usual_cutoff
 from ident.estimation.samples import Samples
-from ident.recordings.smoothing import HIGHEST, chosen_cutoff, settling
+from ident.recordings.smoothing import HIGHEST, settling
 
 FACTORS = 0.25, 0.5, 1.0, 2.0, 4.0
 """Cut-offs to try, relative to that of residual analysis, which weighs noise of joint angles against distortion but
@@ -146,7 +146,7 @@ def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:
     """
     first = logs[0]
     try:
-        usual = chosen_cutoff(coordinates(first.recording, first.mechanism.joints), first.recording.rate)
+        usual = usual_cutoff(first.recording, first.mechanism.joints)
     except InputError:
         return [None]
     rates, shortest = [log.recording.rate for log in logs], min(len(log.samples) for log in logs)

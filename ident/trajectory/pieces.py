@@ -9,6 +9,7 @@ from scipy import ndimage
 from ident.errors import InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
+from ident.estimation.recorded_motion import usual_cutoff
 from ident.files.table import BASE
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording
@@ -38,7 +39,10 @@ AVERAGED = 0.05
 def knot_distance(recording: Recording, joints: tuple[str, ...], widest: float) -> float:
     """Knot spacing for the highest frequency of the motion, s, `widest` at most."""
     try:
-        highest = chosen_cutoff(coordinates(recording.without_streams, joints).values, recording.rate)
+        if recording.base is None:
+            highest = usual_cutoff(recording, joints)
+        else:
+            highest = chosen_cutoff(coordinates(recording.without_streams, joints).values, recording.rate)
     except InputError:
         return widest
     return float(np.clip(1 / (KNOTS * highest), 2 / recording.rate, widest))
