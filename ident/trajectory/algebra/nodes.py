@@ -81,15 +81,7 @@ class Nodes:
     @cached_property
     def polynomials(self) -> np.ndarray:
         """The nodes' polynomials at the samples, grouped by interval (S, m, NODES)."""
-        return self._at(self.at.time)
-
-    @cached_property
-    def before(self) -> np.ndarray:
-        """The same polynomials at the preceding samples, at most one sample before the interval (S, m, NODES)."""
-        return self._at(np.append(self.at.time[:1], self.at.time[:-1]))
-
-    def _at(self, time: np.ndarray) -> np.ndarray:
-        u = (time - self.spline.start) / self.spline.step - self.at.local.interval
+        u = (self.at.time - self.spline.start) / self.spline.step - self.at.local.interval
         return self.at.intervals.dealt(lagrange(u))
 
     def interpolated(self, values: np.ndarray) -> np.ndarray:
@@ -105,7 +97,7 @@ class Nodes:
 
 @dataclass(frozen=True, eq=False)
 class NodeRows:
-    """Rows of channels as `ChannelRows`, without slack, whose derivatives are given at nodes.
+    """Rows of channels as `ChannelRows`, with white noise and without slack, whose derivatives are given at nodes.
 
     Attributes:
         nodes: The nodes.
@@ -121,14 +113,16 @@ class NodeRows:
 
     def add_to(self, arrow: Arrow) -> None:
         """Adds the rows to normal equations."""
+        products, right = self._products
         for some in self._blocks():
             rows, width = self._rows(some), WINDOW * self.by_states.shape[-1]
             k, C, nodes, every = rows.shape
-            weighed = (self._innovations[some] @ rows).reshape(k, C * nodes, every)
-            arrow.add_products(some, rows.reshape(k, C * nodes, every), weighed, self._right[some], width)
+            weighed = (products[some] @ rows).reshape(k, C * nodes, every)
+            arrow.add_products(some, rows.reshape(k, C * nodes, every), weighed, right[some], width)
 
     def taken(self, posterior: Posterior) -> np.ndarray:
-        """Absorbed degrees of freedom of innovations and of their halves (3, C)."""
+        """Absorbed degrees of freedom of innovations, and zeros for their halves (3, C)."""
+        products, _ = self._products
         shares = np.zeros((3, self.by_theta.shape[2]))
         for some in self._blocks():
             J, T = np.split(self._rows(some), [WINDOW * self.by_states.shape[-1]], axis=-1)
@@ -138,9 +132,7 @@ class NodeRows:
             F = (T @ posterior.root).reshape(k, C * nodes, -1) - flat @ posterior.followed[some]
             F, K = (x.reshape(k, C, nodes, -1) for x in (F, flat @ posterior.inverse[some]))
             covariance = K @ transposed(J) + F @ transposed(F)
-            shares[0] += np.einsum("kcij,kcij->c", self._innovations[some], covariance)
-            for share, half in zip(shares[1:], self._halves, strict=False):
-                share += np.einsum("kcij,kcij->c", half[some], covariance)
+            shares[0] += np.einsum("kcij,kcij->c", products[some], covariance)
         return shares
 
     def _blocks(self) -> Iterator[slice]:
@@ -161,33 +153,9 @@ class NodeRows:
         return out
 
     @cached_property
-    def _whitened(self) -> list[np.ndarray]:
-        """Whitened polynomials at the samples of each channel (S, m, NODES)."""
-        L, before, f = self.nodes.polynomials, self.nodes.before, self.factors
-        scaled = (
-            L - f.rho[:, :, c, None] * before if coloured else L for c, coloured in enumerate(self.factors.coloured)
-        )
-        return [f.scale[:, :, c, None] * own for c, own in enumerate(scaled)]
-
-    @cached_property
-    def _innovations(self) -> np.ndarray:
-        """Products of the whitened polynomials (S, C, NODES, NODES)."""
-        return np.stack([transposed(own) @ own for own in self._whitened], axis=1)
-
-    @cached_property
-    def _right(self) -> np.ndarray:
-        """Products of the whitened polynomials and the innovations (S, C NODES)."""
-        each = [transposed(own) @ self.factors.right[:, :, c, None] for c, own in enumerate(self._whitened)]
-        return np.concatenate(each, axis=1)[..., 0]
-
-    @cached_property
-    def _halves(self) -> list[np.ndarray]:
-        """Products of the polynomials' slow and fast halves, zero for channels without ρ (S, C, NODES, NODES) each."""
-        if self.factors.white:
-            return []
-        L, before, f = self.nodes.polynomials, self.nodes.before, self.factors
-        out = []
-        for half, both in ((f.slow, L + before), (f.fast, L - before)):
-            rows = [one * half[:, :, c, None] * both for c, one in enumerate(f.coloured)]
-            out.append(np.stack([transposed(own) @ own for own in rows], axis=1))
-        return out
+    def _products(self) -> tuple[np.ndarray, np.ndarray]:
+        """Products of the weighted polynomials (S, C, NODES, NODES), and of these and the innovations (S, C NODES)."""
+        L, scale, right = self.nodes.polynomials, self.factors.scale, self.factors.right
+        weighted = [scale[:, :, c, None] * L for c in range(scale.shape[2])]
+        products = np.stack([transposed(own) @ own for own in weighted], axis=1)
+        return products, (transposed(L) @ (scale * right)).swapaxes(1, 2).reshape(len(L), -1)

@@ -74,7 +74,7 @@ def misfit(
     channels = []
     for own, when in clocks(measurement, piece, theta):
         local = piece.at_channels(when).local
-        if (nodes := _nodes(measurement, piece, when)) is None:
+        if (nodes := _nodes(measurement, piece, when, noise)) is None:
             predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
         else:
             x = nodes.local.combined(coefficients)
@@ -227,7 +227,7 @@ def _channel_rows(
     """Yields the rows and innovations of the channels on each clock; rows depend on all coordinates and free θ."""
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
         at = piece.at_channels(when)
-        nodes = _nodes(measurement, piece, when)
+        nodes = _nodes(measurement, piece, when, noise)
         x = (at if nodes is None else nodes).local.combined(coefficients)
         wrenches = piece.wrenches if nodes is None else no_wrenches(x)
         values, by_states, by_theta = measurement.derivatives(x[:3], wrenches, theta, columns)
@@ -253,9 +253,9 @@ def _channel_rows(
         yield ChannelEquations(own, when, nodes, rows, new, *by)
 
 
-def _nodes(measurement: Predictor, piece: Piece, when: np.ndarray) -> Nodes | None:
-    """Nodes at which to evaluate channels; None for every sample."""
-    return piece.nodes(when) if measurement.smooth else None
+def _nodes(measurement: Predictor, piece: Piece, when: np.ndarray, noise: Noise) -> Nodes | None:
+    """Nodes at which to evaluate channels; None for every sample, as correlated noise links those of two intervals."""
+    return piece.nodes(when) if measurement.smooth and not noise.channels_rho.any() else None
 
 
 def no_wrenches(states: np.ndarray) -> np.ndarray:
