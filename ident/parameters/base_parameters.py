@@ -24,6 +24,10 @@ from ident.parameters.independent_columns import (
 )
 from ident.parameters.sampled_structure import sampled_structure
 from ident.parameters.structure import Sensors, scaled_structure
+from ident.parameters.tree_elimination import Elimination, elimination
+
+LARGE = 40
+"""Number of bodies from which elimination along the tree takes less time than the whole matrix."""
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
@@ -155,11 +159,16 @@ def _of_structure(
     if mechanism.tree.followers:
         rows = sampled_structure(mechanism, sensors)
         return _of_regressor(rows, np.ones(rows.shape[1]), parameters, kept)
-    rows, units = scaled_structure(mechanism, sensors)
-    if rows.dtype != object:
+    structure, units = scaled_structure(mechanism, sensors)
+    if not structure.is_exact:
+        along = elimination(structure) if len(mechanism.tree.inertial) >= LARGE else None
+        if along and along.clear and kept is None and (made := along.coefficients) is not None:
+            return _of_elimination(along, made, units, parameters)
+        rows = structure.matrix
         if not rows.any():
             raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
-        return _of_regressor(rows, units, parameters, kept)
+        return _of_regressor(rows, units, parameters, kept, along)
+    rows = structure.matrix
     if kept is not None:
         raise InputError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
     reduced, chosen = reduced_rows(rows)
@@ -169,23 +178,26 @@ def _of_structure(
 
 
 def _of_regressor(
-    Y: np.ndarray, units: np.ndarray, parameters: Sequence[str] | None, kept: Sequence[str] | None
+    Y: np.ndarray,
+    units: np.ndarray,
+    parameters: Sequence[str] | None,
+    kept: Sequence[str] | None,
+    along: Elimination | None = None,
 ) -> BaseParameters:
-    """Regrouping of a regressor's columns (…, P), whose parameters are in the given units (P,)."""
+    """Regrouping of a regressor's columns (…, P), whose parameters are in the given units (P,).
+
+    The rank is that of an elimination of the same columns, if there is one and it is clear.
+    """
     columns = Y.reshape(-1, Y.shape[-1])
     if not np.isfinite(columns).all() or not columns.any():
         raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
-    names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
-    if columns.shape[1] != len(names):
-        raise InputError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")
+    names = _names(parameters, columns.shape[1])
     unit, norms = unit_columns(columns)
-    s = np.linalg.svd(unit, compute_uv=False)
-    rank = numerical_rank(s)
-    gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
+    rank, gap = (len(along.kept), (along.least, 0.0)) if along and along.clear else _rank(unit)
     chosen, passed = first_independent(unit, rank, gap[1])
     if kept is not None:
         chosen, passed = basis(kept, names, unit, chosen), []
-    others = [k for k in range(len(names)) if k not in chosen]
+    others = np.setdiff1d(np.arange(len(names)), chosen).tolist()
     scaled = coefficients(unit[:, chosen], unit[:, others])
     missed = (abs(unit[:, others] - unit[:, chosen] @ scaled) * norms[others]).max(initial=0) / norms.max()
     if missed > WRONG + 10 * gap[1]:
@@ -193,9 +205,38 @@ def _of_regressor(
             f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
             f"the others only to {missed:.0e} of the largest column, which is no regrouping."
         )
-    in_si = norms * units
-    beta = scaled * in_si[others] / in_si[chosen][:, None]
+    beta = _in_si(scaled, norms * units, chosen, others)
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
+
+
+def _rank(unit: np.ndarray) -> tuple[int, tuple[float, float]]:
+    """Rank of unit columns, and the singular values on both sides of it."""
+    s = np.linalg.svd(unit, compute_uv=False)
+    rank = numerical_rank(s)
+    return rank, (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
+
+
+def _of_elimination(
+    along: Elimination, made: np.ndarray, units: np.ndarray, parameters: Sequence[str] | None
+) -> BaseParameters:
+    """Regrouping of a mechanism eliminated along its tree, whose parameters are in the given units (P,)."""
+    names = _names(parameters, len(units))
+    chosen, others = along.kept.tolist(), along.others.tolist()
+    beta = _in_si(made, along.norms * units, chosen, others)
+    return BaseParameters(names, tuple(chosen), tuple(others), beta, (along.least, 0.0))
+
+
+def _names(parameters: Sequence[str] | None, columns: int) -> tuple[str, ...]:
+    """Names of a number of columns, the given ones or those of bodies' parameters."""
+    names = tuple(parameter_names(columns // 10) if parameters is None else parameters)
+    if columns != len(names):
+        raise InputError(f"A regressor of {columns} columns needs as many names, got {len(names)}.")
+    return names
+
+
+def _in_si(scaled: np.ndarray, sizes: np.ndarray, kept: Sequence[int], others: Sequence[int]) -> np.ndarray:
+    """Coefficients of columns (r, P - r) from those of unit-norm columns, which the sizes (P,) multiply."""
+    return scaled * sizes[list(others)] / sizes[list(kept)][:, None]
 
 
 def structural_base_parameters(

@@ -58,6 +58,32 @@ class Sensors:
             object.__setattr__(self, "channels", tuple(map(tuple, rows.tolist())))
 
 
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Rows on composite bodies that vanish exactly for parameters without effect.
+
+    Attributes:
+        tree: The tree, with one axis for each joint.
+        rows: Rows on the constant part of the composite of {0} and of every body, by index (k, 10).
+        transfers: Constant part of the transform of φ from each body to its parent (10, 10).
+    """
+
+    tree: Tree
+    rows: dict[int, np.ndarray]
+    transfers: list[np.ndarray]
+
+    @property
+    def is_exact(self) -> bool:
+        """True if its numbers are exact (dtype object)."""
+        return any(x.dtype == object for x in (*self.rows.values(), *self.transfers))
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """All rows as rows on φ, those of {0} first (rows, 10 b)."""
+        composite = _composites(self.tree, self.transfers)
+        return np.vstack([rows @ composite[i] for i, rows in self.rows.items()])
+
+
 def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np.ndarray:
     """Rows that span the rows of the sensors' regressor over all states.
 
@@ -71,6 +97,11 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
     Raises:
         ModelError: No body has parameters.
     """
+    return structure(mechanism, sensors).matrix
+
+
+def structure(mechanism: Mechanism, sensors: Sensors | None = None) -> Structure:
+    """Rows on the composite bodies of a mechanism, arguments and errors as for `structure_matrix`."""
     sensors = sensors or Sensors()
     if not mechanism.bodies:
         raise ModelError("A mechanism of massless bodies has no parameters.")
@@ -78,7 +109,6 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
     weight = np.concatenate([-mechanism.gravity, np.zeros(3, dtype=int)])[None]
     moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
     transfers = [_transfer(body) for body in tree.bodies]
-    composite = _composites(tree, [constant for constant, _ in transfers])
 
     # For {0} and every body: rows on its composite, its possible twists, accelerations of gravity, and the directions
     # in which the base wrench is measured, which transform as twists do.
@@ -86,7 +116,7 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
     rows, twists, weights, directions = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}, {BASE: measured}
     # Joint torques depend on the change of the energy of the base's motion with posture, but not on that energy itself.
     energy = {BASE: np.eye(10 if sensors.moving_base and sensors.joint_torques else 0, 10, dtype=int)}
-    constraints = [rows[BASE] @ composite[BASE]]
+    constraints = {BASE: rows[BASE]}
     for i, body in enumerate(tree.bodies):
         constant, varying = transfers[i]
         twists[i] = _span([_carried(twists[body.parent], body), body.motions.T], 6)
@@ -97,14 +127,13 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
         if body.moves:
             fresh.append(directions[i] @ momentum_regressor(body.twist))
             fresh += _torque_rows(body.twist, twists[i], weights[i]) if sensors.joint_torques else []
-        required = _span(fresh, 10)
-        constraints.append(required @ composite[i])
-        rows[i] = _span([required, rows[body.parent] @ constant], 10)
-    return np.vstack(constraints)
+        constraints[i] = _span(fresh, 10)
+        rows[i] = _span([constraints[i], rows[body.parent] @ constant], 10)
+    return Structure(tree, constraints, [constant for constant, _ in transfers])
 
 
-def scaled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """`structure_matrix` with a mechanism's longest length as unit if it is above 1 m.
+def scaled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> tuple[Structure, np.ndarray]:
+    """`structure` with a mechanism's longest length as unit if it is above 1 m.
 
     Otherwise the squares of large lengths, as in models in millimetres, would hide smaller entries.
 
@@ -113,13 +142,13 @@ def scaled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> tu
         sensors: The measurements; by default the base wrench of a base at rest.
 
     Returns:
-        The matrix (rows, 10 b), and the factors of its columns for parameters in SI units (10 b,).
+        The structure, and the factors of the columns of its matrix for parameters in SI units (10 b,).
     """
     sensors, length = sensors or Sensors(), _longest(mechanism.tree)
     if sensors.channels is not None:
         sensors = replace(sensors, channels=np.array(sensors.channels) * [*3 * [1], *3 * [length]])
-    rows = structure_matrix(Mechanism(_shrunk(mechanism.tree, length), mechanism.gravity), sensors)
-    return rows, np.resize([1, *3 * [1 / length], *6 * [1 / length**2]], rows.shape[1])
+    scaled = structure(Mechanism(_shrunk(mechanism.tree, length), mechanism.gravity), sensors)
+    return scaled, np.resize([1, *3 * [1 / length], *6 * [1 / length**2]], 10 * len(scaled.tree.inertial))
 
 
 def _longest(tree: Tree) -> float:

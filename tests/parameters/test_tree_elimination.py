@@ -1,0 +1,117 @@
+"""Elimination along the tree against the whole matrix, and exchanges of columns against the plain way."""
+
+import numpy as np
+import pytest
+from mechanisms import GRAVITY, random_states, random_tree, regrouping_error
+from regroupings import tree_of_any_kind
+from scipy import linalg
+
+from experiments.benchmark.mechanisms import chain, in_general_position
+from ident.errors import InputError
+from ident.mechanism.mechanism import Mechanism
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters import base_parameters, independent_columns
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.independent_columns import DEPENDENT
+from ident.parameters.structure import Sensors, Structure, scaled_structure
+from ident.parameters.tree_elimination import elimination
+
+SENSORS = (
+    Sensors(),
+    Sensors(False, True),
+    Sensors(True, True),
+    Sensors(moving_base=True),
+    Sensors(False, True, True),
+    Sensors(channels=np.eye(6)[[0, 1, 5]]),
+    Sensors(channels=np.eye(6)[[2]], moving_base=True),
+)
+
+
+def both_ways(monkeypatch, tree, gravity, sensors):
+    """Regroupings along the tree and by the whole matrix; None if no parameter has an effect."""
+    out = []
+    for large in (1, np.inf):
+        monkeypatch.setattr(base_parameters, "LARGE", large)
+        try:
+            out.append(find_base_parameters(tree, gravity=gravity, sensors=sensors))
+        except InputError as error:
+            assert "see no parameter" in str(error)
+            out.append(None)
+    return out
+
+
+def check_equal(along, whole):
+    if whole is None:
+        assert along is None
+        return
+    assert (along.kept, along.dependent, along.passed_over) == (whole.kept, whole.dependent, whole.passed_over)
+    np.testing.assert_allclose(along.beta, whole.beta, rtol=0, atol=1e-9 * max(1, abs(whole.beta).max(initial=0)))
+    assert not (along.beta[whole.beta == 0]).any()
+    assert along.gap[0] == pytest.approx(whole.gap[0], rel=1e-8)
+    assert along.gap[1] < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(28))
+def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
+    _, tree, gravity = tree_of_any_kind(seed, 2 + seed // 2)
+    check_equal(*both_ways(monkeypatch, tree, gravity, SENSORS[seed % len(SENSORS)]))
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_bodies_on_massless_links_that_branch_share_rows(seed, monkeypatch):
+    tree = random_tree(np.random.default_rng(seed), 10, massless=0.5)
+    check_equal(*both_ways(monkeypatch, tree, GRAVITY, SENSORS[seed % len(SENSORS)]))
+
+
+def test_an_aligned_chain_never_needs_the_whole_matrix(monkeypatch):
+    tree = chain(60)
+    expected = both_ways(monkeypatch, tree, GRAVITY, None)[1]
+    monkeypatch.undo()
+    monkeypatch.setattr(Structure, "matrix", property(lambda structure: pytest.fail("The whole matrix was made.")))
+    base = find_base_parameters(tree, gravity=GRAVITY)
+    check_equal(base, expected)
+    monkeypatch.undo()
+    Y = base_wrench_regressor(tree, *random_states(np.random.default_rng(0), tree, 20), gravity=GRAVITY)
+    assert regrouping_error(base, Y) <= 1e-12
+
+
+def test_rank_and_singular_value_of_a_chain_in_general_position_are_known_without_its_matrix():
+    structure, _ = scaled_structure(Mechanism(in_general_position(chain(45)), GRAVITY))
+    along = elimination(structure)
+    unit, norms = independent_columns.unit_columns(structure.matrix)
+    s = np.linalg.svd(unit, compute_uv=False)
+    assert along.clear and along.coefficients is None
+    assert len(along.kept) == independent_columns.numerical_rank(s)
+    assert along.least == pytest.approx(s[len(along.kept) - 1], rel=1e-9)
+    np.testing.assert_allclose(along.norms, norms, rtol=1e-12)
+
+
+def plainly_exchanged(order, made, largest):
+    """Kept columns and those passed over, by exchanges in the coefficients of all columns (r, P)."""
+    kept, passed = order.copy(), []
+    for j in range(made.shape[1]):
+        share = np.where(kept > j, abs(made[:, j]), 0)
+        i = int(share.argmax())
+        if j in kept or share[i] <= DEPENDENT:
+            continue
+        row = made[i] / made[i, j]
+        after = made - np.outer(made[:, j], row)
+        after[i] = row
+        if abs(after).max() <= largest:
+            made, kept[i] = after, j
+        else:
+            passed.append(j)
+    return sorted(kept.tolist()), passed
+
+
+@pytest.mark.parametrize("largest", [1.5, 10, 1e3])
+def test_exchanges_within_a_bound_equal_the_plain_way(largest, monkeypatch):
+    monkeypatch.setattr(independent_columns, "COEFFICIENTS", (largest, largest))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        columns = rng.normal(size=(30, 12)) @ (rng.normal(size=(12, 30)) * rng.uniform(0, 1, size=(12, 30)) ** 3)
+        unit = columns / np.linalg.norm(columns, axis=0)
+        triangle, order = linalg.qr(unit, mode="r", pivoting=True)
+        made = np.empty((12, 30))
+        made[:, order] = linalg.solve_triangular(triangle[:12, :12], triangle[:12])
+        assert independent_columns.first_independent(unit, 12, 0.0) == plainly_exchanged(order[:12], made, largest)
