@@ -29,11 +29,35 @@ from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
 from ident.files import npz
 from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log_pieces
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, Sensor
 from ident.regression.ordinary import PIECE, huber_white, solve
 from sim.models.mechanism import mechanism
+
+
+@dataclass(eq=False)
+class Overview:
+    """What one pass over recordings shows of their channels.
+
+    Attributes:
+        statistics: Statistics of the channels.
+        notes: Sentences on the files.
+    """
+
+    statistics: Statistics
+    notes: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, tree: Tree) -> "Overview":
+        """Overview before the first sample, errors as for `Statistics.of`."""
+        return cls(Statistics.of(tree))
+
+    def add(self, recording: Recording, total: np.ndarray) -> None:
+        """Adds a piece and its total wrench (N, 6)."""
+        self.statistics.add(recording, total)
+        self.notes.extend(note for note in recording.notes if note not in self.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +72,6 @@ class Reading:
         sensors: Sensors of the wrenches besides the ground's, by name.
         without: Names of wrenches to leave out.
         limit: Bytes that a piece of an npz file may take in memory.
-        statistics: Statistics of the channels.
-        notes: Sentences on the files; more are appended.
     """
 
     equations: Equations
@@ -59,15 +81,21 @@ class Reading:
     sensors: Mapping[str, Sensor]
     without: Sequence[str]
     limit: int
-    statistics: Statistics
-    notes: list[str] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Samples]:
-        """Yields pieces of all files, checked against the mechanism.
+        """Yields pieces of all files, checked against the mechanism, errors as for `viewed`."""
+        return self._pieces(None)
+
+    def viewed(self, overview: Overview) -> Iterator[Samples]:
+        """Yields pieces of all files, checked against the mechanism, and adds each to an overview.
 
         Raises:
             LogError: A file is not a recording of this mechanism.
         """
+        return self._pieces(overview)
+
+    def _pieces(self, overview: Overview | None) -> Iterator[Samples]:
+        samples = partial(self._samples, Statistics.of(self.equations.mechanism.tree), overview)
         for file in self.files:
             try:
                 if self.columns is None:
@@ -76,13 +104,14 @@ class Reading:
                     recordings = read_log_pieces(
                         file, self.equations.mechanism, self.columns, self.piece, limit=self.limit
                     )
-                yield from pieces(map(self._samples, recordings), self.equations)
+                yield from pieces(map(samples, recordings), self.equations)
             except InputError as error:
                 if isinstance(error, LogError) and error.file == file:
                     raise
                 raise LogError(f"{file}: {error}", file) from None
 
-    def _samples(self, recording: Recording) -> Samples:
+    def _samples(self, empty: Statistics, overview: Overview | None, recording: Recording) -> Samples:
+        """Samples of a piece, checked by statistics and added to an overview."""
         tree, recording = self.equations.mechanism.tree, recording.with_sensors(self.sensors)
         ground = {GROUND} if recording.is_held(tree) else set[str]()
         names = sorted({*ground, *self.sensors, *recording.wrenches}.difference(self.without))
@@ -102,18 +131,19 @@ class Reading:
             raise LogError(
                 "the base moves, and its poses take a filter over all of the log: `multicontact identify` has one"
             )
-        self.statistics.check(recording, names)
+        empty.check(recording, names)
         total = recording.total_wrench(tree, self.without).in_base
         if np.isnan(total).any():
             raise LogError("the ground's wrench needs all six components here; `multicontact identify` takes fewer.")
-        self.statistics.add(recording, total)
-        self.notes.extend(note for note in recording.notes if note not in self.notes)
+        if overview is not None:
+            overview.add(recording, total)
         return Samples(Motion(*recording.joint_states(tree.joints)), total)
 
 
 def accumulated(
     progress: Progress,
     reading: Reading,
+    overview: Overview,
     *,
     executor: Executor,
     ahead: int | None = None,
@@ -123,6 +153,7 @@ def accumulated(
     Args:
         progress: The progress so far.
         reading: The recordings.
+        overview: Overview, to which every piece is added.
         executor: Executor for the pieces.
         ahead: Number of pieces to submit ahead, as for `in_order`.
 
@@ -133,7 +164,7 @@ def accumulated(
     work = partial(accumulate, reading.equations)
     saved = time.monotonic()
     try:
-        with closing(in_order(executor, work, islice(reading, start, None), ahead=ahead)) as parts:
+        with closing(in_order(executor, work, islice(reading.viewed(overview), start, None), ahead=ahead)) as parts:
             for part in tqdm(parts, desc="Pieces", initial=start, file=sys.stderr):
                 progress = progress.and_piece(part)
                 if time.monotonic() - saved > SAVE_EVERY:
@@ -185,9 +216,10 @@ def reading(
         raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
     arm = mechanism(model, base, ignore=ignore, fix=fix, packages=packages)
     sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in contact}
-    statistics, equations = Statistics.of(arm.tree), Equations.of_wrench(arm)
+    Statistics.of(arm.tree)  # Refuses what one pass does not support.
+    equations = Equations.of_wrench(arm)
     equations = with_offsets(equations) if offsets else equations
-    return Reading(equations, recordings, columns, piece or PIECE, sensors, without, limit, statistics)
+    return Reading(equations, recordings, columns, piece or PIECE, sensors, without, limit)
 
 
 def identity(
@@ -215,17 +247,19 @@ def streamed(progress: Progress, reading: Reading, pool: WorkerPool, held_out: P
     Raises:
         LogError: A piece does not fit; the pieces done before are in the file.
     """
-    whole = accumulated(progress, reading, executor=pool.executor, ahead=pool.ahead)
+    overview = Overview.of(reading.equations.mechanism.tree)
+    whole = accumulated(progress, reading, overview, executor=pool.executor, ahead=pool.ahead)
     fitted, equations = separated(whole, reading.equations)
     first = solve(fitted, equations)
-    other = None if held_out is None else _held_out(held_out, reading, equations, pool)
-    judgement = judged(Passed(reading.statistics, fitted), first, other)
-    return Streamed(huber_white(first, reading, steady=True), judgement, reading.notes)
+    other = None if held_out is None else _held_out(held_out, reading, equations, pool, overview.notes)
+    judgement = judged(Passed(overview.statistics, fitted), first, other)
+    return Streamed(huber_white(first, reading, steady=True), judgement, overview.notes)
 
 
-def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool) -> Passed:
-    """One pass over another recording."""
-    other = replace(reading, files=[file], equations=equations, statistics=Statistics.of(equations.mechanism.tree))
-    parts = in_order(pool.executor, partial(accumulate, equations), other, ahead=pool.ahead)
+def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool, notes: list[str]) -> Passed:
+    """One pass over another recording, whose notes join those given."""
+    other = replace(reading, files=[file], equations=equations)
+    overview = Overview(Statistics.of(equations.mechanism.tree), notes)
+    parts = in_order(pool.executor, partial(accumulate, equations), other.viewed(overview), ahead=pool.ahead)
     with closing(parts):
-        return Passed(other.statistics, reduce(add, parts))
+        return Passed(overview.statistics, reduce(add, parts))

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.estimation.equations import Equations
+from ident.estimation.noise import Grams, remembered_grams
 from ident.estimation.samples import Samples
 from ident.model import compiled
 from ident.model.regressor import CHUNK, program_inputs
@@ -32,11 +33,14 @@ class Chunk(NamedTuple):
         samples: Number of samples n.
         rows: Function of k that returns the rows of every k-th sample, columns `[Y_b | Γ]` in order (r + 1, C, n).
         grams: Function of an upper triangular factor that returns Gram matrices in its coordinates (C, r + 1, r + 1).
+        remembered: Function of ρ and last z of each channel, which it overwrites, that returns the Gram matrices of the
+            columns `noise.remembered` (C, r + 1, r + 1).
     """
 
     samples: int
     rows: Callable[[int], np.ndarray]
     grams: Callable[[np.ndarray], np.ndarray]
+    remembered: Grams
 
 
 def chunks(equations: Equations, samples: Samples, factors: np.ndarray | None) -> Iterator[Chunk]:
@@ -54,7 +58,8 @@ def chunks(equations: Equations, samples: Samples, factors: np.ndarray | None) -
     if samples.covariance is not None:
         first = (0,) * len(first)  # Whitening mixes the channels.
     for rows in equations.rows(samples, factors, order=order):
-        yield Chunk(rows.shape[2], partial(_every, rows), partial(_grams, rows, first))
+        remembered = partial(remembered_grams, rows, first=first)
+        yield Chunk(rows.shape[2], partial(_every, rows), partial(_grams, rows, first), remembered)
 
 
 def _every(rows: np.ndarray, step: int) -> np.ndarray:
@@ -90,7 +95,33 @@ def _compiled_chunks(
             changed = changing(triangle)
             return program.encoded.grams(numbers, inputs, memory, part.measured, weights, triangle, changed, first)
 
-        yield Chunk(len(part), rows, grams)
+        def remembered(decay: np.ndarray, last: np.ndarray, part: Samples = part) -> np.ndarray:
+            if len(part) < compiled.BLOCK:
+                return remembered_grams(rows(1, part, None), decay, last, first)
+            inputs, unchanged = program_inputs(part.motion, equations.mechanism.gravity), np.eye(len(order))
+            none = np.zeros(0, int)
+            return program.encoded.grams(
+                numbers, inputs, memory, part.measured, None, unchanged, none, first, (decay, last)
+            )
+
+        yield Chunk(len(part), rows, grams, remembered)
+
+
+def remembered_sums(equations: Equations, samples: Samples, decay: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Gram matrices of all samples' `noise.remembered` columns (C, m, m).
+
+    Args:
+        equations: Equations of m columns and C channels.
+        samples: Checked samples.
+        decay: ρ of each channel's noise (C,).
+        left: z of each channel at the sample before the first; overwritten by that of the last one (C, m).
+    """
+    order, _ = equations.order(samples)
+    place = np.argsort(order)[:-1]
+    last = np.column_stack([left, np.zeros(len(left))])[:, order]
+    total = sum(chunk.remembered(decay, last) for chunk in chunks(equations, samples, None))
+    left[:] = last[:, place]
+    return np.asarray(total)[:, place[:, None], place]
 
 
 def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray) -> np.ndarray:

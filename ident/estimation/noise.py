@@ -1,9 +1,12 @@
 """Noise that is correlated over time, and its effect on the covariance of a fit."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
-from scipy import linalg
+from scipy.signal import lfilter
+
+Grams = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Function of ρ and last z that returns Gram matrices, see `Sandwich.add_sums`."""
 
 STRETCH = 1.2
 """Assumed ratio of the noise's correlation time to that of the residuals."""
@@ -13,6 +16,10 @@ CHANCE = 2.0
 
 LEAST_LEFT = 0.3
 """Least share of the noise's variance that is assumed to remain in the residuals."""
+
+
+DIRECT = 32
+"""Lags up to which autocorrelations are sums of products, which take less time than a spectrum."""
 
 
 def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np.ndarray]:
@@ -35,15 +42,27 @@ def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np
 
 def _decay(x: np.ndarray) -> float:
     """ρ with the same sum of autocorrelations as a residual, its correlation time stretched by `STRETCH`."""
-    covariance = autocovariance(x)
-    if covariance[0] == 0:
+    if not x.any():
         return 0.0
-    correlation = covariance / covariance[0]
-    lag = int(np.argmax(correlation < 1 / np.e))
     # Later lags are mostly chance: they are replaced by an exponential.
+    correlation = _correlation(x)
+    lag = len(correlation) - 1
     here = correlation[lag] if correlation[lag] > CHANCE / np.sqrt(len(x)) else 0.0
     total = correlation[1:lag].sum() + here / (1 - here ** (1 / lag))
     return float((total / (1 + total)) ** (1 / STRETCH))
+
+
+def _correlation(x: np.ndarray) -> np.ndarray:
+    """Autocorrelations of a signal other than zero, up to the first below 1/e."""
+    correlation, square = [1.0], float(x @ x)
+    while correlation[-1] >= 1 / np.e and len(correlation) <= DIRECT:
+        lag = len(correlation)
+        correlation.append(float(x[lag:] @ x[:-lag]) / square)
+    if correlation[-1] < 1 / np.e:
+        return np.array(correlation)
+    covariance = autocovariance(x)
+    every = covariance / covariance[0]
+    return np.asarray(every[: np.argmax(every < 1 / np.e) + 1])
 
 
 def autocovariance(x: np.ndarray) -> np.ndarray:
@@ -65,10 +84,25 @@ def remembered(rows: np.ndarray, decay: float, before: np.ndarray) -> np.ndarray
     Returns:
         z (k, N).
     """
-    y, band = rows.T.copy(), np.ones((2, rows.shape[1]))
-    y[0] += decay * before
-    band[1] = -decay
-    return np.asarray(linalg.lapack.dtbtrs(band, y, uplo="L")[0].T)
+    return np.asarray(lfilter([1.0], [1.0, -decay], rows, zi=decay * before[:, None])[0])
+
+
+def remembered_grams(
+    rows: np.ndarray, decay: np.ndarray, last: np.ndarray, first: Iterable[int] | None = None
+) -> np.ndarray:
+    """Gram matrices of the `remembered` columns of each channel (C, k, k).
+
+    Args:
+        rows: Columns first (k, C, n).
+        decay: ρ of each channel's noise (C,).
+        last: z of each channel at the sample before the first; overwritten by that of the last one (C, k).
+        first: First column that is not zero in each channel, by default 0 (C,).
+    """
+    out = np.zeros((len(decay), len(rows), len(rows)))
+    for c, start in enumerate([0] * len(decay) if first is None else first):
+        z = remembered(rows[start:, c], decay[c], last[c, start:])
+        last[c, start:], out[c, start:, start:] = z[:, -1], z @ z.T
+    return out
 
 
 class Sandwich:
@@ -92,21 +126,32 @@ class Sandwich:
             pull: Contribution of each residual to the normal equations, for least squares the residual itself (C, N).
             taken: Mean number of parameters determined by a channel's samples.
         """
+        if self._steady:
+            return self.add_sums(lambda decay, left: sum(remembered_grams(x, decay, left) for x in chunks), pull, taken)
         decay, size = innovations(pull, taken)
-        variance = (size**2).mean(axis=1)
         first = 0
         for rows in chunks:
             z = [remembered(rows[:, c], rho, y) for c, (rho, y) in enumerate(zip(decay, self._left, strict=True))]
             self._left = np.array([each[:, -1] for each in z])
             last = first + rows.shape[2]
-            if self._steady:
-                self._middle += sum(s * each @ each.T for s, each in zip(variance, z, strict=True))
-            else:
-                # Contribution of each sample to the gradient.
-                pulls = sum(each * u[first:last] for each, u in zip(z, size, strict=True))
-                self._middle += pulls @ pulls.T
+            # Contribution of each sample to the gradient.
+            pulls = sum(each * u[first:last] for each, u in zip(z, size, strict=True))
+            self._middle += pulls @ pulls.T
             first = last
-        self._tail = variance * decay**2 / (1 - decay**2) if self._steady else 0 * decay
+        return self
+
+    def add_sums(self, grams: Grams, pull: np.ndarray, taken: float) -> "Sandwich":
+        """Adds the next part to a steady one.
+
+        Args:
+            grams: Function of each channel's ρ and its last z (C, m), which it overwrites, that returns the Gram
+                matrices of the part's `remembered` columns (C, m, m).
+            pull: As for `add`, also `taken`.
+        """
+        decay, size = innovations(pull, taken)
+        variance = (size**2).mean(axis=1)
+        self._middle += np.tensordot(variance, grams(decay, self._left), axes=1)
+        self._tail = variance * decay**2 / (1 - decay**2)
         return self
 
     @property

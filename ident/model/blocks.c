@@ -9,7 +9,7 @@
 #include <string.h>
 
 /* Increased with every change of the interface; `ident.model.compiled` does not use other versions. */
-const int32_t interface_version = 5;
+const int32_t interface_version = 6;
 
 /* Samples of a block: few enough for intermediate results to stay in the cache, enough to amortize each operation. */
 enum { BLOCK = 64 };

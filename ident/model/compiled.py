@@ -21,7 +21,7 @@ from ident.model.steps import Instruction, steps
 VARIABLE = "MULTICONTACT_COMPILED"
 """Environment variable that switches compiled code off."""
 
-VERSION = 5
+VERSION = 6
 """Version of the interface, as in `blocks.c`."""
 
 BLOCK, COLUMN, TILE = 64, 136, 4
@@ -102,6 +102,7 @@ class Encoded:
         inverse: np.ndarray,
         changed: np.ndarray,
         first: Sequence[int],
+        memory: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> np.ndarray:
         """Gram matrices of columns, times a triangular matrix; the program computes the first columns.
 
@@ -113,6 +114,8 @@ class Encoded:
             inverse: Upper triangular matrix (k, k).
             changed: Indices of the columns that it changes.
             first: Index of the first nonzero column of each channel (C,).
+            memory: Share ρ of each channel's sample before that is added to each, `z_n = x_n + ρ z_n-1` (C,), and z
+                before the first sample, overwritten by that of the last one (C, k).
 
         Returns:
             Gram matrix of each channel (C, k, k).
@@ -123,16 +126,21 @@ class Encoded:
         starts, changed = np.array(first, np.int64) // TILE * TILE, changed.astype(np.int64)
         whole = -(-k // TILE) * TILE
         sums = np.empty((channels, whole, whole))
+        decay, last = (None, None) if memory is None else (memory[0].astype(float), np.zeros((channels, whole)))
+        if memory is not None and last is not None:
+            last[:, :k] = memory[1]
         _call(
             "grams",
             self._with(numbers),
             numbers.ctypes.data,
             *_rows(inputs),
             measured.ctypes.data,
-            None if weights is None else weights.ctypes.data,
+            *(None if x is None else x.ctypes.data for x in (weights, decay, last)),
             *(samples, channels, k, inverse.ctypes.data, changed.ctypes.data, len(changed), starts.ctypes.data),
             *(rows.ctypes.data, sums.ctypes.data),
         )
+        if memory is not None and last is not None:
+            memory[1][:] = last[:, :k]
         return sums[:, :k, :k]
 
     def _with(self, numbers: np.ndarray) -> "_Program":
@@ -187,5 +195,5 @@ def _library() -> CDLL | None:
     for bits in (width for width in WIDTHS if width <= library.widest()):
         run, grams = (getattr(library, f"{name}_{bits}") for name in ("run", "grams"))
         run.argtypes = program, address, *rows, *rows, number
-        grams.argtypes = program, address, *rows, *(address,) * 2, *(number,) * 3, address, *rows, *(address,) * 3
+        grams.argtypes = program, address, *rows, *(address,) * 4, *(number,) * 3, address, *rows, *(address,) * 3
     return library

@@ -148,6 +148,18 @@ INLINE void OWN(add_products)(const double *const *columns, int64_t first, int64
             OWN(add_tile)(columns + j, columns + i, k, sums + j * k + i);
 }
 
+/* z_n = x_n + decay z_n-1 for TILE columns x, from their last z of the group before; those of weight zero are left out. */
+INLINE void OWN(remember)(const double *const *x, double decay, const double *weight, double *last, double *out) {
+    double z[TILE];
+    memcpy(z, last, sizeof z);
+    for (int s = 0; s < GROUP; s++)
+        for (int r = 0; r < TILE; r++) {
+            z[r] = weight[s] != 0 ? x[r][s] + decay * z[r] : z[r];
+            out[r * COLUMN + s] = weight[s] * z[r];
+        }
+    memcpy(last, z, sizeof z);
+}
+
 /* Copies the lower triangle of a symmetric matrix (k, k) to the upper one. */
 INLINE void OWN(mirror)(double *matrix, int64_t k) {
     for (int64_t j = 0; j < k; j++)
@@ -161,13 +173,16 @@ INLINE void OWN(mirror)(double *matrix, int64_t k) {
  * padded with zeros to K columns, a multiple of TILE.
  *
  * measured, weights: numbers of each sample and channel (n, C); weights may be missing.
+ * decay: for each channel, the share of the sample before that is added to each (see remember), if it is not missing;
+ * last: then the columns of the sample before the first (C, K), which become those of the last one.
  * inverse: upper triangular (k, k), by which columns are multiplied; changed: the columns that it changes.
  * first: for each channel, a multiple of TILE before which all columns are zero.
  * rows: columns of a group (k, C, COLUMN), with the constant ones written.
  * sums: Gram matrices (C, K, K).
  */
 TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
-                          const double *measured, const double *weights, int64_t n, int64_t C, int64_t k,
+                          const double *measured, const double *weights, const double *decay,
+                          double *last, int64_t n, int64_t C, int64_t k,
                           const double *inverse, const int64_t *changed, int64_t changes, const int64_t *first,
                           double *rows, double *sums) {
     const int64_t K = (k + TILE - 1) / TILE * TILE, numbers_of_work = blocks(p) * BLOCK + K * COLUMN;
@@ -180,7 +195,7 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
     memset(work, 0, K * COLUMN * sizeof *work);
     OWN(furnish)(p, numbers, at, room);
     for (int64_t j = k; j < K; j++) columns[j] = work + j * COLUMN;
-    double *last = rows + (k - 1) * C * COLUMN;
+    double *of_measured = rows + (k - 1) * C * COLUMN;
     for (int64_t group = 0; group < n; group += GROUP) {
         double weight[GROUP] = {0};
         int64_t sample[GROUP] = {0};
@@ -191,7 +206,7 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
             for (int s = 0; s < BLOCK; s++) {
                 sample[b + s] = begin + s;
                 weight[b + s] = begin + s < group + b ? 0 : 1;
-                for (int64_t c = 0; c < C; c++) last[c * COLUMN + b + s] = measured[(begin + s) * C + c];
+                for (int64_t c = 0; c < C; c++) of_measured[c * COLUMN + b + s] = measured[(begin + s) * C + c];
             }
         }
         for (int64_t c = 0; c < C; c++) {
@@ -209,6 +224,11 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
                     for (int s = 0; s < GROUP; s++)
                         out[s] = columns[j][s] * weight[s] * (weights ? weights[sample[s] * C + c] : 1);
                     columns[j] = out;
+                }
+            if (decay)
+                for (int64_t j = first[c]; j < K; j += TILE) {
+                    OWN(remember)(columns + j, decay[c], weight, last + c * K + j, work + j * COLUMN);
+                    for (int r = 0; r < TILE; r++) columns[j + r] = work + (j + r) * COLUMN;
                 }
             OWN(add_products)(columns, first[c], K, sums + c * K * K);
         }

@@ -16,7 +16,7 @@ from scipy.linalg import lapack
 
 from ident.errors import InputError
 from ident.estimation.accumulator import PROBE, Accumulator, accumulate_checked, square_root, triangle_of
-from ident.estimation.chunks import inverse_of
+from ident.estimation.chunks import inverse_of, remembered_sums
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import check_excitation, noise_rows
 from ident.estimation.in_order import in_order
@@ -283,7 +283,10 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
             )
         residual = np.hstack([r[-1] - np.tensordot(fit.values, r[:-1], axes=1) for r in equations.rows(part)])
         taken = m * len(part) / fit.rows
-        sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
+        if steady:
+            sandwich.add_sums(partial(remembered_sums, equations, part), residual, taken)
+        else:
+            sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:
         raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
     bread = fit.bread

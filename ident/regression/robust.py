@@ -5,10 +5,12 @@ cov x = B⁻¹ M B⁻¹,                          B = Yᵀ diag(ρ'') Y / σ², 
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
+from ident.estimation.chunks import remembered_sums
 from ident.estimation.equations import Equations
 from ident.estimation.least_noise import least_noise
 from ident.estimation.noise import Sandwich
@@ -72,8 +74,9 @@ def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) 
         held: Root of its derivative by the residual (N, C), zero beyond Huber's limit.
     """
     bread = solve(accumulate(fit.equations, samples, factors=held), fit.equations).bread
-    chunks, channels = (rows[:-1] for rows in fit.equations.rows(samples)), len(fit.equations.channels)
-    sandwich = Sandwich(len(fit.values), channels, steady=True).add(chunks, pull.T, len(fit.values) / channels)
+    channels = len(fit.equations.channels)
+    sandwich = Sandwich(len(fit.values), channels, steady=True)
+    sandwich.add_sums(partial(remembered_sums, fit.equations, samples), pull.T, len(fit.values) / channels)
     return bread @ sandwich.middle @ bread
 
 

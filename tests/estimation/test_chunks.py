@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mechanisms import random_states, random_tree
 
-from ident.estimation.chunks import chunks
+from ident.estimation.chunks import chunks, remembered_sums
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
@@ -70,3 +70,28 @@ def test_gram_matrices_are_those_of_all_rows(seed):
             grams = sum(chunk.grams(factor) for chunk in chunks(equations, samples, factors))
         expected = Z @ np.swapaxes(Z, 1, 2)
         np.testing.assert_allclose(grams, expected, rtol=0, atol=1e-11 * abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("samples", [1, 63, 64, 130, 300])
+def test_remembered_columns_are_recursions_over_all_samples(seed, samples):
+    """By compiled code and by numpy, and in two parts."""
+    equations, every = random_equations(seed)
+    rng, some = np.random.default_rng(seed), every[:samples]
+    channels, columns = len(equations.channels), len(equations.names)
+    decay = rng.uniform(0, 0.99, channels) * (rng.uniform(size=channels) < 0.8)
+    start = rng.normal(size=(channels, columns)) * equations._nonzero(moving=False)[:-1].T
+    rows = np.concatenate([chunk[:-1].copy() for chunk in equations.rows(some)], axis=2)
+    z = np.empty_like(rows)
+    last = start
+    for n in range(samples):
+        z[..., n] = rows[..., n] + (decay[:, None] * last).T
+        last = z[..., n].T
+    expected = np.einsum("kcn,lcn->ckl", z, z)
+    for on in (False, True):
+        with compiled.switched(on):
+            for parts in ([some], [some[: samples // 3], some[samples // 3 :]]):
+                left = start.copy()
+                grams = sum(remembered_sums(equations, part, decay, left) for part in parts if len(part))
+                np.testing.assert_allclose(grams, expected, rtol=0, atol=1e-11 * abs(expected).max(initial=1e-300))
+                np.testing.assert_allclose(left, z[..., -1].T, rtol=0, atol=1e-11 * max(abs(z).max(), 1e-300))

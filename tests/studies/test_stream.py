@@ -8,8 +8,9 @@ from fits import fitted
 
 import scenes
 from experiments.stream import main
-from experiments.studies import stream_progress
+from experiments.studies import stream, stream_progress
 from ident.geometry.se3 import inverse
+from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import transform_wrench
@@ -204,3 +205,23 @@ def test_a_changed_recording_is_not_resumed(folder, tmp_path, capsys):
     (copies / "a.csv").write_text(text[:-3] + ("1" if text[-3] != "1" else "2") + text[-2:])
     message = refusal(main, arguments(copies, tmp_path / "out", "--resume"), capsys)
     assert "is of another run: recordings differ" in message
+
+
+def test_a_reading_is_the_same_every_time_it_is_read(folder):
+    reading = stream.reading(folder / "model.xml", [folder / "a.csv"], base="base", piece=90)
+    overview = stream.Overview.of(reading.equations.mechanism.tree)
+    first, second = list(reading.viewed(overview)), list(reading)
+    assert overview.statistics.samples == sum(map(len, first)) == sum(map(len, second)) == 400
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one.measured, other.measured)
+    assert not any(isinstance(value, list) and value for key, value in vars(reading).items() if key != "files")
+
+
+def test_poses_are_computed_for_contacts_alone(folder, monkeypatch):
+    reading = stream.reading(folder / "model.xml", [folder / "a.csv"], base="base")
+    poses = Tree.poses
+    # One posture shows what floats.
+    monkeypatch.setattr(
+        Tree, "poses", lambda tree, q: poses(tree, q) if np.ndim(q) == 1 else pytest.fail("Not needed.")
+    )
+    assert sum(map(len, reading)) == 400
