@@ -8,7 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from experiments.benchmark import bounds, identification, machine, monte_carlo, peers, simulation, words, workers
+from experiments.benchmark import bounds, identification, machine, monte_carlo, peers, simulation, whole, words, workers
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import Effort
@@ -40,6 +40,7 @@ def measured(effort: Effort) -> dict[str, Any]:
         "simulation": _simulation,
         "Monte Carlo": _monte_carlo,
         "memory and accuracy": _bounds,
+        "whole jobs": _jobs,
     }
     results: dict[str, Any] = {"comparisons": [], "notes": []}
     with tqdm(total=len(sections) + 1, desc="Benchmark", file=sys.stderr) as bar:
@@ -85,6 +86,10 @@ def _bounds(effort: Effort) -> dict[str, Any]:
         return section | {"accuracies": [asdict(row) for row in bounds.accuracies()]}
     except InputError as error:
         return section | {"accuracies": [], "notes": [str(error)]}
+
+
+def _jobs(effort: Effort) -> dict[str, Any]:
+    return {"jobs": [asdict(job) for job in whole.jobs(effort)]}
 
 
 def document(results: dict[str, Any]) -> Document:

@@ -18,6 +18,7 @@ def tables(results: Results) -> dict[str, Table]:
         "table_limits": table_limits(results),
         "table_memory": table_memory(results),
         "table_accuracy": table_accuracy(results),
+        "table_jobs": table_jobs(results),
         "table_targets": table_targets(results),
     }
 
@@ -133,6 +134,18 @@ def table_accuracy(results: Results) -> Table:
         "Errors of the estimates against Householder's QR in extended precision, relative to the largest one",
         ("condition number", "ours", "Householder's QR", "normal equations"),
         (tuple(f"{x:.1e}" for x in _numbers(row, "condition_number ours qr normal")) for row in results["accuracies"]),
+    )
+
+
+def table_jobs(results: Results) -> Table:
+    """Whole jobs beside a part or another way of them; empty for results of a version that did not time them."""
+    return _table(
+        "Whole jobs: times in seconds, medians; their ratios, and the extremes of neighbouring repetitions",
+        ("job", "samples or bodies", "beside", "job, s", "other, s", "ratio", "lowest", "highest"),
+        (
+            (*_cells(row, "job size beside"), *_numbers(row, "ours theirs ratio lowest highest"))
+            for row in results.get("jobs", ())
+        ),
     )
 
 

@@ -51,6 +51,7 @@ def findings(results: Results) -> list[str]:
         _memory(results),
         *_errors(results),
         *_limits(results),
+        *_jobs(results),
     ]
 
 
@@ -117,3 +118,8 @@ def _limits(results: Results) -> Iterator[str]:
                 f"{row['task']}, limits: {arithmetic:.0f} % of the time would do for its arithmetic at the "
                 f"{reached['product']:.0f} GFlop/s of a product of matrices{writing if row['megabytes'] else ''}"
             )
+
+
+def _jobs(results: Results) -> Iterator[str]:
+    for row in results.get("jobs", ()):
+        yield f"{row['job']}, {row['size']:,}: {row['ratio']:.2g} of the time of {row['beside']}, {row['ours']:.2g} s"

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments.benchmark import identification, monte_carlo, sections, tables, targets, words
+from experiments.benchmark import identification, monte_carlo, sections, tables, targets, whole, words
 from experiments.benchmark.__main__ import main
 from experiments.benchmark.mechanisms import mechanisms
 
@@ -32,13 +32,16 @@ def numbers(node):
 
 def test_a_quick_run_measures_everything(results):
     assert np.isfinite(numbers(results)).all()
-    assert min(numbers([results[key] for key in ("limits", "simulations", "shared", "peaks", "accuracies")])) > 0
+    assert (
+        min(numbers([results[key] for key in ("limits", "simulations", "shared", "peaks", "accuracies", "jobs")])) > 0
+    )
     assert {row["task"] for row in results["distances"]} == {
         identification.REGRESSOR,
         identification.ACCUMULATION,
         identification.AGAIN,
     }
     assert [row["threads"] for row in results["simulations"]] == [1, 1, 2]
+    assert [row["job"] for row in results["jobs"]] == [whole.STREAM, whole.REGROUPING]
     assert results["machine"]["cores"] >= 1
     assert results["machine"]["blas_threads"] == "1"
     assert set(results["machine"]["versions"]) >= {"python", "numpy", "mujoco"}
