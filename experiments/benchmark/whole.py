@@ -118,6 +118,12 @@ def _recording(subject: Subject, samples: Samples) -> Recording:
 def _regrouped(effort: Effort) -> Job:
     """Base parameters of a long arm, beside those of the matrix of its structure."""
     arm = Mechanism(chain(effort.bodies[-1]), STANDARD_GRAVITY)
-    ways = [partial(find_base_parameters, arm), lambda: find_base_parameters(structure_matrix(arm))]
-    times = alternating(ways, effort.seconds, effort.least)
+
+    def along() -> None:
+        find_base_parameters(arm)
+
+    def dense() -> None:
+        find_base_parameters(structure_matrix(arm))
+
+    times = alternating([along, dense], effort.seconds, effort.least)
     return Job.of(REGROUPING, effort.bodies[-1], "those of its whole matrix", times)

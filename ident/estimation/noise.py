@@ -1,6 +1,7 @@
 """Noise that is correlated over time, and its effect on the covariance of a fit."""
 
 from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 from scipy.signal import lfilter
@@ -105,6 +106,11 @@ def remembered_grams(
     return out
 
 
+def _remembered_sums(chunks: Iterable[np.ndarray], decay: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Sum of the `remembered_grams` of consecutive chunks (C, k, k)."""
+    return sum((remembered_grams(rows, decay, left) for rows in chunks), np.zeros(1))
+
+
 class Sandwich:
     """Middle factor of a sandwich covariance, `M = Σ_nm Y_nᵀ Γ(n - m) Y_m`, accumulated part by part.
 
@@ -127,7 +133,7 @@ class Sandwich:
             taken: Mean number of parameters determined by a channel's samples.
         """
         if self._steady:
-            return self.add_sums(lambda decay, left: sum(remembered_grams(x, decay, left) for x in chunks), pull, taken)
+            return self.add_sums(partial(_remembered_sums, chunks), pull, taken)
         decay, size = innovations(pull, taken)
         first = 0
         for rows in chunks:

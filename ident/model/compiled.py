@@ -126,8 +126,9 @@ class Encoded:
         starts, changed = np.array(first, np.int64) // TILE * TILE, changed.astype(np.int64)
         whole = -(-k // TILE) * TILE
         sums = np.empty((channels, whole, whole))
-        decay, last = (None, None) if memory is None else (memory[0].astype(float), np.zeros((channels, whole)))
-        if memory is not None and last is not None:
+        decay = last = None
+        if memory is not None:
+            decay, last = np.ascontiguousarray(memory[0], float), np.zeros((channels, whole))
             last[:, :k] = memory[1]
         _call(
             "grams",
