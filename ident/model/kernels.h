@@ -148,14 +148,16 @@ INLINE void OWN(add_products)(const double *const *columns, int64_t first, int64
             OWN(add_tile)(columns + j, columns + i, k, sums + j * k + i);
 }
 
-/* z_n = x_n + decay z_n-1 for TILE columns x, from their last z of the group before; those of weight zero are left out. */
+/* z_n = x_n + decay z_n-1 for TILE columns x, from their last z of the group before; samples of weight zero are left
+ * out, without weights all count. */
 INLINE void OWN(remember)(const double *const *x, double decay, const double *weight, double *last, double *out) {
     double z[TILE];
     memcpy(z, last, sizeof z);
     for (int s = 0; s < GROUP; s++)
         for (int r = 0; r < TILE; r++) {
-            z[r] = weight[s] != 0 ? x[r][s] + decay * z[r] : z[r];
-            out[r * COLUMN + s] = weight[s] * z[r];
+            const int counts = !weight || weight[s] != 0;
+            z[r] = counts ? x[r][s] + decay * z[r] : z[r];
+            out[r * COLUMN + s] = counts ? z[r] : 0;
         }
     memcpy(last, z, sizeof z);
 }
@@ -227,7 +229,8 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
                 }
             if (decay)
                 for (int64_t j = first[c]; j < K; j += TILE) {
-                    OWN(remember)(columns + j, decay[c], weight, last + c * K + j, work + j * COLUMN);
+                    OWN(remember)(columns + j, decay[c], group + GROUP > n ? weight : 0, last + c * K + j,
+                                  work + j * COLUMN);
                     for (int r = 0; r < TILE; r++) columns[j + r] = work + (j + r) * COLUMN;
                 }
             OWN(add_products)(columns, first[c], K, sums + c * K * K);
