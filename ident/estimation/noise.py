@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import lapack
 
 Grams = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Function of ρ and last z that returns Gram matrices, see `Sandwich.add_sums`."""
@@ -85,7 +85,23 @@ def remembered(rows: np.ndarray, decay: float, before: np.ndarray) -> np.ndarray
     Returns:
         z (k, N).
     """
-    return np.asarray(lfilter([1.0], [1.0, -decay], rows, zi=decay * before[:, None])[0])
+    return autoregressive(rows.T, decay, before).T
+
+
+def autoregressive(x: np.ndarray, rho: float, before: np.ndarray | float = 0.0) -> np.ndarray:
+    """Solution of `y_k = ρ y_k-1 + x_k` along the first axis, as a triangular band: scipy.signal is slow to import.
+
+    Args:
+        x: Innovations (N, …), N of at least 1.
+        rho: Autocorrelation from one sample to the next.
+        before: The sample before the first one (…).
+    """
+    right = np.array(x.reshape(len(x), -1), order="F")
+    right[0] += rho * np.ravel(before)
+    band = np.empty((2, len(x)), order="F")
+    band.T[:] = 1, -rho
+    y, _ = lapack.dtbtrs(band, right, uplo="L", diag="U", overwrite_b=True)
+    return np.asarray(y.reshape(x.shape))
 
 
 def remembered_grams(

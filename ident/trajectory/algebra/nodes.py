@@ -24,7 +24,7 @@ from ident.trajectory.algebra.spline import Local, Spline
 NODES = 14
 """Number of nodes of an interval: with fewer, rounding is exceeded where knots are as far apart as they may be."""
 
-WORTH_IT = 2.0
+WORTH_IT = 1.5
 """Samples of an interval, over its nodes, from which evaluation at nodes is faster."""
 
 _PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2

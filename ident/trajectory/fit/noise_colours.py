@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
 
+from ident.estimation.noise import autoregressive
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Predictor
 from ident.trajectory.fit.precision import embedded, inverse_of_precision
@@ -246,19 +246,3 @@ class _Bands(NamedTuple):
             a *= np.sqrt(sums[..., 0] / np.maximum(sums[..., 1], TINIEST))
             power = np.maximum((own @ a[..., None])[..., 0] + self.other, TINIEST)
         return a, -(self.counts * (np.log(power / self.counts) + self.observed / power)).sum(axis=1)
-
-
-def autoregressive(x: np.ndarray, rho: float, before: np.ndarray | float = 0.0) -> np.ndarray:
-    """Solution of `y_k = ρ y_k-1 + x_k` along the first axis, as a triangular band: scipy.signal is slow to import.
-
-    Args:
-        x: Innovations (N, …), N of at least 1.
-        rho: Autocorrelation from one sample to the next.
-        before: The sample before the first one (…).
-    """
-    right = np.array(x.reshape(len(x), -1), order="F")
-    right[0] += rho * np.ravel(before)
-    band = np.empty((2, len(x)), order="F")
-    band.T[:] = 1, -rho
-    y, _ = lapack.dtbtrs(band, right, uplo="L", diag="U", overwrite_b=True)
-    return np.asarray(y.reshape(x.shape))

@@ -12,9 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.estimation.noise import autoregressive
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.noise_colours import NoiseColours, autoregressive, drawn_responses, noise_colours
+from ident.trajectory.fit.noise_colours import NoiseColours, drawn_responses, noise_colours
 from ident.trajectory.fit.piece import Predictor
 from ident.trajectory.fit.response import response
 
