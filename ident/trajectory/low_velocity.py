@@ -34,15 +34,18 @@ def with_low_velocity_friction(
     equations, candidates = estimate.measurement.equations, _candidates(estimate)
     if not candidates or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
         return stages, estimate
-    values = _promising(stages_of(equations.with_stribeck(candidates)), estimate, candidates)
-    threshold = -float(special.ndtri(SIGNIFICANT / 2 / len(candidates)))
-    while values:
-        wider = stages_of(equations.with_stribeck(tuple(values)))
-        tried = wider.settled(_carried(wider, estimate, values))
-        kept = _significant(wider.scattered(tried), tuple(values), threshold)
-        if len(kept) == len(values):
-            return wider, tried
-        values = {name: values[name] for name in kept}
+    try:
+        values = _promising(stages_of(equations.with_stribeck(candidates)), estimate, candidates)
+        threshold = -float(special.ndtri(SIGNIFICANT / 2 / len(candidates)))
+        while values:
+            wider = stages_of(equations.with_stribeck(tuple(values)))
+            tried = wider.settled(_carried(wider, estimate, values))
+            kept = _significant(wider.scattered(tried), tuple(values), threshold)
+            if len(kept) == len(values):
+                return wider, tried
+            values = {name: values[name] for name in kept}
+    except (ExcitationError, np.linalg.LinAlgError):
+        pass  # The recordings do not determine more columns.
     return stages, estimate
 
 
@@ -64,14 +67,11 @@ def _promising(stages: Stages, estimate: TrajectoryEstimate, candidates: Sequenc
     fit = stages.scattered(begun.with_fit(stages.refit_of(begun)(begun.fit.end, begun.fit.free, 0))).fit
     at = [fit.names.index(name) for name in candidates]
     values, std = fit.scores(np.eye(len(fit.theta))[at])
-    try:
-        held = costs(fit, fit.free)
-        better = [
-            value > PROMISING * s and clearly_better(gains(fit, k, held))
-            for k, value, s in zip(at, values, std, strict=True)
-        ]
-    except ExcitationError:
-        return {}
+    held = costs(fit, fit.free)
+    better = [
+        value > PROMISING * own and clearly_better(gains(fit, k, held))
+        for k, value, own in zip(at, values, std, strict=True)
+    ]
     return {name: float(value) for name, value, one in zip(candidates, values, better, strict=True) if one}
 
 
