@@ -139,8 +139,9 @@ def identify(
         cutoff: Cut-off of the low-pass for least squares in Hz, `auto`, or None for the recording's own velocities and
             accelerations. The trajectory estimate has none, and uses joint coordinates alone.
         drive: Columns of drives for joint torques, out of `rotor`, `viscous`, `coulomb`, `stribeck` and `spring`; by
-            default rotor inertia, viscous and Coulomb friction of all joints, and the springs that the model has. The
-            model's values are a prior where its bodies are one. An empty list fits the links alone.
+            default rotor inertia, viscous and Coulomb friction of all joints, the springs that the model has, and in
+            the trajectory estimate Stribeck friction where recordings ask for it. The model's values are a prior where
+            its bodies are one. An empty list fits the links alone.
         leave_out: Channels that are neither fitted nor judged, as `Fz`, `Mx` and `My` of a model that moves in the
             plane normal to z; joints' names for joint torques.
         offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.

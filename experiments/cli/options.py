@@ -236,7 +236,7 @@ def add_drive(parser: argparse.ArgumentParser, default: str = "auto") -> None:
         choices=("auto", "none", *DRIVE),
         default=[default],
         help="drives to determine from joint torques; auto: rotor inertia, viscous and Coulomb friction of all joints, "
-        "and the model's springs",
+        "the model's springs, and Stribeck friction where recordings ask for it",
     )
 
 

@@ -139,7 +139,8 @@ def prepared(
         mechanism: The mechanism, with a prior.
         recording: The recording.
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
-        drive: Columns of friction, rotor inertia and springs for joint torques; None for `usual_drives`.
+        drive: Columns of friction, rotor inertia and springs for joint torques; None for `usual_drives`,
+            to which the trajectory estimate may add Stribeck friction.
         leave_out: Channels that are not fitted, though they may be measured: components of the total wrench in the
             ground sensor's axes, without a ground in those of the base, or joint torques by the joints' names.
         name: Name of the recording in messages.
