@@ -13,7 +13,7 @@ from scipy import special
 
 from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
-from ident.tolerances import DRIVE, SIGNIFICANT
+from ident.tolerances import DRIVE, SIGNIFICANT, STRIBECK
 from ident.trajectory.left_out import clearly_better, costs, gains
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
@@ -50,9 +50,15 @@ def with_low_velocity_friction(
 
 
 def _candidates(estimate: TrajectoryEstimate) -> tuple[str, ...]:
-    """Stribeck columns of the joints that have Coulomb friction."""
-    freedoms = estimate.measurement.tree.freedoms
-    return tuple(f"{DRIVE['stribeck']}({freedoms[k]})" for k in rubbing(estimate.measurement).values())
+    """Stribeck columns of the joints with Coulomb friction that changes its sign over less than `STRIBECK`.
+
+    Where it changes over more, friction that is higher at low velocity would only correct the shape of that change.
+    """
+    freedoms, reversals = estimate.measurement.tree.freedoms, estimate.reversals
+    if reversals is None:
+        return ()
+    steep = [k for c, k in rubbing(estimate.measurement).items() if reversals.slip[c] < STRIBECK]
+    return tuple(f"{DRIVE['stribeck']}({freedoms[k]})" for k in steep)
 
 
 def _promising(stages: Stages, estimate: TrajectoryEstimate, candidates: Sequence[str]) -> dict[str, float]:
