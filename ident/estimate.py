@@ -43,7 +43,7 @@ from ident.regression.robust import spread
 from ident.setup import SETUP
 from ident.tolerances import UNEXPLAINED
 from ident.trajectory.result import TrajectoryEstimate
-from ident.trajectory.reversals import rubbing
+from ident.trajectory.reversals import axis_speeds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -273,12 +273,10 @@ class Estimate:
     @cached_property
     def near_reversals(self) -> np.ndarray:
         """Mask of the held-out samples whose joint is so slow that its torque carries little information (M, C)."""
-        motion, joint = self.held_out.samples.motion, self.trajectory
-        speed = np.full(self.held_out.residual.shape, np.inf)
+        joint = self.trajectory
         if joint is None or joint.reversals is None:
-            return np.isnan(speed)
-        for channel, freedom in rubbing(joint.measurement).items():
-            speed[:, channel] = motion.dq[:, freedom]
+            return np.zeros(self.held_out.residual.shape, bool)
+        speed = axis_speeds(joint.measurement.equations, self.held_out.samples.motion.dq)
         return np.asarray(joint.reversals.slack(speed) > joint.fit.noise.channels)
 
     @property

@@ -1,7 +1,7 @@
 """Equations to fit: measured channels, and the columns of base parameters, drives and constant offsets."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ from ident.errors import InputError
 from ident.estimation.samples import Samples, check_samples, whitened
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.plane import out_of_plane
+from ident.model.axes import Axes, Couplings
 from ident.model.compiled import zeros
 from ident.model.regressor import chunk, drive_columns, drive_names, program_inputs, regressor_program
 from ident.model.stated import stated_values
@@ -40,13 +41,14 @@ class Equations:
         channels: Names of the C channels.
         drives: Names of the columns of rotor inertia and friction, out of `drive_names`.
         offsets: Indices of the channels that have a constant offset.
-        slips: Velocities over which Coulomb friction changes sign, rad/s or m/s, as `Fc tanh(q̇ / slip)` (n,); None for
-            a jump.
+        slips: Velocities over which Coulomb friction changes sign, rad/s or m/s, as `Fc tanh(q̇ / slip)`, of the m
+            axes (m,); None for a jump.
         servos: Stiffness and damping of the servos of joints whose commands are the channels, zero for measured torques
             (2, torques); None for none.
         scales: Relative standard deviations of the scales of torques, zero for exact ones; empty if all are.
         absorbed: What drives that the model states add to the coefficients of base parameters and drives, because
             their own columns depend on those (r + d,); None for nothing.
+        couplings: Motors that move several joints together, to which rotors and friction belong.
     """
 
     mechanism: Mechanism
@@ -60,6 +62,7 @@ class Equations:
     servos: np.ndarray | None = None
     scales: tuple[float, ...] = ()
     absorbed: np.ndarray | None = None
+    couplings: Couplings = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         expected, bodies = len(self.parameters.parameters), len(self.mechanism.tree.inertial)
@@ -85,6 +88,11 @@ class Equations:
     def names(self) -> tuple[str, ...]:
         """Names of the columns."""
         return (*self.parameters.names, *self.drives, *(f"offset({self.channels[k]})" for k in self.offsets))
+
+    @cached_property
+    def axes(self) -> Axes:
+        """Axes on which drives act: the n freedoms, and coupled motors."""
+        return Axes.of(self.mechanism.tree, self.couplings)
 
     @property
     def from_drives(self) -> np.ndarray:
@@ -242,9 +250,9 @@ class Equations:
 
     def _drives(self, samples: Samples) -> np.ndarray:
         """Columns of rotor inertia and friction (d, torques, chunk)."""
-        tree, kinds = self.mechanism.tree, tuple(DRIVE)
+        tree, kinds, axes = self.mechanism.tree, tuple(DRIVE), self.axes
         at_rest = self.mechanism.springrefs
-        columns = np.concatenate(drive_columns(tree, samples.motion, kinds, self.slips, at_rest), axis=2)
-        every = drive_names(tree, kinds)
+        columns = np.concatenate(drive_columns(tree, samples.motion, kinds, self.slips, at_rest, axes), axis=2)
+        every = drive_names(tree, kinds, axes)
         chosen = columns[:, list(self.torques)][..., [every.index(name) for name in self.drives]]
         return chosen.transpose(2, 1, 0)

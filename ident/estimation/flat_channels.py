@@ -40,7 +40,12 @@ def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
     servos = None if old.servos is None or not torques else old.servos[:, kept[wrenches:]]
     scales = scale_deviations(log.recording, mechanism.tree, torques)
     drives = log.drives if torques else ()
-    equations = Equations(mechanism, parameters, rows, torques, names, drives, servos=servos, scales=scales)
+    equations = Equations(
+        *(mechanism, parameters, rows, torques, names, drives),
+        servos=servos,
+        scales=scales,
+        couplings=old.couplings,
+    )
     samples = replace(log.samples, measured=log.samples.measured[:, kept])
     predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
     stuck = repairs.stuck(flat, predicted, notes, in_fitted=True)

@@ -1,6 +1,8 @@
 """Wrenches on the bodies of a mechanism and joint torques, for numbers or for signals of a tape.
 
 Γ_i = Y_i φ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + K (q - q_0) + …
+
+Drives of motors that move several joints together have their angles, R q, in place of q, and add Rᵀ τ_motor.
 """
 
 import numpy as np
@@ -62,17 +64,18 @@ def drive_torques(
         q: Joint coordinates (n_q,).
         dq: Joint velocities (n,); `ddq` accelerations.
         theta: Parameters, those of the drives after ψ.
-        slips: Velocities over which Coulomb friction changes sign (n,).
+        slips: Velocities of the m axes over which Coulomb friction changes sign (m,).
     """
-    sign, relative = np.tanh(dq / slips), dq / STRIBECK
-    tree = equations.mechanism.tree
+    tree, axes = equations.mechanism.tree, equations.axes
+    dq, ddq = axes.moved(dq), axes.moved(ddq)
+    sign, relative = np.tanh(dq / slips), dq / (STRIBECK * axes.gears)
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
     signals["spring"] = spring_lengths(tree, q, equations.mechanism.springrefs)
-    freedoms = tree.freedoms
     at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
-    torques: list[Value] = [0.0] * len(freedoms)
+    torques: list[Value] = [0.0] * len(tree.freedoms)
     for kind, signal in signals.items():
-        for k, freedom in enumerate(freedoms):
-            name = f"{DRIVE[kind]}({freedom})"
-            torques[k] = torques[k] + at[name] * signal[k] if name in at else torques[k]
+        for a, (name, own) in enumerate(zip(axes.names, signal, strict=False)):
+            if (column := f"{DRIVE[kind]}({name})") in at:
+                for k, torque in axes.shared(a, at[column] * own).items():
+                    torques[k] = torques[k] + torque
     return torques

@@ -165,11 +165,10 @@ class Measurement:
         """Velocities over which Coulomb friction changes sign, empty if no torque is a channel."""
         if not self.equations.torques:
             return np.zeros(0)
-        freedoms = len(self.tree.freedoms)
-        return np.full(freedoms, loads.SLIP) if self.equations.slips is None else self.equations.slips
+        return loads.SLIP * self.equations.axes.gears if self.equations.slips is None else self.equations.slips
 
     def with_slips(self, slips: np.ndarray) -> "Measurement":
-        """Measurement with other slips (n,) and the same programs, of which slips are inputs."""
+        """Measurement with other slips (m,) and the same programs, of which slips are inputs."""
         other = replace(self, equations=replace(self.equations, slips=slips))
         for name in ("_channels_program", "_gradients_program"):
             other.__dict__[name] = getattr(self, name)
@@ -196,7 +195,7 @@ class Measurement:
         return tape, [*states, *theta], channels
 
     def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray) -> list[Value]:
-        """Channels on a tape, from states (3, n), wrenches (2, k, 6), θ (p,) and slips (f,)."""
+        """Channels on a tape, from states (3, n), wrenches (2, k, 6), θ (p,) and slips (m,)."""
         equations, tree = self.equations, self.tilted(theta)
         root, base, (q, dq, ddq) = self._root(states, theta)
         motions, gains = closed_form.body_motions(tree, root, q, dq, ddq), self.gains(theta)

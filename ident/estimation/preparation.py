@@ -11,7 +11,7 @@ from scipy.ndimage import minimum_filter1d
 from ident.arguments import checked_names
 from ident.errors import LogError
 from ident.estimation import repairs
-from ident.estimation.drive_choice import absorbed_note, scale_deviations, servo_gains, usual_drives
+from ident.estimation.drive_choice import absorbed_note, drives_of, scale_deviations, servo_gains, usual_drives
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.model_channels import predicted_channels
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
@@ -23,7 +23,8 @@ from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import drive_names
+from ident.model.axes import Axes
+from ident.model.regressor import drive_kinds
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
@@ -151,7 +152,7 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree, rate = mechanism.tree, recording.rate
-    asked = () if drive is None else drive_names(tree, drive)
+    asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(recording, tree, leave_out)
     steps = repairs.steps(recording, tree)
@@ -186,11 +187,14 @@ def prepared(
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     notes += _hidden(mechanism, sensors, parameters, channels.names)
     notes += [parameters.remark] if parameters.remark else []
-    drives = usual_drives(mechanism, channels.torques) if drive is None else asked if channels.torques else ()
+    axes = Axes.of(tree, recording.couplings)
+    chosen = drives_of(axes, asked, range(len(tree.freedoms))) if channels.torques else ()
+    drives = usual_drives(mechanism, channels.torques, axes) if drive is None else chosen
     equations = Equations(
         *(mechanism, parameters, rows, channels.torques, channels.names, drives),
         servos=servo_gains(recording, tree, channels.torques),
         scales=scale_deviations(recording, tree, channels.torques),
+        couplings=recording.couplings,
     )
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations

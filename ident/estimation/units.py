@@ -33,5 +33,7 @@ def coefficient_unit(name: str, tree: Tree) -> str:
     if (own := unit_of(name)) is not None:
         return own
     kind, _, of = name.removesuffix(")").partition("(")
-    unit = channel_unit(of, tree)
-    return DRIVE_UNITS[kind][unit == "N"] if kind in DRIVE_UNITS else unit
+    if kind in DRIVE_UNITS:
+        # Motors, which are no freedoms, turn.
+        return DRIVE_UNITS[kind][of in tree.freedoms and channel_unit(of, tree) == "N"]
+    return channel_unit(of, tree)

@@ -75,7 +75,7 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
         far: Names of the bodies.
     """
     mechanism, equations = evidence.mechanism, evidence.fit.equations
-    torques = {mechanism.tree.freedoms[k] for k in equations.torques}
+    torques = {mechanism.tree.freedoms[k] for k in equations.torques if equations.axes.driven[k]}
     joints = {body.name: body.joint for body in mechanism.tree.bodies}
     without = [
         name

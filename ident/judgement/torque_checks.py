@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
+from ident.estimation.drive_choice import drives_of
 from ident.estimation.equations import Equations
 from ident.estimation.loads import SLIP
 from ident.estimation.preparation import Prepared
@@ -18,10 +19,12 @@ from ident.judgement.torque_loads import Load, best_load
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.model.axes import Axes
 from ident.model.regressor import joint_torque_regressor
+from ident.model.stated import column_place
 from ident.parameters.prior import known_roots
 from ident.regression.ordinary import Fit
-from ident.tolerances import DRIVE, SINGULAR
+from ident.tolerances import SINGULAR
 
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
 """Drive columns with which friction is detected; and the one that is added at low velocity if these are fitted."""
@@ -132,19 +135,18 @@ def torque_checks(prepared: Prepared) -> TorqueChecks | None:
     motion, first = samples.motion, len(prepared.equations.channels) - len(felt)
     Y = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity, base=motion.base)[:, felt]
     by_body = Y.reshape(*Y.shape[:2], -1, 10)
-    measured = _without_drives(samples.measured[:, first:], motion, felt)
-    of_bodies = _without_drives(np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)), motion, felt)
-    uncertain = _without_drives(
-        np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape), motion, felt
-    )
+    drives = _drive_rows(prepared.equations.axes, motion, felt)
+    measured = _without(drives, samples.measured[:, first:])
+    of_bodies = _without(drives, np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)))
+    uncertain = _without(drives, np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape))
     # Of the drives that the model states, springs are left.
-    stated = _without_drives(stated_drive_torques(mechanism, motion)[:, felt], motion, felt) if mechanism.drives else 0
+    stated = _without(drives, stated_drive_torques(mechanism, motion)[:, felt]) if mechanism.drives else 0
     predicted, size = of_bodies.sum(axis=2) + stated, np.linalg.norm(uncertain, axis=(0, 2))
     each = zip(felt, measured.T, predicted.T, size, strict=True)
     checks = [_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each]
     load = None
     if any(check.scaled and check.gain > SCALE for check in checks):
-        columns = (_without_drives(by_body[:, :, b], motion, felt) for b in range(by_body.shape[2]))
+        columns = (_without(drives, by_body[:, :, b]) for b in range(by_body.shape[2]))
         load = best_load(mechanism, measured, predicted, columns, size)
     return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies), load)
 
@@ -181,21 +183,35 @@ def _mounted(mechanism: Mechanism) -> Iterator[int]:
             yield i
 
 
-def _without_drives(torques: np.ndarray, motion: Motion, felt: list[int]) -> np.ndarray:
-    """Torques (N, k, ...) less their regression on offset, friction and rotor inertia of their joints."""
+def _drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:
+    """Columns of offset, friction and rotor inertia of each torque (N, m), of unit norm."""
+    dq, ddq, out = axes.moved(motion.dq), axes.moved(motion.ddq), []
+    for k in felt:
+        columns = [np.ones(len(dq))]
+        for a in map(axes.names.index, axes.acting(FRICTION[0], k)):
+            columns += [dq[:, a], np.tanh(dq[:, a] / (SLIP * axes.gears[a])), ddq[:, a]]
+        rows = np.stack(columns, axis=1)
+        out.append(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
+    return out
+
+
+def _without(drives: Sequence[np.ndarray], torques: np.ndarray) -> np.ndarray:
+    """Torques (N, k, ...) less their regression on the columns of `_drive_rows`."""
     out = torques.reshape(*torques.shape[:2], -1).copy()
-    for column, k in enumerate(felt):
-        dq = motion.dq[:, k]
-        rows = np.stack([np.ones_like(dq), dq, np.tanh(dq / SLIP), motion.ddq[:, k]], axis=1)
-        rows = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    for column, rows in enumerate(drives):
         out[:, column] -= rows @ np.linalg.lstsq(rows, out[:, column], rcond=1e-10)[0]
     return out.reshape(torques.shape)
 
 
-def lacking_drive(drives: Sequence[str], joint: str) -> list[str]:
-    """Kinds of friction of a joint without a column; the last one, at low velocity, only if the others have one."""
-    lacking = [kind for kind in (*FRICTION, SLOW) if f"{DRIVE[kind]}({joint})" not in drives]
-    return [kind for kind in lacking if kind in FRICTION] or lacking
+def lacking_drives(equations: Equations, joint: str) -> tuple[str, ...]:
+    """Columns of friction that a joint lacks, its motors' where these are coupled.
+
+    Those at low velocity are among them only if there are the others.
+    """
+    axes = equations.axes
+    lacking = drives_of(axes, (*FRICTION, SLOW), [axes.freedoms.index(joint)])
+    lacking = tuple(name for name in lacking if name not in equations.drives)
+    return tuple(name for name in lacking if column_place(name)[0] in FRICTION) or lacking
 
 
 def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
@@ -210,7 +226,7 @@ def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
     """
     equations, felt = fit.equations, len(fit.equations.torques)
     freedoms = equations.mechanism.tree.freedoms
-    names = [f"{DRIVE[kind]}({joint})" for joint in freedoms for kind in lacking_drive(equations.drives, joint)]
+    names = dict.fromkeys(name for joint in freedoms for name in lacking_drives(equations, joint))
     with_friction = equations.with_drives((*equations.drives, *names))
     residual, left = (_least_residual(fit, each, samples)[:, -felt:] for each in (equations, with_friction))
     squares = np.maximum((residual**2).sum(axis=0), 1e-300)

@@ -1,14 +1,15 @@
 """Findings on joint torques: their sign and size, friction, and bodies that were not carried."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
-from ident.judgement.torque_checks import SLOW, lacking_drive
+from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
+from ident.model.stated import column_place
 from ident.setup import SETUP
 from ident.tolerances import DRIVE, DRIVE_UNITS
 from ident.trajectory.reversals import rubbing
@@ -28,7 +29,7 @@ def bound_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding.of(
         "drive_at_bound",
-        Place(joints=tuple(dict.fromkeys(_joint(name) for name in evidence.bounded))),
+        _place(evidence, (_joint(name) for name in evidence.bounded)),
         at_most={name: most for name, (most, _) in evidence.bounded.items()},
         units={name: _unit(evidence.mechanism, name) for name in evidence.bounded},
     )
@@ -39,24 +40,30 @@ def reversal_findings(evidence: Evidence) -> Iterator[Finding]:
     joint = evidence.trajectory
     if joint is None or joint.reversals is None or evidence.moving_ratio is None:
         return
-    reversals, freedoms = joint.reversals, joint.measurement.tree.freedoms
-    rubs = {freedoms[freedom]: channel for channel, freedom in rubbing(joint.measurement).items()}
-    open_ = {
-        name: float(reversals.velocity[c])
-        for name, c in rubs.items()
-        if reversals.size[c] > joint.fit.noise.channels[c]
+    reversals, equations, noise = joint.reversals, joint.measurement.equations, joint.fit.noise.channels
+    axes, rubs = equations.axes, rubbing(equations)
+    slack = reversals.size[:, None] * np.abs(reversals.shares)
+    open_ = {axes.names[a]: float(reversals.velocity[a]) for a in rubs if (slack[a] > noise).any()}
+    smooth = {
+        axes.names[a]: float(reversals.slip[a]) for a in rubs if reversals.slip[a] > SMOOTH * float(axes.gears[a])
     }
-    smooth = {name: float(reversals.slip[c]) for name, c in rubs.items() if reversals.slip[c] > SMOOTH}
     if open_:
-        ratios = {name: float(evidence.moving_ratio[rubs[name]]) for name in open_}
-        moving = {name: ratio for name, ratio in ratios.items() if np.isfinite(ratio)}
-        yield Finding.of("breakaway_friction", Place(joints=tuple(open_)), velocities=open_, ratios=moving)
+        ratios = dict(zip(equations.channels, evidence.moving_ratio.tolist(), strict=True))
+        moved = dict.fromkeys(name for axis in open_ for name in axes.joints_of(axis))
+        moving = {name: ratios[name] for name in moved if np.isfinite(ratios.get(name, np.nan))}
+        yield Finding.of("breakaway_friction", _place(evidence, open_), velocities=open_, ratios=moving)
     if smooth:
-        yield Finding.of("smooth_coulomb_friction", Place(joints=tuple(smooth)), velocities=smooth)
+        yield Finding.of("smooth_coulomb_friction", _place(evidence, smooth), velocities=smooth)
+
+
+def _place(evidence: Evidence, names: Iterable[str]) -> Place:
+    """The joints of drives' axes, by name."""
+    axes = evidence.fit.equations.axes
+    return Place(joints=tuple(dict.fromkeys(joint for name in names for joint in axes.joints_of(name))))
 
 
 def _joint(drive: str) -> str:
-    """Name of a drive's joint."""
+    """Name of a drive's joint or motor."""
     return drive.partition("(")[2].rstrip(")")
 
 
@@ -104,7 +111,7 @@ def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
     fitted = dict(zip(evidence.fit.names, evidence.fit.values.tolist(), strict=True))
     values = {_joint(name): x for name, x in fitted.items() if name.startswith(f"{DRIVE[SLOW]}(")}
     if values and _searched(evidence):
-        yield Finding.of("low_velocity_friction", Place(joints=tuple(values)), values=values)
+        yield Finding.of("low_velocity_friction", _place(evidence, values), values=values)
 
 
 def _searched(evidence: Evidence) -> bool:
@@ -114,8 +121,9 @@ def _searched(evidence: Evidence) -> bool:
 
 def friction_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on friction that is not fitted and would explain the residual torque."""
-    drives, searched = evidence.fit.equations.drives, _searched(evidence)
-    kinds = {joint: lacking_drive(drives, joint) for joint in evidence.friction}
+    equations, searched = evidence.fit.equations, _searched(evidence)
+    lacking_of = {joint: lacking_drives(equations, joint) for joint in evidence.friction}
+    kinds = {joint: list(dict.fromkeys(column_place(name)[0] for name in own)) for joint, own in lacking_of.items()}
     # A low-pass over a reversal looks like friction that is more at low velocity.
     hidden = searched or evidence.trajectory is None
     kinds = {joint: own for joint, own in kinds.items() if own and not (hidden and own == [SLOW])}
@@ -123,7 +131,7 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
     shares = {joint: share for joint, share in shares.items() if share > FOLLOWS}
     if shares:
         lacking = {kind for joint in shares for kind in kinds[joint]}
-        fitted = {kind for kind, column in DRIVE.items() if any(name.startswith(f"{column}(") for name in drives)}
+        fitted = {column_place(name)[0] for name in equations.drives}
         wanted = tuple(kind for kind in DRIVE if kind in lacking | fitted)
         place = Place(channels=tuple(shares))
         yield Finding.of("friction_not_fitted", place, doubt=lacking != {SLOW}, shares=shares, drives=wanted)

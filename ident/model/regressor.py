@@ -17,6 +17,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
+from ident.model.axes import Axes
 from ident.model.tape import Program, Tape
 from ident.tolerances import DRIVE, STRIBECK
 
@@ -100,9 +101,10 @@ def joint_torque_regressor(
     return np.concatenate([Y, *own], axis=2) if own else Y
 
 
-def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
-    """Names of the columns that `joint_torque_regressor` adds: `Ia(elbow)`, `Fv(elbow)`, `Fc(elbow)`."""
-    return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive_kinds(drive) for freedom in tree.freedoms)
+def drive_names(tree: Tree, drive: Sequence[str], axes: Axes | None = None) -> tuple[str, ...]:
+    """Names of the columns of `drive_columns`, by default of the freedoms alone: `Ia(elbow)`, `Fv(elbow)`."""
+    names = tree.freedoms if axes is None else axes.names
+    return tuple(f"{DRIVE[kind]}({name})" for kind in drive_kinds(drive) for name in names)
 
 
 def drive_columns(
@@ -111,23 +113,28 @@ def drive_columns(
     drive: Sequence[str],
     slips: np.ndarray | None = None,
     references: np.ndarray | float = 0.0,
+    axes: Axes | None = None,
 ) -> list[np.ndarray]:
-    """Columns of rotor inertia, friction and springs, one diagonal block (N, n, n) for each kind.
+    """Columns of rotor inertia, friction and springs, one block (N, n, m) of m axes for each kind.
+
+    Blocks of the n freedoms alone are diagonal.
 
     Args:
         tree: The mechanism's tree.
         motion: The motion.
         drive: Kinds of columns.
-        slips: Velocity scales of the smoothed sign of friction (n,), by default none: it jumps.
+        slips: Velocity scales of the smoothed sign of friction (m,), by default none: it jumps.
         references: Coordinates at which springs are at rest (n,), by default zero.
+        axes: Axes on which drives act, by default the freedoms alone.
     """
-    kinds = drive_kinds(drive)
-    sign = np.sign(motion.dq) if slips is None else np.tanh(motion.dq / slips)
-    low = sign / (1 + (motion.dq / STRIBECK) ** 2)
-    signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": sign, "stribeck": low}
+    kinds, axes = drive_kinds(drive), Axes.of(tree) if axes is None else axes
+    dq = axes.moved(motion.dq)
+    sign = np.sign(dq) if slips is None else np.tanh(dq / slips)
+    low = sign / (1 + (dq / (STRIBECK * axes.gears)) ** 2)
+    signal = {"rotor": axes.moved(motion.ddq), "viscous": dq, "coulomb": sign, "stribeck": low}
     if "spring" in kinds:
-        signal["spring"] = spring_lengths(tree, motion.q, references)
-    return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in kinds]
+        signal["spring"] = axes.moved(spring_lengths(tree, motion.q, references))
+    return [signal[kind][:, None, :] * axes.matrix.T for kind in kinds]
 
 
 def spring_lengths(tree: Tree, q: np.ndarray, references: np.ndarray | float) -> np.ndarray:

@@ -295,6 +295,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         streams=streams,
         held=mapping.held,
         scales=mapping.scales,
+        couplings=mapping.couplings,
     )
 
 

@@ -19,6 +19,7 @@ from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
+from ident.model.axes import Couplings
 from ident.recordings import saved
 from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
 from ident.recordings.servo import Servo
@@ -61,6 +62,8 @@ class Recording(Brief):
         servos: Servos of the joints whose torques follow from their commands, by name.
         scales: Relative standard deviations of the scales of joint torques that are not exact, by joint: of `kp` of a
             servo, or of a motor's torque constant.
+        couplings: Motors that move several joints together, to which rotors and friction belong: rows of R in
+            `q_motor = R q`, by the motors' names, as numbers other than zero by joint.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -80,6 +83,7 @@ class Recording(Brief):
     known: Mapping[str, float] = field(default_factory=dict)
     servos: Mapping[str, Servo] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
+    couplings: Couplings = field(default_factory=dict)
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)

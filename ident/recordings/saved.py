@@ -10,6 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
+from ident.recordings.couplings import couplings_of
 from ident.recordings.servo import scales_of, servos_of
 from ident.recordings.wrench import sensors_of
 
@@ -35,7 +36,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
     annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
     annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
-    annotations |= {name: dict(fields[name]) for name in ("setup", "known", "scales")}
+    annotations |= {name: dict(fields[name]) for name in ("setup", "known", "scales", "couplings")}
     annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
@@ -77,6 +78,8 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations["servos"] = servos_of(annotations["servos"])
     if "scales" in annotations:
         annotations["scales"] = scales_of(annotations["scales"])
+    if "couplings" in annotations:
+        annotations["couplings"] = couplings_of(annotations["couplings"])
     held = annotations.pop("stated", {}).get("held")
     if not isinstance(held, bool | None):
         raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")

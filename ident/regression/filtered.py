@@ -181,12 +181,13 @@ def _sums(own: Filtered, taken: np.ndarray, equations: Equations) -> _Sums:
 
 
 def _counting(samples: Samples, equations: Equations) -> np.ndarray:
-    """Mask of the measurements that are used: not the torques of joints with friction at low velocity (N, C)."""
+    """Mask of the measurements that are used: not torques of joints with friction at low velocity (N, C)."""
     counting = np.ones(samples.measured.shape, bool)
     if equations.drives:
-        velocity = np.abs(samples.motion.dq[:, list(equations.torques)])
-        moving = velocity >= SLOW * np.sqrt((velocity**2).mean(axis=0))
-        counting[:, len(equations.channels) - len(equations.torques) :] = moving
+        axes, torques = equations.axes, list(equations.torques)
+        velocity = np.abs(axes.moved(samples.motion.dq))
+        slow = (velocity < SLOW * np.sqrt((velocity**2).mean(axis=0))) & axes.driven
+        counting[:, len(equations.channels) - len(torques) :] = ~(slow @ (axes.matrix[:, torques] != 0))
     return counting
 
 

@@ -50,15 +50,15 @@ def with_low_velocity_friction(
 
 
 def _candidates(estimate: TrajectoryEstimate) -> tuple[str, ...]:
-    """Stribeck columns of the joints with Coulomb friction that changes its sign over less than `STRIBECK`.
+    """Stribeck columns of the axes with Coulomb friction that changes its sign over less than `STRIBECK`.
 
     Where it changes over more, friction that is higher at low velocity would only correct the shape of that change.
     """
-    freedoms, reversals = estimate.measurement.tree.freedoms, estimate.reversals
+    equations, reversals = estimate.measurement.equations, estimate.reversals
     if reversals is None:
         return ()
-    steep = [k for c, k in rubbing(estimate.measurement).items() if reversals.slip[c] < STRIBECK]
-    return tuple(f"{DRIVE['stribeck']}({freedoms[k]})" for k in steep)
+    steep = reversals.slip < STRIBECK * equations.axes.gears
+    return tuple(f"{DRIVE['stribeck']}({equations.axes.names[a]})" for a in rubbing(equations) if steep[a])
 
 
 def _promising(stages: Stages, estimate: TrajectoryEstimate, candidates: Sequence[str]) -> dict[str, float]:

@@ -4,8 +4,10 @@
 
 At rest friction takes any value up to the breakaway friction, of either sign, so that such a sample carries little
 information on the links. Slip and velocity v0 of each joint are chosen from lists, and size s fitted, by maximum
-likelihood of its residuals. Friction at low velocity beyond Coulomb's law: Armstrong-Hélouvry, Dupont and Canudas de
-Wit, Automatica 30 (1994), doi:10.1016/0005-1098(94)90209-7.
+likelihood of its residuals. Of motors that move several joints together, which rub
+in place of the joints, residuals are the joints' as seen by the motors, and variances of motors add up in a joint's
+torque. Friction at low velocity beyond Coulomb's law: Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30
+(1994), doi:10.1016/0005-1098(94)90209-7.
 """
 
 from collections.abc import Sequence
@@ -14,9 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.estimation.equations import Equations
 from ident.estimation.loads import SLIP
 from ident.estimation.measurement import Measurement
-from ident.tolerances import DRIVE, STRIBECK
+from ident.tolerances import DRIVE, SINGULAR, STRIBECK
 from ident.trajectory.fit.piece import Piece, clocks
 
 AT_FIRST = 0.2
@@ -46,97 +49,116 @@ follow, and drives would be wrong by one and a half of their standard deviations
 
 @dataclass(frozen=True, eq=False)
 class Reversals:
-    """Friction of the channels' joints at low velocity.
+    """Friction of the m axes at low velocity.
 
     Attributes:
-        size: Standard deviation s of the slack at rest, N m or N; zero for channels without Coulomb friction (C,).
-        velocity: Velocity v0 over which it decays, rad/s or m/s (C,).
-        slip: Velocity over which Coulomb friction changes sign, rad/s or m/s (C,).
+        size: Standard deviation s of the slack at rest, N m or N; zero for axes without Coulomb friction (m,).
+        velocity: Velocity v0 over which it decays, rad/s or m/s (m,).
+        slip: Velocity over which Coulomb friction changes sign, rad/s or m/s (m,).
+        shares: Torque in each channel over that on each axis, zero for wrenches (m, C).
     """
 
     size: np.ndarray
     velocity: np.ndarray
     slip: np.ndarray
+    shares: np.ndarray
 
     def slack(self, speed: np.ndarray) -> np.ndarray:
-        """Standard deviation of the slack at the channels' joint velocities (M, C)."""
-        return np.asarray(self.size * np.exp(-((speed / self.velocity) ** 2) / 2))
+        """Standard deviation of the channels' slack (M, C) at the axes' velocities (M, m)."""
+        return np.sqrt((self.size * np.exp(-((speed / self.velocity) ** 2) / 2)) ** 2 @ self.shares**2)
 
     def opened(self, pieces: Sequence[Piece], speed: Sequence[np.ndarray]) -> list[Piece]:
-        """Pieces with the slack at their joints' velocities (M, C) each."""
+        """Pieces with the slack at their axes' velocities (M, m) each."""
         return [replace(piece, slack=self.slack(own)) for piece, own in zip(pieces, speed, strict=True)]
 
-    def slips(self, measurement: Measurement) -> np.ndarray:
-        """Slips of all freedoms (n,)."""
-        out = np.full(len(measurement.equations.mechanism.tree.freedoms), SLIP)
-        for channel, freedom in rubbing(measurement).items():
-            out[freedom] = self.slip[channel]
-        return out
+
+def rubbing(equations: Equations) -> tuple[int, ...]:
+    """Indices of the axes with Coulomb friction that act on a torque channel."""
+    felt = np.flatnonzero((equations.axes.matrix[:, list(equations.torques)] != 0).sum(axis=1)).tolist()
+    return tuple(a for a in felt if f"{DRIVE['coulomb']}({equations.axes.names[a]})" in equations.drives)
 
 
-def rubbing(measurement: Measurement) -> dict[int, int]:
-    """Freedoms of the channels that have a Coulomb column, by channel."""
-    equations = measurement.equations
-    first = len(equations.channels) - len(equations.torques)
-    names = {f"{DRIVE['coulomb']}({freedom})": k for k, freedom in enumerate(equations.mechanism.tree.freedoms)}
-    have = {names[drive] for drive in equations.drives if drive in names}
-    return {first + k: freedom for k, freedom in enumerate(equations.torques) if freedom in have}
+def shares(equations: Equations) -> np.ndarray:
+    """Torque in each channel over that on each axis, zero for wrenches (m, C)."""
+    of_torques = equations.axes.matrix[:, list(equations.torques)]
+    wrenches = len(equations.channels) - len(equations.torques)
+    return np.hstack([np.zeros((len(of_torques), wrenches)), of_torques])
+
+
+def axis_speeds(equations: Equations, dq: np.ndarray) -> np.ndarray:
+    """Velocities of the axes with Coulomb friction, infinite for other axes (M, m), from those of the joints (M, n)."""
+    out, rubs = np.full((len(dq), len(equations.axes.names)), np.inf), list(rubbing(equations))
+    out[:, rubs] = equations.axes.moved(dq)[:, rubs]
+    return out
 
 
 def speeds(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Joint velocities of torque channels with Coulomb friction, infinite for other channels (M, C)."""
+    """Velocities of the axes with Coulomb friction along a piece, infinite for other axes (M, m)."""
     # Torques are on the clock of the last channels.
     _, when = clocks(measurement, piece, theta)[-1]
     rates = measurement.motion(piece.spline.evaluate(coefficients, when)[:3]).dq
-    out = np.full((len(rates), len(measurement.equations.channels)), np.inf)
-    for channel, freedom in rubbing(measurement).items():
-        out[:, channel] = rates[:, freedom]
-    return out
+    return axis_speeds(measurement.equations, rates)
 
 
-def at_first(measured: Sequence[np.ndarray], speed: Sequence[np.ndarray]) -> Reversals:
+def at_first(equations: Equations, measured: Sequence[np.ndarray], speed: Sequence[np.ndarray]) -> Reversals:
     """Initial slack, large enough to leave out torques at low velocity.
 
     Args:
+        equations: Channels and axes.
         measured: Channels of every piece (M, C).
-        speed: Velocities of every piece (M, C), infinite for channels without Coulomb friction.
+        speed: Velocities of every piece (M, m), infinite for axes without Coulomb friction.
     """
     every, rates = np.concatenate(measured), np.concatenate(speed)
-    rubs = np.isfinite(rates).any(axis=0)
+    out = _none(equations)
     usual = np.sqrt(np.mean(np.where(np.isfinite(rates), rates, 0) ** 2, axis=0))
-    size = np.where(rubs, np.nan_to_num(np.nanstd(every, axis=0)), 0.0)
-    velocity = np.where(rubs, np.clip(AT_FIRST * usual, 1e-12, STRIBECK), 1.0)
-    return Reversals(size, velocity, np.full(len(size), SLIP))
-
-
-def likeliest(measurement: Measurement, residual: np.ndarray, speed: np.ndarray, theta: np.ndarray) -> Reversals:
-    """Slips and slack that explain residuals best.
-
-    Args:
-        measurement: Channels, and the slips with which the residuals were computed.
-        residual: Residuals of the channels, NaN where a sample is missing (M, C).
-        speed: Velocities (M, C), infinite for channels without Coulomb friction.
-        theta: Parameters with which the residuals were computed (p,).
-    """
-    C = residual.shape[1]
-    out = Reversals(np.zeros(C), np.ones(C), np.full(C, SLIP))
-    for c, freedom in rubbing(measurement).items():
-        chosen = np.flatnonzero(np.isfinite(residual[:, c]))
-        chosen = chosen[:: max(1, len(chosen) // ENOUGH)]
-        rate, friction = speed[chosen, c], _friction(measurement, freedom, theta)
-        if not rate.any():
-            continue
-        slips = measurement.equations.slips
-        own = SLIP if slips is None else slips[freedom]
-        law = _law(residual[chosen, c] + friction * np.tanh(rate / own), rate)
-        out.size[c], out.velocity[c], out.slip[c] = min(law.size, max(law.coulomb, 0.0)), WIDER * law.velocity, law.slip
+    for a in rubbing(equations):
+        out.size[a] = np.nan_to_num(np.nanstd(_on_axis(equations, a, every)))
+        out.velocity[a] = np.clip(AT_FIRST * usual[a], 1e-12, STRIBECK * equations.axes.gears[a])
     return out
 
 
-def _friction(measurement: Measurement, freedom: int, theta: np.ndarray) -> float:
-    """Coulomb friction of a freedom."""
-    equations = measurement.equations
-    name = f"{DRIVE['coulomb']}({equations.mechanism.tree.freedoms[freedom]})"
+def _none(equations: Equations) -> Reversals:
+    """No slack, with the default slips."""
+    gears = equations.axes.gears
+    return Reversals(np.zeros(len(gears)), np.ones(len(gears)), SLIP * gears, shares(equations))
+
+
+def _on_axis(equations: Equations, axis: int, channels: np.ndarray) -> np.ndarray:
+    """Torque on an axis (M,) from those of the channels (M, C): of a motor as its coupling has it."""
+    own, n = shares(equations), len(equations.axes.freedoms)
+    if axis < n:
+        return np.asarray(channels[:, np.flatnonzero(own[axis])[0]])
+    weights = np.linalg.pinv(own[n:])[:, axis - n]
+    used = np.abs(weights) > SINGULAR * np.abs(weights).max()
+    return np.asarray(channels[:, used] @ weights[used])
+
+
+def likeliest(equations: Equations, residual: np.ndarray, speed: np.ndarray, theta: np.ndarray) -> Reversals:
+    """Slips and slack that explain residuals best.
+
+    Args:
+        equations: Channels, and the slips with which the residuals were computed.
+        residual: Residuals of the channels, NaN where a sample is missing (M, C).
+        speed: Velocities (M, m), infinite for axes without Coulomb friction.
+        theta: Parameters with which the residuals were computed (p,).
+    """
+    out, gears = _none(equations), equations.axes.gears
+    slips = SLIP * gears if equations.slips is None else equations.slips
+    for a in rubbing(equations):
+        own = _on_axis(equations, a, residual)
+        chosen = np.flatnonzero(np.isfinite(own))
+        chosen = chosen[:: max(1, len(chosen) // ENOUGH)]
+        rate, friction = speed[chosen, a], _friction(equations, a, theta)
+        if not rate.any():
+            continue
+        law = _law(own[chosen] + friction * np.tanh(rate / slips[a]), rate, SLIP * gears[a])
+        out.size[a], out.velocity[a], out.slip[a] = min(law.size, max(law.coulomb, 0.0)), WIDER * law.velocity, law.slip
+    return out
+
+
+def _friction(equations: Equations, axis: int, theta: np.ndarray) -> float:
+    """Coulomb friction of an axis."""
+    name = f"{DRIVE['coulomb']}({equations.axes.names[axis]})"
     return float(theta[equations.parameters.rank + equations.drives.index(name)])
 
 
@@ -149,10 +171,10 @@ class _Law(NamedTuple):
     size: float
 
 
-def _law(torque: np.ndarray, rate: np.ndarray) -> _Law:
-    """Law with the smallest slip whose likelihood is about as high as the highest."""
+def _law(torque: np.ndarray, rate: np.ndarray, least: float = SLIP) -> _Law:
+    """Law with the smallest slip, from a least one, whose likelihood is about as high as the highest."""
     usual = float(np.sqrt(np.mean(rate**2)))
-    slips = np.array([SLIP, *(slip for slip in usual * SLIPS if slip > SLIP)])
+    slips = np.array([least, *(slip for slip in usual * SLIPS if slip > least)])
     coulomb, size, likelihood = _with_slack(torque, rate, slips, usual * VELOCITIES)
     enough = likelihood.max() - MARGIN * len(rate)
     k = int(np.argmax(likelihood.max(axis=1) >= enough))

@@ -139,9 +139,9 @@ class Stages:
         alone = smoothed(pieces, executor=self.executor)
         theta = self.prior.mean[: len(self.measurement.names)]
         reversals = None
-        if rubbing(self.measurement):
+        if rubbing(self.measurement.equations):
             rates = [speeds(self.measurement, *pair, theta) for pair in zip(pieces, alone.coefficients, strict=True)]
-            reversals = at_first([piece.signal for piece in pieces], rates)
+            reversals = at_first(self.measurement.equations, [piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
         fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_stated, EXPLORED)
@@ -228,7 +228,7 @@ class Stages:
         places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
         rates = [speeds(measurement, *place) for place in places]
         left = np.concatenate([residual(measurement, *place) for place in places])
-        reversals = likeliest(measurement, left, np.concatenate(rates), own[0])
+        reversals = likeliest(measurement.equations, left, np.concatenate(rates), own[0])
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 
@@ -323,7 +323,7 @@ class Stages:
         """Measurement with the estimated slips of friction."""
         if reversals is None:
             return self.measurement
-        return self.measurement.with_slips(reversals.slips(self.measurement))
+        return self.measurement.with_slips(reversals.slip)
 
     def refit_of(self, estimate: TrajectoryEstimate) -> Refit:
         """Function that fits the pieces of an estimate again, with its noise model, friction and prior."""

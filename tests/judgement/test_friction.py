@@ -14,6 +14,7 @@ from ident.judgement import torque_findings
 from ident.judgement.fit_findings import model_error_findings
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.torque_findings import friction_findings
+from ident.model.axes import Axes
 
 
 @cache
@@ -49,11 +50,16 @@ def test_friction_is_taken_for_friction():
     assert 0.6 < shares[0] < 0.8 and shares[1:].max() < 0.1
 
 
+def axes(joints, **motors):
+    """Axes of joints, and of motors with their rows."""
+    return Axes(joints, tuple(motors), np.array(list(motors.values()), float).reshape(-1, len(joints)))
+
+
 def estimate(share, ratio, drives=()):
     """An estimate of two torques, with a share of the second's residual that friction would explain."""
     channels = ("joint1", "joint2")
     return SimpleNamespace(
-        fit=SimpleNamespace(equations=SimpleNamespace(drives=drives)),
+        fit=SimpleNamespace(equations=SimpleNamespace(drives=drives, axes=axes(channels), channels=channels)),
         channels=channels,
         ratios=dict.fromkeys(channels, ratio),
         friction={"joint1": 0.0, "joint2": share},
@@ -104,14 +110,18 @@ def test_stribeck_friction_that_was_searched_for_is_not_asked_for_again():
     assert not list(torque_findings.low_velocity_findings(result))
 
 
-def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):
-    """Findings on the second of two torques, whose joint has friction, with a noise of 0.5 N m."""
-    monkeypatch.setattr(torque_findings, "rubbing", lambda measurement: {1: 1})
+def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4, **motors):
+    """Findings on two torques of which the second's joint, or the first motor, has friction; noise 0.5 N m."""
     result = estimate(0.0, 0.1)
-    jumps = SimpleNamespace(size=np.array([0, size]), velocity=np.array([1, 0.05]), slip=np.array([0, slip]))
+    equations = result.fit.equations
+    equations.axes = axes(equations.channels, **motors)
+    rubs = 2 if motors else 1
+    monkeypatch.setattr(torque_findings, "rubbing", lambda equations: (rubs,))
+    sizes, velocities, slips = np.zeros(rubs + 1), np.ones(rubs + 1), np.zeros(rubs + 1)
+    sizes[rubs], velocities[rubs], slips[rubs] = size, 0.05, slip
     result.trajectory = SimpleNamespace(
-        reversals=jumps,
-        measurement=SimpleNamespace(tree=SimpleNamespace(freedoms=("joint1", "joint2"))),
+        reversals=SimpleNamespace(size=sizes, velocity=velocities, slip=slips, shares=equations.axes.matrix),
+        measurement=SimpleNamespace(equations=equations),
         fit=SimpleNamespace(noise=SimpleNamespace(channels=np.array([0.5, 0.5]))),
     )
     result.moving_ratio = np.array([np.nan, moving])
@@ -125,6 +135,16 @@ def test_slack_at_rest_is_a_remark_where_it_is_more_than_noise(monkeypatch):
     assert not reversals(monkeypatch, size=0.4)
     (finding,) = reversals(monkeypatch, moving=np.nan)
     assert finding.values["ratios"] == {}
+
+
+def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
+    (finding,) = reversals(monkeypatch, size=0.4, left=[1.0, 2.0])
+    assert finding.place.joints == ("joint1", "joint2")
+    assert finding.values == {"velocities": {"left": 0.05}, "ratios": {"joint2": 0.4}}
+    assert not reversals(monkeypatch, size=0.2, left=[1.0, 2.0])
+    (finding,) = reversals(monkeypatch, size=0.0, slip=0.05, left=[1.0, 2.0])
+    assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"left": 0.05}}
+    assert not reversals(monkeypatch, size=0.0, slip=0.05, left=[10.0, 20.0])
 
 
 def test_friction_that_does_not_jump_is_a_remark(monkeypatch):

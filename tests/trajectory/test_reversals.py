@@ -37,7 +37,7 @@ def test_torques_at_rest_are_open_where_they_are_anything():
 
 def test_slack_fades_over_its_velocity_either_way():
     """As a Gaussian with standard deviation v0. A channel without friction has none."""
-    reversals = Reversals(np.array([2.0, 0.0]), np.array([0.1, 1.0]), np.zeros(2))
+    reversals = Reversals(np.array([2.0, 0.0]), np.array([0.1, 1.0]), np.zeros(2), np.eye(2))
     speed = np.array([0, 0.1, -0.1, 0.2, 1.0])
     slack = reversals.slack(np.stack([speed, speed], axis=1))
     np.testing.assert_allclose(slack[:, 0], 2 * np.exp([0, -0.5, -0.5, -2, -50]))

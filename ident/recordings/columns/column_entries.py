@@ -10,6 +10,7 @@ from ident.errors import LogError
 from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
 from ident.files.table import short
 from ident.recordings.columns.entries import check_keys, table, vector
+from ident.recordings.couplings import couplings
 from ident.tolerances import HUGE
 
 TERM = ("column", "columns", "weights", "gain", "constant")
@@ -75,9 +76,11 @@ def factor_of(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> 
     return choices[entry[key]], next(iter(choices))
 
 
-def joints_of_motors(where: str, entry: Mapping[str, Any], joints: Mapping[str, str]) -> dict[str, Columns]:
-    """Columns of joints driven by coupled motors: motor angles are `matrix` times joint coordinates."""
-    check_keys(f"[{where}]", entry, ("joints", "matrix", *KINDS))
+def joints_of_motors(
+    where: str, entry: Mapping[str, Any], joints: Mapping[str, str]
+) -> tuple[dict[str, Columns], dict[str, dict[str, float]]]:
+    """Columns of joints driven by motors, whose angles are `matrix` times joint coordinates, and the couplings."""
+    check_keys(f"[{where}]", entry, ("joints", "matrix", "friction", *KINDS))
     moved = entry.get("joints")
     if not isinstance(moved, list) or not moved or any(joint not in joints for joint in moved):
         raise LogError(f"{where}.joints needs a list of joints, of {', '.join(joints)}; got {short(moved)}.")
@@ -100,7 +103,7 @@ def joints_of_motors(where: str, entry: Mapping[str, Any], joints: Mapping[str, 
         for joint, column in zip(moved, of_joints, strict=True):
             unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
             columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
-    return columns
+    return columns, couplings(where, entry, moved, matrix)
 
 
 def _number(where: str, value: Any) -> float:

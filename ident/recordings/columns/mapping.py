@@ -46,6 +46,7 @@ class ColumnMapping:
         held: True if something holds the base, as for `Recording`.
         servos: Servos of commanded joints, as for `Recording`.
         scales: Uncertainties of the scales of torques, as for `Recording`.
+        couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`.
         clocks: Columns of times, one for each file, if they are stated one by one.
@@ -61,6 +62,7 @@ class ColumnMapping:
     held: bool | None = None
     servos: dict[str, Servo] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
+    couplings: dict[str, dict[str, float]] = field(default_factory=dict)
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
@@ -160,7 +162,9 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
             )
     with_axes = {joint: kind for joint, kind in joints.items() if kind != "ball"}
     for name, entry in table("motors", entries.get("motors", {})).items():
-        for key, columns in joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes).items():
+        of_motors, couplings = joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes)
+        mapping.couplings |= couplings
+        for key, columns in of_motors.items():
             if key in mapping.columns:
                 raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
             mapping.columns[key] = columns
