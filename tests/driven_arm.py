@@ -50,10 +50,9 @@ def mechanism(**drives):
     return sim.mechanism(mujoco.MjSpec.from_string(text(**drives)))
 
 
-@cache
-def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0):
-    """Angles and torques of the true arm under sums of sinusoids of a size, with white noise."""
-    t, rng = np.arange(round(seconds * rate)) / rate, np.random.default_rng(seed)
+def motion(rng, seconds=12.0, rate=100.0, size=1.0):
+    """Times, and angles, velocities and accelerations of sums of sinusoids of a size (N, 3)."""
+    t = np.arange(round(seconds * rate)) / rate
     pulsation = 2 * np.pi * 0.15 * np.arange(1, 6)
     amplitude, phase = size * rng.uniform(0.08, 0.3, (3, 5)), rng.uniform(0, 2 * np.pi, (3, 5))
     angle = pulsation * t[:, None, None] + phase
@@ -61,13 +60,26 @@ def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0):
         (amplitude * pulsation**k * wave(angle)).sum(axis=2)
         for k, wave in enumerate((np.sin, np.cos, lambda x: -np.sin(x)))
     )
+    return t, q, dq, ddq
+
+
+def torques(q, dq, ddq, **drives):
+    """Torques of the arm by MuJoCo, without Coulomb friction, and with other drives by attribute (N, 3)."""
     # MuJoCo's own friction is another law at low velocity.
-    model = mujoco.MjModel.from_xml_string(text(frictionloss=(0, 0, 0)))
-    data, torques = mujoco.MjData(model), []
+    model = mujoco.MjModel.from_xml_string(text(**drives | {"frictionloss": (0, 0, 0)}))
+    data, out = mujoco.MjData(model), []
     for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
         mujoco.mj_inverse(model, data)
-        torques.append(data.qfrc_inverse.copy())
-    torque = np.array(torques) + np.array(TRUE["frictionloss"]) * np.tanh(dq / 0.003)
+        out.append(data.qfrc_inverse.copy())
+    return np.array(out)
+
+
+@cache
+def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0):
+    """Angles and torques of the true arm under sums of sinusoids of a size, with white noise."""
+    rng = np.random.default_rng(seed)
+    t, q, dq, ddq = motion(rng, seconds, rate, size)
+    torque = torques(q, dq, ddq) + np.array(TRUE["frictionloss"]) * np.tanh(dq / 0.003)
     torque += noise * 0.02 * rng.normal(size=q.shape)
     q = q + noise * 1e-4 * rng.normal(size=q.shape)
     channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}

@@ -39,9 +39,10 @@ def usual_drives(mechanism: Mechanism, torques: Sequence[int], axes: Axes | None
     return (*drives_of(axes, USUAL_DRIVE, torques), *(f"{DRIVE['spring']}({name})" for name in springs))
 
 
-def absorbed_note(mechanism: Mechanism, lost: Sequence[str]) -> str:
-    """Note on drives whose columns depend on those of the links."""
-    note = f"{', '.join(lost)} cannot be told from the links' inertias, which take them up"
+def absorbed_note(mechanism: Mechanism, lost: Sequence[str], mixed: Sequence[str] = ()) -> str:
+    """Note on drives whose columns depend on those of the links, and of the mixed drives of other motors."""
+    beside = f" and from {', '.join(mixed)}" if mixed else ""
+    note = f"{', '.join(lost)} cannot be told from the links' inertias{beside}, which take them up"
     if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
         return f"{note}."
     return f"{note}; bodies are computed with the model's {', '.join(stated)}."

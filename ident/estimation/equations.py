@@ -49,6 +49,7 @@ class Equations:
         absorbed: What drives that the model states add to the coefficients of base parameters and drives, because
             their own columns depend on those (r + d,); None for nothing.
         couplings: Motors that move several joints together, to which rotors and friction belong.
+        mixed: Drives of these that take up drives without a column, and may thus be negative.
     """
 
     mechanism: Mechanism
@@ -63,6 +64,7 @@ class Equations:
     scales: tuple[float, ...] = ()
     absorbed: np.ndarray | None = None
     couplings: Couplings = field(default_factory=dict)
+    mixed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         expected, bodies = len(self.parameters.parameters), len(self.mechanism.tree.inertial)
@@ -122,7 +124,7 @@ class Equations:
 
     def with_drives(self, drives: Sequence[str]) -> "Equations":
         """Equations with the columns of some drives, of which none is absorbed by others."""
-        return replace(self, drives=tuple(drives), absorbed=None)
+        return replace(self, drives=tuple(drives), absorbed=None, mixed=())
 
     def with_stribeck(self, names: Sequence[str]) -> "Equations":
         """Equations with more columns of Stribeck friction, of which models state none."""

@@ -199,7 +199,7 @@ def prepared(
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
     if lost := [name for name in drives if name not in fitted.drives]:
-        notes.append(absorbed_note(mechanism, lost))
+        notes.append(absorbed_note(mechanism, lost, fitted.mixed))
     all_notes = (*recording.notes, *notes)
     return Prepared(
         mechanism,

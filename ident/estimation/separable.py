@@ -1,5 +1,6 @@
 """Columns of drives and offsets that a motion separates from those before them."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,14 @@ import numpy as np
 from ident.estimation.accumulator import accumulate
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
+from ident.model.stated import column_place
 from ident.tolerances import ZERO_COLUMN
 
 INDEPENDENT = 1e-6
 """Distance of a unit-norm column from the span of others below which it depends on them."""
+
+MIXED = 1e-3
+"""Coefficient of a unit-norm column in another from which the one takes up the other."""
 
 
 def separable(equations: Equations, samples: Samples) -> Equations:
@@ -31,7 +36,19 @@ def separable(equations: Equations, samples: Samples) -> Equations:
     )
     count = equations.parameters.rank + len(equations.drives)
     absorbed = _absorbed(columns[:, :count], mask[:count], equations, without)
-    return without if absorbed is without.absorbed else replace(without, absorbed=absorbed)
+    without = without if absorbed is without.absorbed else replace(without, absorbed=absorbed)
+    return replace(without, mixed=_mixed(columns[:, :count], kept, equations)) if equations.axes.motors else without
+
+
+def _mixed(columns: np.ndarray, kept: Mapping[str, bool], before: Equations) -> tuple[str, ...]:
+    """`mixed` of equations that lack some of the columns of base parameters and drives (m, r + d) of others."""
+    names = before.names[: columns.shape[1]]
+    stays = np.array([kept[name] or name not in before.drives for name in names])
+    unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    combined = np.linalg.lstsq(unit[:, stays], unit[:, ~stays], rcond=INDEPENDENT)[0]
+    takes = dict(zip(np.array(names)[stays].tolist(), (np.abs(combined) > MIXED).any(axis=1), strict=True))
+    of_motors = [name for name in before.drives if column_place(name)[1] in before.axes.motors]
+    return tuple(name for name in of_motors if takes.get(name) or (name in before.mixed and kept[name]))
 
 
 def _absorbed(columns: np.ndarray, kept: np.ndarray, before: Equations, after: Equations) -> np.ndarray | None:

@@ -133,8 +133,8 @@ class TrajectoryEstimate:
 
 
 def is_drive(measurement: Measurement, parameters: int) -> np.ndarray:
-    """Mask of the parameters that are friction or rotor inertia (p,)."""
-    first = measurement.equations.parameters.rank
-    out = np.zeros(parameters, bool)
-    out[first : first + len(measurement.equations.drives)] = True
+    """Mask of the parameters that are friction or rotor inertia, which are not negative (p,)."""
+    equations = measurement.equations
+    first, out = equations.parameters.rank, np.zeros(parameters, bool)
+    out[first : first + len(equations.drives)] = ~np.isin(equations.drives, equations.mixed)
     return out
