@@ -32,7 +32,7 @@ from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Precision, Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
-from ident.model.stated import with_values
+from ident.model.stated import column_place, with_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
@@ -200,7 +200,10 @@ class Estimate:
 
     @property
     def drives(self) -> dict[str, Drive]:
-        """Drives of the joints of which some are fitted, by name; other kinds have the model's values."""
+        """Drives of the joints of which some are fitted, by name; other kinds have the model's values.
+
+        Those of motors that move several joints are no joint's, and among the coefficients alone.
+        """
         return self._drives_of(self.fit)
 
     @property
@@ -226,8 +229,10 @@ class Estimate:
 
     def _drives_of(self, fit: Fit) -> dict[str, Drive]:
         fitted = slice(self.base.rank, self.base.rank + len(fit.equations.drives))
-        values = dict(zip(fit.equations.drives, fit.values[fitted].tolist(), strict=True))
-        return with_values(self.prepared.mechanism, values)
+        equations = fit.equations
+        values = dict(zip(equations.drives, fit.values[fitted].tolist(), strict=True))
+        of_joints = {name: x for name, x in values.items() if column_place(name)[1] not in equations.axes.motors}
+        return with_values(self.prepared.mechanism, of_joints)
 
     @property
     def psi_of_links(self) -> np.ndarray:

@@ -1,65 +1,118 @@
 """Motors that move several joints together: rotors and friction belong to them, unless the mapping says otherwise."""
 
-from dataclasses import replace
 from functools import cache
 
 import driven_arm
+import mujoco
 import numpy as np
 import pytest
-from coded import coded
 
 import ident
-from ident.errors import LogError
+import sim
+from experiments.reports.identify_report import _left_out_of, _write_updated
+from ident.mechanism.drives import Drive
 
-R = np.array([[30.0, 20.0], [30.0, -20.0]])
+MATRIX = np.array([[30.0, 20.0], [30.0, -20.0]])
 """Angles of two motors over those of the joints lift and bend."""
 
-MOTORS = ("wrist 1", "wrist 2")
-TRUE = {"Ia": (1.5e-4, 1.2e-4), "Fv": (8e-4, 5e-4), "Fc": (0.03, 0.015)}
+GEARS, MOTORS = np.array([30.0, 30.0]), ("wrist 1", "wrist 2")
+MOTOR_DRIVES = {"Ia": (1.5e-4, 1.2e-4), "Fv": (8e-4, 5e-4), "Fc": (0.03, 0.015)}
 """Rotor inertia, kg m², and friction, N m s and N m, of the motors."""
 
+TRUE = {f"{column}({motor})": x for column, own in MOTOR_DRIVES.items() for motor, x in zip(MOTORS, own, strict=True)}
 NOISE = 4e-4
 """Noise of the motors' torques, N m."""
 
-MAPPING = {
-    "motors": {
-        "wrist": {
-            "joints": ["lift", "bend"],
-            "matrix": R.tolist(),
-            "position": ["a1", "a2"],
-            "torque": [{"column": "i1", "gain": 0.05, "unit": "A"}, {"column": "i2", "gain": 0.05, "unit": "A"}],
-        }
-    }
-}
 
-
-def mapping(**more):
-    return {"motors": {"wrist": MAPPING["motors"]["wrist"] | more}}
+def arm(bend=(1, 0, 0), **drives):
+    """The arm with another axis of its last joint, and drives of its joints by attribute."""
+    mjcf = driven_arm.text(**driven_arm.NONE | drives)
+    mjcf = mjcf.replace('name="bend" axis="0 1 0"', 'name="bend" axis="{} {} {}"'.format(*bend))
+    return mjcf.replace('pos="0.15 0.01 0"', 'pos="0.15 0.04 0.02"')
 
 
 @cache
-def columns(seed=0):
+def columns(seed=1, bend=(1, 0, 0)):
     """Columns of a log in which lift and bend are recorded by their motors, which have rotors and friction."""
     rng = np.random.default_rng(seed)
     t, q, dq, ddq = driven_arm.motion(rng)
-    first = {key: (values[0], 0, 0) for key, values in driven_arm.TRUE.items()}
-    torque = driven_arm.torques(q, dq, ddq, **first)
-    turns, speeds_up = dq[:, 1:] @ R.T, ddq[:, 1:] @ R.T
-    Ia, Fv, Fc = map(np.array, TRUE.values())
-    of_motors = torque[:, 1:] @ np.linalg.inv(R) + Ia * speeds_up + Fv * turns + Fc * np.tanh(turns / 0.05)
-    of_motors += NOISE * rng.normal(size=of_motors.shape)
-    turn = torque[:, 0] + driven_arm.TRUE["frictionloss"][0] * np.tanh(dq[:, 0] / 0.003)
-    angles = q[:, 1:] @ R.T + 3e-3 * rng.normal(size=(len(t), 2))
-    return {
-        "time": t,
-        "turn_position": q[:, 0] + 1e-4 * rng.normal(size=len(t)),
-        "turn_torque": turn + 0.02 * rng.normal(size=len(t)),
-        **dict(zip(("a1", "a2"), angles.T, strict=True)),
-        **dict(zip(("i1", "i2"), of_motors.T / 0.05, strict=True)),
-    }
+    model = mujoco.MjModel.from_xml_string(arm(bend))
+    data, torque = mujoco.MjData(model), np.empty_like(q)
+    for k in range(len(t)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        torque[k] = data.qfrc_inverse
+    turns, speeds_up = dq[:, 1:] @ MATRIX.T, ddq[:, 1:] @ MATRIX.T
+    Ia, Fv, Fc = map(np.array, MOTOR_DRIVES.values())
+    of_motors = torque[:, 1:] @ np.linalg.inv(MATRIX) + Ia * speeds_up + Fv * turns
+    of_motors += Fc * np.tanh(turns / (0.003 * GEARS)) + NOISE * rng.normal(size=turns.shape)
+    turn = torque[:, 0] + 0.8 * dq[:, 0] + 0.9 * np.tanh(dq[:, 0] / 0.003) + 0.02 * rng.normal(size=len(t))
+    angles = q[:, 1:] @ MATRIX.T + 3e-3 * rng.normal(size=turns.shape)
+    out = {"time": t, "turn_position": q[:, 0] + 1e-4 * rng.normal(size=len(t)), "turn_torque": turn}
+    out |= dict(zip(("a1", "a2"), angles.T, strict=True))
+    return out | dict(zip(("i1", "i2"), of_motors.T / 0.05, strict=True))
+
+
+def mapping(friction="motors"):
+    torques = [{"column": name, "gain": 0.05, "unit": "A"} for name in ("i1", "i2")]
+    wrist = {"joints": ["lift", "bend"], "matrix": MATRIX.tolist(), "position": ["a1", "a2"], "torque": torques}
+    return {"motors": {"wrist": wrist | {"friction": friction}}}
+
+
+def mechanism(bend=(1, 0, 0), **drives):
+    return sim.mechanism(mujoco.MjSpec.from_string(arm(bend, **drives)))
 
 
 @cache
-def estimate(friction="motors"):
-    arm = driven_arm.mechanism(**driven_arm.NONE)
-    return ident.identify(arm, columns(), columns=mapping(friction=friction))
+def estimate(friction="motors", **options):
+    return ident.identify(mechanism(), columns(), columns=mapping(friction), **options)
+
+
+def test_rotors_and_friction_of_coupled_motors_are_identified():
+    fit = estimate().fit
+    std = dict(zip(fit.names, zip(fit.values, fit.std, strict=True), strict=True))
+    for name, true in TRUE.items():
+        value, own = std[name]
+        assert abs(value - true) < 1.96 * own < 0.02 * true, name
+    assert not {"Fv(lift)", "Fv(bend)", "Ia(bend)"} & set(std) and {"Fv(turn)", "Fc(turn)"} <= set(std)
+    # The residual is the noise of the motors, as the joints have it.
+    noise = NOISE * np.sqrt((MATRIX**2).sum(axis=0))
+    assert estimate().trajectory.fit.noise.channels[1:] == pytest.approx(noise, rel=0.05)
+    assert [estimate()[f"{column}(wrist 1)"].unit for column in MOTOR_DRIVES] == ["kg m²", "N m s", "N m"]
+
+
+def test_friction_of_joints_leaves_more():
+    own, others = estimate(), estimate("joints")
+    assert {"Fv(lift)", "Fc(bend)"} <= set(others.fit.names) and not set(TRUE) & set(others.fit.names)
+    assert (others.held_out.ratio[1:] > 10 * own.held_out.ratio[1:]).all()
+    assert (own.held_out.ratio < 0.02).all() and own.verdict().usable
+
+
+def test_least_squares_has_coupled_motors_as_well():
+    fit = estimate(estimator="weighted", cutoff=8.0).fit
+    values = dict(zip(fit.names, fit.values, strict=True))
+    assert {name: values[name] for name in TRUE} == pytest.approx(TRUE, rel=0.1)
+
+
+def test_a_rotor_that_takes_up_another_one_may_be_negative():
+    """About parallel axes one of three inertias is left for two rotors: the first less five times the second."""
+    parallel = (0, 1, 0)
+    result = ident.identify(mechanism(parallel), columns(1, parallel), columns=mapping())
+    fit = result.fit
+    k = fit.names.index("Ia(wrist 1)")
+    assert "Ia(wrist 2)" not in fit.names and fit.equations.mixed == ("Ia(wrist 1)",)
+    assert fit.values[k] == pytest.approx(1.5e-4 - 5 * 1.2e-4, abs=3 * fit.std[k])
+    assert any("from the links' inertias and from Ia(wrist 1)" in note for note in result.prepared.notes)
+    assert (result.held_out.ratio < 0.02).all()
+
+
+def test_a_model_s_file_keeps_what_it_states_of_coupled_joints(tmp_path):
+    stated = mechanism(damping=(0.5, 0.4, 0.3))
+    result = ident.identify(stated, columns(), columns=mapping(), estimator="weighted", cutoff=8.0)
+    assert set(result.drives_updated) == {"turn"}
+    _write_updated(result, tmp_path / "model.xml")
+    drives = sim.mechanism(str(tmp_path / "model.xml")).drives
+    assert (drives["lift"].viscous, drives["bend"].viscous) == (0.4, 0.3)
+    assert drives["turn"].viscous == pytest.approx(0.8, rel=0.1) and isinstance(drives["turn"], Drive)
+    assert _left_out_of("model.xml", result) == [f"model.xml cannot hold {', '.join(TRUE)}."]
+    assert _left_out_of(None, result) == []

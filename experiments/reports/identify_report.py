@@ -29,6 +29,7 @@ from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit, unit_of
 from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.mechanism.mechanism import Mechanism
+from ident.model.stated import column_place
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.servo import Servo
 from ident.recordings.several_files import name_of
@@ -309,7 +310,11 @@ def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
         updated or "", ("stribeck",)
     )
     columns = tuple(f"{DRIVE[kind]}(" for kind in kinds) if updated else ()
-    names = [name for name in result.fit.equations.drives if name.startswith(columns)]
+    # No file has friction or rotors of motors that move several joints.
+    motors = result.fit.equations.axes.motors if updated else ()
+    names = [
+        name for name in result.fit.equations.drives if name.startswith(columns) or column_place(name)[1] in motors
+    ]
     return [f"{updated} cannot hold {', '.join(names)}."] if names else []
 
 

@@ -1,6 +1,6 @@
 """Motors that move several joints together: which of them rotors and friction belong to, from a mapping or a file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ OWNERS = ("motors", "joints")
 
 
 def couplings(
-    where: str, entry: Mapping[str, Any], joints: Sequence[str], matrix: np.ndarray
+    where: str, entry: Mapping[str, Any], joints: Sequence[str], matrix: np.ndarray, taken: Collection[str] = ()
 ) -> dict[str, dict[str, float]]:
     """Rows of coupled motors by their names, `NAME 1`, `NAME 2`; empty where rotors and friction belong to the joints.
 
@@ -25,20 +25,21 @@ def couplings(
         entry: The entry.
         joints: The joints.
         matrix: R of `q_motor = R q` (n, n).
+        taken: Names that a motor must not have, those of all joints.
 
     Raises:
-        LogError: `friction` is none of `OWNERS`.
+        LogError: `friction` is none of `OWNERS`, or a motor has the name of a joint.
     """
     owner = entry.get("friction", OWNERS[0])
     if owner not in OWNERS:
         raise LogError(f"{where}.friction needs one of {', '.join(OWNERS)}; got {short(owner)}.")
     if owner != OWNERS[0] or (np.count_nonzero(matrix, axis=1) < 2).all():
         return {}
-    name = where.partition(".")[2]
-    return {
-        f"{name} {number}": {joint: float(x) for joint, x in zip(joints, row, strict=True) if x}
-        for number, row in enumerate(matrix, start=1)
-    }
+    names = [f"{where.partition('.')[2]} {number}" for number in range(1, len(matrix) + 1)]
+    if twice := [name for name in names if name in taken]:
+        raise LogError(f"[{where}] has a motor '{twice[0]}', and a joint is named so too; rename the motors.")
+    rows = ({joint: float(x) for joint, x in zip(joints, row, strict=True) if x} for row in matrix)
+    return dict(zip(names, rows, strict=True))
 
 
 def couplings_of(entries: Mapping[str, Any]) -> dict[str, dict[str, float]]:

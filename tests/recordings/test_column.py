@@ -14,7 +14,9 @@ from ident.files.column import Columns, Sum, joints_behind_motors
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.recordings.couplings import couplings, couplings_of
 from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.recording import Recording
 
 NAMES = ("leg", "torso")
 AXIS = np.eye(6)[4]
@@ -91,6 +93,26 @@ def test_motors_that_move_several_joints(tmp_path):
     torque, rate = log.torques(("ankle", "hip")), log.of_joints(("ankle", "hip"), "velocity")
     np.testing.assert_allclose((torque * rate).sum(axis=1), (motor_torque * (rate @ R.T)).sum(axis=1), atol=1e-12)
     assert log.units["hip_torque"] == "N m" and log.unused == []
+
+
+def test_friction_belongs_to_motors_that_are_coupled_unless_stated(tmp_path):
+    assert read(tmp_path, coupled(), COUPLED).couplings == {
+        f"wrist {k}": dict(zip(("ankle", "hip"), row, strict=True)) for k, row in enumerate(R.tolist(), start=1)
+    }
+    for other in (COUPLED + 'friction = "joints"\n', COUPLED.replace(str(R.tolist()), "[[0, 2], [-3, 0]]")):
+        assert read(tmp_path, coupled(), other).couplings == {}
+    with pytest.raises(LogError, match=r"\[motors.wrist\] has a motor 'wrist 2', and a joint is named so too"):
+        couplings("motors.wrist", {}, ["wrist 2", "hip"], R, ["wrist 2", "hip"])
+
+
+@pytest.mark.parametrize("end", ["npz", "csv"])
+def test_couplings_are_saved_with_a_recording(tmp_path, end):
+    log = read(tmp_path, coupled(), COUPLED)
+    log.save(tmp_path / f"saved.{end}")
+    assert Recording.load(tmp_path / f"saved.{end}").couplings == log.couplings
+    for row in (3, {}, {"hip": 0}, {"hip": "far"}):
+        with pytest.raises(LogError, match="the motor 'wrist 1' needs a number other than 0 for each joint, got"):
+            couplings_of({"wrist 1": row})
 
 
 @settings(max_examples=50, derandomize=True, deadline=None, database=None)
@@ -224,6 +246,10 @@ BAD = {
     "motors and joint": (
         HIP + '"q_hip"\n[motors.a]\njoints = ["hip"]\nmatrix = [[1]]\nposition = ["q_hip"]',
         "joints.hip.position is mapped twice, under [joints] and by motors",
+    ),
+    "friction": (
+        '[motors.a]\njoints = ["hip"]\nmatrix = [[1]]\nfriction = "none"',
+        "motors.a.friction needs one of motors, joints; got none",
     ),
     "missing motor": (
         '[motors.a]\njoints = ["hip"]\nmatrix = [[1]]\nposition = [""]',

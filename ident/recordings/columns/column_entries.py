@@ -103,7 +103,7 @@ def joints_of_motors(
         for joint, column in zip(moved, of_joints, strict=True):
             unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
             columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
-    return columns, couplings(where, entry, moved, matrix)
+    return columns, couplings(where, entry, moved, matrix, joints)
 
 
 def _number(where: str, value: Any) -> float:
