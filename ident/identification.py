@@ -238,7 +238,8 @@ def identified(
         alone=not ESTIMATORS[estimator].filters,
         offsets=offsets,
         known={**KNOWN, **checked_deviations("known", recording.known, KNOWN), **beforehand},
-        wanted=None if known is None else bool(known),
+        # Who states what is known of single bodies asks for it.
+        wanted=bool(recording.known_bodies) or None if known is None else bool(known),
         setup={**checked_setup(recording.setup), **setup},
         own=own,
         physical=physical,

@@ -152,6 +152,7 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree, rate = mechanism.tree, recording.rate
+    mechanism = _with_known_bodies(mechanism, recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(recording, tree, leave_out)
@@ -218,6 +219,15 @@ def prepared(
         drives=drives,
         searches_stribeck=drive is None,
     )
+
+
+def _with_known_bodies(mechanism: Mechanism, recording: Recording) -> Mechanism:
+    """Mechanism with the standard deviations that a recording states of single bodies."""
+    if not recording.known_bodies:
+        return mechanism
+    before = mechanism.prior_known
+    stated = {name: {**before.get(name, {}), **own} for name, own in recording.known_bodies.items()}
+    return replace(mechanism, prior_known={**before, **stated})
 
 
 @dataclass(frozen=True, eq=False)

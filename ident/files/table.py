@@ -19,9 +19,8 @@ BASE = "base:pose"
 """Prefix of the columns of a file that hold the poses of a moving base, row by row."""
 
 METADATA = {
-    **dict.fromkeys(
-        ("units", "noise", "provenance", "sensors", "setup", "known", "servos", "scales", "couplings", "stated"), dict
-    ),
+    **dict.fromkeys(("units", "noise", "provenance", "sensors", "setup", "known", "known_bodies"), dict),
+    **dict.fromkeys(("servos", "scales", "couplings", "stated"), dict),
     **dict.fromkeys(("notes", "unused"), list),
 }
 """Metadata of a file and their JSON types, by name."""

@@ -7,6 +7,7 @@ import numpy as np
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
+from ident.judgement.scale_basis import fixing_bodies
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
@@ -102,7 +103,10 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
     exact = [name for name in torques if name not in scaled]
     fixed_by = ["the measured wrench"] if equations.wrench is not None else []
     fixed_by += [f"the torques of {', '.join(exact)}"] if exact else []
-    fixed_by += ["the model's bodies, as far as they are known"] if joint.known else []
+    bodies = fixing_bodies(joint, evidence.mechanism, evidence.known) if joint.known else ()
+    fixed_by += [f"what is stated of {', '.join(bodies)}"] if bodies else []
+    others = "other bodies" if bodies else "bodies"
+    fixed_by += [f"the model's {others}, as far as they are known"] if joint.known else []
     yield Finding.of("torque_scale_estimated", Place(channels=scaled), joints=scaled, fixed_by=tuple(fixed_by))
 
 

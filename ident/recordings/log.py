@@ -292,6 +292,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         base=base,
         setup=mapping.setup,
         known=mapping.known,
+        known_bodies=mapping.known_bodies,
         streams=streams,
         held=mapping.held,
         scales=mapping.scales,

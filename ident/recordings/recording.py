@@ -59,6 +59,7 @@ class Recording(Brief):
             kinds of `ident.setup.SETUP`; zero for what is exactly as stated.
         known: Standard deviations of the model's body parameters that differ from the defaults, by the kinds of
             `ident.parameters.prior.KNOWN`.
+        known_bodies: The same of single bodies, by name, which take precedence.
         servos: Servos of the joints whose torques follow from their commands, by name.
         scales: Relative standard deviations of the scales of joint torques that are not exact, by joint: of `kp` of a
             servo, or of a motor's torque constant.
@@ -81,6 +82,7 @@ class Recording(Brief):
     base: np.ndarray | None = None
     setup: Mapping[str, float] = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
+    known_bodies: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     servos: Mapping[str, Servo] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
     couplings: Couplings = field(default_factory=dict)

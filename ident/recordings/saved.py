@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
@@ -36,7 +37,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
     annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
     annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
-    annotations |= {name: dict(fields[name]) for name in ("setup", "known", "scales", "couplings")}
+    annotations |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
     annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
@@ -80,6 +81,8 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations["scales"] = scales_of(annotations["scales"])
     if "couplings" in annotations:
         annotations["couplings"] = couplings_of(annotations["couplings"])
+    for body, known in annotations.get("known_bodies", {}).items():
+        checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
     held = annotations.pop("stated", {}).get("held")
     if not isinstance(held, bool | None):
         raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")

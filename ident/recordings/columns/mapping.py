@@ -48,7 +48,7 @@ class ColumnMapping:
         scales: Uncertainties of the scales of torques, as for `Recording`.
         couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
-        known: Standard deviations of the model's φ, as for `Recording`.
+        known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
         clocks: Columns of times, one for each file, if they are stated one by one.
         layouts: Layouts of text files, one for all or one for each.
         selection: Rows and times that are selected.
@@ -58,6 +58,7 @@ class ColumnMapping:
     sensors: dict[str, Sensor] = field(default_factory=dict)
     setup: dict[str, float] = field(default_factory=dict)
     known: dict[str, float] = field(default_factory=dict)
+    known_bodies: dict[str, dict[str, float]] = field(default_factory=dict)
     plates: dict[str, Plate] = field(default_factory=dict)
     held: bool | None = None
     servos: dict[str, Servo] = field(default_factory=dict)
@@ -139,7 +140,8 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
     tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
-    mapping = ColumnMapping(setup=_deviations("setup", entries, DEVIATIONS), known=_deviations("known", entries, KNOWN))
+    known, known_bodies = _known(entries, bodies)
+    mapping = ColumnMapping(setup=_deviations("setup", entries, DEVIATIONS), known=known, known_bodies=known_bodies)
     mapping.layouts, mapping.selection = layouts(entries), selection(entries)
     times = clocks(entries)
     if len(times) == 1:
@@ -193,6 +195,16 @@ def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, flo
     check_keys(f"[{name}]", entry, tuple(factors))
     deviations = checked_deviations(name, entry, factors, LogError)
     return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()}
+
+
+def _known(entries: Mapping[str, Any], bodies: Sequence[str]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """Standard deviations of all bodies, and of those that have a table of their own."""
+    entry = table("known", entries.get("known", {}))
+    own = {name: each for name, each in entry.items() if isinstance(each, dict)}
+    if absent := [name for name in own if name not in bodies]:
+        raise LogError(f"[known.{short(absent[0])}] needs the name of a body, one of {', '.join(bodies)}.")
+    known = _deviations("known", {"known": {key: x for key, x in entry.items() if key not in own}}, KNOWN)
+    return known, {name: _deviations(f"known.{name}", {f"known.{name}": each}, KNOWN) for name, each in own.items()}
 
 
 def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
