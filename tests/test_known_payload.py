@@ -1,5 +1,6 @@
 """Torque constants that a payload of known mass fixes, on the arm of the scenes with a weight on its tool."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -11,6 +12,7 @@ import ident
 import scenes
 import sim
 from ident.errors import LogError
+from ident.estimation.preparation import prepared
 from ident.recordings.recording import Recording
 
 JOINTS = ("turn", "shoulder", "elbow", "wrist")
@@ -47,7 +49,7 @@ def columns(payload, seed=0, seconds=8.0, rate=100.0):
     pulsation = 2 * np.pi * 0.15 * np.arange(1, 6)
     amplitude, phase = rng.uniform(0.08, 0.3, (4, 5)), rng.uniform(0, 2 * np.pi, (4, 5))
     angle = pulsation * t[:, None, None] + phase
-    q = (amplitude * np.sin(angle)).sum(axis=2) + [0, -0.4, 0.8, 0.3]
+    q = (amplitude * np.sin(angle)).sum(axis=2) + np.array([0, -0.4, 0.8, 0.3])
     dq = (amplitude * pulsation * np.cos(angle)).sum(axis=2)
     ddq = -(amplitude * pulsation**2 * np.sin(angle)).sum(axis=2)
     torque = np.empty_like(q)
@@ -79,13 +81,37 @@ def test_a_payload_of_known_mass_fixes_the_scale_of_torques():
     (finding,) = coded(result, "torque_scale_estimated")
     assert finding.values["fixed_by"][0] == "what is stated of payload" and not finding.doubt
     assert "fixed by what is stated of payload and the model's other bodies" in finding.text
-    # The weight is exact, the other bodies are not.
-    std = dict(zip(result.prepared.mechanism.bodies, result.consistent().mass_std, strict=True))
-    assert std["payload"] < 1e-3 < std["tool"]
 
 
 def test_a_payload_lighter_than_the_tool_s_error_does_not():
     result = estimate(0.2)
     (finding,) = coded(result, "torque_scale_estimated")
     assert finding.values["fixed_by"] == ("the model's bodies, as far as they are known",)
-    assert all(std > 0.03 for _, std in result.scales.values())
+    heavy = estimate(5.0).scales
+    assert all(std > 1.5 * heavy[joint][1] for joint, (_, std) in result.scales.items())
+
+
+def test_deviations_of_single_bodies_are_read_and_saved(tmp_path):
+    robot = sim.mechanism(arm(5.0))
+    log = ident.read_log(columns(5.0), robot, mapping(payload=EXACT, tool={"center": False}))
+    assert log.known == {"mass": 0.3, "center": 0.02}
+    assert log.known_bodies == {"payload": EXACT, "tool": {"center": 0.0}}
+    log.save(tmp_path / "log.npz")
+    assert Recording.load(tmp_path / "log.npz").known_bodies == log.known_bodies
+    ready = prepared(replace(robot, prior_known={"tool": {"mass": 0.1}, "fore": {"mass": 0.2}}), log)
+    both = {"tool": {"mass": 0.1, "center": 0.0}, "fore": {"mass": 0.2}, "payload": EXACT}
+    assert ready.mechanism.prior_known == ready.equations.mechanism.prior_known == both
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        ({"load": {"mass": 0}}, r"\[known.load\] needs the name of a body, one of base, column, .*payload"),
+        ({"payload": {"mass": -1}}, "known.payload.mass needs a standard deviation, zero or false, got -1"),
+        ({"payload": {"weight": 1}}, r"\[known.payload\] has no entry 'weight'; valid are mass, center, inertia"),
+        ({"payload": 0}, r"\[known\] has no entry 'payload'; valid are mass, center, inertia"),
+    ],
+)
+def test_bad_deviations_of_bodies_are_one_sentence(known, message):
+    with pytest.raises(LogError, match=message):
+        ident.read_log(columns(5.0), sim.mechanism(arm(5.0)), mapping(**known))
