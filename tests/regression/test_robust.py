@@ -10,6 +10,7 @@ from ident.errors import ExcitationError
 from ident.estimation.noise import Sandwich, innovations, remembered
 from ident.estimation.samples import Samples
 from ident.estimation.separable import separable
+from ident.model.axes import Axes
 from ident.regression.robust import robust_fit, spread
 
 TRUE = np.array([2.0, -1.0, 0.5])
@@ -29,6 +30,7 @@ class Columns:
 
     straight = False
     absorbed = None
+    axes = Axes((), (), np.zeros((0, 0)))
 
     @property
     def parameters(self):
