@@ -81,6 +81,15 @@ def test_rotors_and_friction_of_coupled_motors_are_identified():
     assert [estimate()[f"{column}(wrist 1)"].unit for column in MOTOR_DRIVES] == ["kg m²", "N m s", "N m"]
 
 
+def test_intervals_hold_the_motors_drives_as_often_as_they_say():
+    z = []
+    for seed in range(6):
+        fit = ident.identify(mechanism(), columns(seed), columns=mapping()).fit
+        own = dict(zip(fit.names, zip(fit.values, fit.std, strict=True), strict=True))
+        z.append([(own[name][0] - true) / own[name][1] for name, true in TRUE.items()])
+    assert (np.abs(z) < 1.96).mean() > 0.9 and np.sqrt(np.square(z).mean()) < 1.3
+
+
 def test_friction_of_joints_leaves_more():
     own, others = estimate(), estimate("joints")
     assert {"Fv(lift)", "Fc(bend)"} <= set(others.fit.names) and not set(TRUE) & set(others.fit.names)
