@@ -46,7 +46,19 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/docs/test_gallery.py tests/validation/test_validation.py tests/trajectory/test_wrench_beside_torques.py \
 	tests/document/test_print.py::test_every_table_and_figure_compiles_without_overfull_boxes \
 	tests/studies/test_human.py::test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured \
-	tests/studies/test_mechanism.py::test_everything_resumes_what_was_interrupted
+	tests/studies/test_mechanism.py::test_everything_resumes_what_was_interrupted \
+	tests/validation/test_fetch.py::test_one_that_broke_off_goes_on_and_is_validated \
+	tests/test_coupled_motors.py::test_intervals_hold_the_motors_drives_as_often_as_they_say \
+	tests/judgement/test_torque_loads.py::test_torques_that_are_a_seventh_too_large_are_a_finding_beside_a_plate \
+	tests/studies/test_human.py::test_a_beginning_of_hardly_any_samples_tells_little \
+	tests/test_commands.py::test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them \
+	tests/studies/test_noise_conditions.py::test_some_conditions_may_be_chosen \
+	tests/trajectory/test_left_out.py::test_an_interrupt_ends_every_stage \
+	tests/studies/test_trajectory_identification.py::test_several_logs_share_parameters_and_have_delays_of_their_own \
+	tests/readme/test_arm_log.py tests/studies/test_monte_carlo.py::test_any_executor_gives_the_same_numbers \
+	tests/trajectory/fit/test_marginal_likelihood.py::test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows \
+	tests/trajectory/fit/test_restricted_likelihood.py::test_smoothness_takes_nothing_of_the_motion_that_matters \
+	tests/studies/test_excite.py::test_the_papers_excitation_is_improved_within_its_limits
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/test_against_sysid.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/docs/test_notebook.py \
