@@ -83,7 +83,7 @@ class Measurement:
         carrier = self.equations.mechanism.carrier
         return carrier.coordinates if carrier else 7 if self.moving else 0
 
-    @property
+    @cached_property
     def coordinates(self) -> int:
         """Number of coordinates of the base and of the joints."""
         return self.of_base + sum(body.coordinates for body in self.tree.bodies)
@@ -128,28 +128,60 @@ class Measurement:
             theta: Parameters (p,).
         """
         program = self._channels_program
-        return self._run(program, states, wrenches, theta, np.arange(program.results))
+        every = np.arange(program.results)
+        return self._run(program, states, wrenches, theta, every, (every, program.results))
 
     def derivatives(
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
         n, channels = self.coordinates, len(self.equations.channels)
-        gradients = np.arange(channels, channels * (1 + 3 * n + len(theta))).reshape(channels, -1)
-        wanted = np.hstack([gradients[:, : 3 * n], gradients[:, 3 * n + columns]])
-        results = np.append(np.arange(channels), wanted)
-        out = self._run(self._gradients_program, states, wrenches, theta, results)
-        by = out[channels:].reshape(*wanted.shape, -1)
+        program, _ = self._gradients_program
+        wanted, place = self._wanted(columns)
+        number = 3 * n + len(columns)
+        out = self._run(program, states, wrenches, theta, wanted, (place, channels * (1 + number)))
+        by = out[channels:].reshape(channels, number, -1)
         return out[:channels], by[:, : 3 * n].reshape(channels, 3, n, -1), by[:, 3 * n :]
 
+    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masks of the coordinates (C, n) and of the entries of θ (C, k) on which the channels depend at all."""
+        n, (_, nonzero) = self.coordinates, self._gradients_program
+        return np.asarray(nonzero[:, : 3 * n].reshape(-1, 3, n).any(axis=1)), nonzero[:, 3 * n + columns]
+
+    def _wanted(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Results of the gradients' program that are wanted, the channels first, and their places (r,) each.
+
+        The places are among the channels and all their derivatives by states and by the given entries of θ.
+        """
+        if (key := columns.tobytes()) not in self._places:
+            n, channels = self.coordinates, len(self.equations.channels)
+            nonzero = self._gradients_program[1]
+            position = np.zeros(nonzero.shape, int)
+            position[nonzero] = np.arange(channels, channels + nonzero.sum())
+            wanted = position[:, np.append(np.arange(3 * n), 3 * n + columns)].ravel()
+            place, every = np.flatnonzero(wanted), np.arange(channels)
+            self._places[key] = np.append(every, wanted[place]), np.append(every, channels + place)
+        return self._places[key]
+
+    @cached_property
+    def _places(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
     def _run(
-        self, program: Program, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, wanted: np.ndarray
+        self,
+        program: Program,
+        states: np.ndarray,
+        wrenches: np.ndarray,
+        theta: np.ndarray,
+        wanted: np.ndarray,
+        places: tuple[np.ndarray, int],
     ) -> np.ndarray:
-        """Some results of a program (k, N), those of one sample adjacent in memory."""
+        """Some results of a program at places among zeros (k, N), those of one sample adjacent in memory."""
         rows = [*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T]
         constants = np.concatenate([theta, self._slips])
         inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
-        out = np.empty((len(wrenches), len(wanted)))
+        place, number = places
+        out = np.zeros((len(wrenches), number))
         size = min(CHUNK_COMPILED if compiled.available() else CHUNK, len(wrenches))
         some = np.zeros((program.results, size))
         program.fill(some)
@@ -157,7 +189,7 @@ class Measurement:
             part = slice(first, first + size)
             results = some[:, : len(out[part])]
             program.run(inputs[:, part], results, constants)
-            out[part] = results[wanted].T
+            out[part, slice(None) if len(place) == number else place] = results[wanted].T
         return out.T
 
     @cached_property
@@ -181,10 +213,18 @@ class Measurement:
         return Program.of(tape, results)
 
     @cached_property
-    def _gradients_program(self) -> Program:
-        """Program that computes the channels, and then their gradients by states and by θ."""
-        tape, wanted, results = self._recorded()
-        return Program.of(tape, results + [d for result in results for d in gradient(result, wanted)])
+    def _gradients_program(self) -> tuple[Program, np.ndarray]:
+        """Program that computes the channels and then their gradients that are not identically zero, and their mask.
+
+        The mask tells the derivatives of each channel by states and by θ (C, 3 n + p).
+        """
+        tape, wanted, channels = self._recorded()
+        gradients = [gradient(channel, wanted) for channel in channels]
+        nonzero = [[isinstance(d, Signal) or d != 0 for d in row] for row in gradients]
+        kept = [
+            d for row, some in zip(gradients, nonzero, strict=True) for d, there in zip(row, some, strict=True) if there
+        ]
+        return Program.of(tape, channels + kept), np.array(nonzero, bool).reshape(len(channels), len(wanted))
 
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
         """Tape of the channels, its inputs that are states and θ, and the channels."""

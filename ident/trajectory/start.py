@@ -74,6 +74,10 @@ class _Coordinates:
         _, M, n = states.shape
         return np.zeros((0, M)), np.zeros((0, 3, n, M)), np.zeros((0, 0, M))
 
+    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masks of the coordinates and of θ on which channels depend, none (0, 0)."""
+        return np.zeros((0, 0), bool), np.zeros((0, len(columns)), bool)
+
 
 def start(
     measurement: Measurement,

@@ -6,9 +6,10 @@
 Each row depends on a window of seven spline functions, so that A and B are sums over windows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from math import prod
 from typing import NamedTuple
 
@@ -26,14 +27,53 @@ class Eliminated(NamedTuple):
         gradient: Right side, `d - Bᵀ A⁻¹ b` (p,).
         step: Step of the coefficients at fixed θ, `A⁻¹ b` (size n,).
         by_theta: Decrease of that step by a step of θ, `A⁻¹ B` (size n, p).
-        factor: Cholesky factor of A.
+        factors: Cholesky factors of A for each component of the coordinates, with its coordinates.
     """
 
     schur: np.ndarray
     gradient: np.ndarray
     step: np.ndarray
     by_theta: np.ndarray
-    factor: Factor
+    factors: tuple[tuple[np.ndarray, Factor], ...]
+
+    def solved(self, right: np.ndarray) -> np.ndarray:
+        """`A⁻¹ right` for right sides (size n, k)."""
+        n, k = sum(len(coordinates) for coordinates, _ in self.factors), right.shape[1]
+        right, out = right.reshape(-1, n, k), np.empty((len(right) // n, n, k))
+        for coordinates, factor in self.factors:
+            blocks = len(factor.diagonal)
+            padded = np.zeros((blocks * LOCAL, len(coordinates), k))
+            padded[1 : len(right) + 1] = right[:, coordinates]
+            solution = factor.solve(padded.reshape(blocks, -1, k)).reshape(*padded.shape)
+            out[:, coordinates] = solution[1 : len(right) + 1]
+        return out.reshape(-1, k)
+
+    @property
+    def log_determinant(self) -> float:
+        """log det A."""
+        return sum(factor.log_determinant for _, factor in self.factors)
+
+
+def joined(parts: Sequence[tuple[np.ndarray, np.ndarray, Eliminated]], coordinates: int, parameters: int) -> Eliminated:
+    """Normal equations of several components of the coordinates.
+
+    Args:
+        parts: Coordinates and entries of θ of each component, and its equations.
+        coordinates: Number of coordinates of all.
+        parameters: Number of parameters of all.
+    """
+    n, p = coordinates, parameters
+    if len(parts) == 1 and len(parts[0][1]) == p:
+        return parts[0][2]
+    size = len(parts[0][2].step) // len(parts[0][0])
+    schur, gradient, step, by_theta = np.zeros((p, p)), np.zeros(p), np.zeros((size, n)), np.zeros((size, n, p))
+    for own, columns, part in parts:
+        schur[np.ix_(columns, columns)] += part.schur
+        gradient[columns] += part.gradient
+        step[:, own] = part.step.reshape(size, -1)
+        by_theta[:, own[:, None], columns] = part.by_theta.reshape(size, len(own), -1)
+    factors = tuple((own[inner], factor) for own, _, part in parts for inner, factor in part.factors)
+    return Eliminated(schur, gradient, step.ravel(), by_theta.reshape(size * n, p), factors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +95,35 @@ class Posterior:
         """Posterior of normal equations, from a root of the covariance of θ (p, q)."""
         n, width = coordinates, WINDOW * coordinates
         # The first interval's window begins with a function that does not exist.
-        followed = np.vstack([np.zeros((n, root.shape[1])), eliminated.by_theta @ root])
-        windows = np.lib.stride_tricks.sliding_window_view(followed, width, axis=0)[: intervals * n : n]
-        return cls(eliminated.factor.inverse_windows(intervals), transposed(windows), root)
+        followed = np.zeros((n + len(eliminated.by_theta), root.shape[1]))
+        np.matmul(eliminated.by_theta, root, out=followed[n:])
+        ((_, factor),) = eliminated.factors
+        return cls(factor.inverse_windows(intervals), sliding(followed, width, n), root)
 
     @cached_property
     def by_coordinate(self) -> np.ndarray:
         """Covariance of the seven coefficients of every coordinate (S, n, 7, 7)."""
         S, width, _ = self.inverse.shape
         n = width // WINDOW
-        followed = self.followed.reshape(S, WINDOW, n, -1).swapaxes(1, 2)
+        # All functions once and those of a coordinate adjacent, of which windows are slices.
+        every = np.concatenate([self.followed[:, :n], self.followed[-1:, n:].reshape(LOCAL, n, -1)]).swapaxes(0, 1)
+        followed = sliding(np.ascontiguousarray(every), WINDOW).swapaxes(0, 1)
         own = np.einsum("sujvj->sjuv", self.inverse.reshape(S, WINDOW, n, WINDOW, n))
         return own + followed @ transposed(followed)
+
+    def of_coordinates(self, some: slice, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Blocks of `A⁻¹` (k, 7 c, 7 c) and rows of `W √Σ` (k, 7 c, q) of some coordinates (c,) and intervals."""
+        inverse, followed = self.inverse[some], self.followed[some]
+        k, width, q = followed.shape
+        n, c = width // WINDOW, len(coordinates)
+        if c == n:
+            return inverse, followed
+        inverse = inverse.reshape(k, WINDOW, n, WINDOW, n)
+        out, rows = np.empty((k, WINDOW, c, WINDOW, c)), followed.reshape(k, WINDOW, n, q)[:, :, coordinates]
+        for own, at in runs(coordinates):
+            for others, at_others in runs(coordinates):
+                out[:, :, own, :, others] = inverse[:, :, at, :, at_others]
+        return out.reshape(k, WINDOW * c, -1), rows.reshape(k, WINDOW * c, q)
 
     def followed_of(self, coordinate: int) -> np.ndarray:
         """Rows of `W √Σ` of one coordinate for every window (S, 7, q)."""
@@ -85,45 +142,88 @@ class Arrow:
         intervals, n, p = spline.intervals, coordinates, parameters
         self.spline = spline
         self._normal = np.zeros((intervals, WINDOW, n, WINDOW, n))
-        self._border = np.zeros((intervals, WINDOW, n, p))
+        self._border = np.zeros((intervals + LOCAL, n, p))
         self._right = np.zeros((intervals, WINDOW, n))
         self._corner, self._below = np.zeros((p, p)), np.zeros(p)
 
-    def add(self, some: slice, J: np.ndarray, T: np.ndarray, right: np.ndarray) -> None:
-        """Adds rows that depend on all coordinates and all of θ.
+    def add(self, some: slice, J: np.ndarray, right: np.ndarray, coordinates: np.ndarray) -> None:
+        """Adds rows that depend on some coordinates to the equations of the trajectory.
 
         Args:
             some: The k intervals of the rows.
-            J: Derivatives by the functions of their windows (k, r, 7 n).
-            T: Derivatives by θ (k, r, p).
+            J: Derivatives by the functions of their windows, of these coordinates (k, r, 7 c).
             right: Right sides (k, r).
+            coordinates: Indices of the coordinates, ascending (c,).
         """
         Jt = transposed(J)
-        for total, by in ((self._normal, J), (self._border, T), (self._right, right[..., None])):
-            own = total[some]
-            own += (Jt @ by).reshape(own.shape)
-        T = stacked(T)
-        self._corner += T.T @ T
-        self._below += T.T @ right.ravel()
+        # BLAS computes half of a product of a matrix with its transpose.
+        self._add_normal(some, Jt @ J, coordinates)
+        self._right[some][:, :, coordinates] += (Jt @ right[..., None]).reshape(len(J), WINDOW, -1)
 
-    def add_products(self, some: slice, rows: np.ndarray, weighed: np.ndarray, right: np.ndarray, width: int) -> None:
+    def border(self, coordinates: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Memory for products of all functions of some coordinates with some entries of θ, for `add_border`.
+
+        It is zero, or the border itself where all coordinates and entries are concerned.
+        """
+        shape = len(self._border), len(coordinates), len(columns)
+        return self._border if shape == self._border.shape else np.zeros(shape)
+
+    def add_border(self, border: np.ndarray, coordinates: np.ndarray, columns: np.ndarray) -> None:
+        """Adds the products of rows' derivatives by functions and by entries of θ.
+
+        Args:
+            border: The products (size + 1, c, q).
+            coordinates: Indices of the coordinates, ascending (c,).
+            columns: Indices of the entries, ascending (q,).
+        """
+        if border is not self._border:
+            self._border[:, coordinates[:, None], columns] += border
+
+    def add_corner(self, columns: np.ndarray, corner: np.ndarray, below: np.ndarray) -> None:
+        """Adds to the equations of θ.
+
+        Args:
+            columns: Indices of entries of θ, ascending (q,).
+            corner: Sum of products of rows' derivatives by them (q, q).
+            below: Sum of products of these derivatives and right sides (q,).
+        """
+        self._corner[columns[:, None], columns] += corner
+        self._below[columns] += below
+
+    def add_products(
+        self, some: slice, rows: tuple[np.ndarray, np.ndarray, np.ndarray], coordinates: np.ndarray, columns: np.ndarray
+    ) -> None:
         """Adds rows X with a matrix of weights W, as `Xᵀ W X` and `Xᵀ W y`.
 
         Args:
             some: The k intervals of the rows.
-            rows: X, derivatives by the functions of their windows and by θ (k, r, 7 n + p).
-            weighed: W X (k, r, 7 n + p).
-            right: W y (k, r).
-            width: 7 n.
+            rows: X, derivatives by the functions of the coordinates' windows and by the entries of θ (k, r, 7 c + q);
+                W X likewise; and W y (k, r).
+            coordinates: Indices of the coordinates, ascending (c,).
+            columns: Indices of the entries of θ, ascending (q,).
         """
-        J, T = rows[..., :width], stacked(rows[..., width:])
+        X, weighed, right = rows
+        width = WINDOW * len(coordinates)
+        J, T = X[..., :width], stacked(X[..., width:])
         by_functions = transposed(J) @ weighed
-        parts = by_functions[..., :width], by_functions[..., width:], transposed(J) @ right[..., None]
-        for total, by in zip((self._normal, self._border, self._right), parts, strict=True):
-            own = total[some]
-            own += by.reshape(own.shape)
-        self._corner += T.T @ stacked(weighed[..., width:])
-        self._below += T.T @ right.ravel()
+        self._add_normal(some, by_functions[..., :width], coordinates)
+        border = self._border[some.start : some.stop + LOCAL]
+        if border.shape[1:] == (len(coordinates), len(columns)):
+            add_windows(border, by_functions[..., width:])
+        else:
+            own = np.zeros((len(border), len(coordinates), len(columns)))
+            add_windows(own, by_functions[..., width:])
+            border[:, coordinates[:, None], columns] += own
+        by_right = transposed(J) @ right[..., None]
+        self._right[some][:, :, coordinates] += by_right.reshape(len(J), WINDOW, -1)
+        self.add_corner(columns, T.T @ stacked(weighed[..., width:]), T.T @ right.ravel())
+
+    def _add_normal(self, some: slice, windows: np.ndarray, coordinates: np.ndarray) -> None:
+        """Adds products of the functions of some intervals' windows, of some coordinates (k, 7 c, 7 c)."""
+        normal = windows.reshape(len(windows), WINDOW, len(coordinates), WINDOW, len(coordinates))
+        for own, at in runs(coordinates):
+            for others, at_others in runs(coordinates):
+                self._normal[some, :, at, :, at_others] += normal[:, :, own, :, others]
 
     def add_separate(self, J: np.ndarray, T: np.ndarray, right: np.ndarray, columns: Mapping[int, int]) -> None:
         """Adds rows of streams that depend on one coordinate each, in order, and some of them on one entry of θ.
@@ -141,7 +241,7 @@ class Arrow:
             self._right[:, :, j] += (Jt @ y[..., None])[..., 0]
             if j in columns:
                 at, t = columns[j], T[:, :, j]
-                self._border[:, :, j, at] += (Jt @ t[..., None])[..., 0]
+                self._border[:, j, at] += _summed(Jt @ t[..., None])[..., 0]
                 self._corner[at, at] += (t**2).sum()
                 self._below[at] += (t * y).sum()
 
@@ -161,18 +261,19 @@ class Arrow:
         intervals, _, n = self._right.shape
         factor = BlockTridiagonal.of_windows(self._normal.reshape(intervals, WINDOW * n, WINDOW * n)).factored()
         blocks = len(factor.diagonal)
-        B, b = _summed(self._border, blocks), _summed(self._right[..., None], blocks)
-        W = factor.solve(B)
-        by_theta = stacked(W)
-        schur = self._corner - stacked(B).T @ by_theta
+        right = np.zeros((blocks * LOCAL, n, self._border.shape[2] + 1))
+        right[: len(self._border), :, :-1], right[: len(self._border), :, -1] = self._border, _summed(self._right)
+        right = right.reshape(blocks, LOCAL * n, -1)
+        half = factor.solve_lower(right)
+        gram = stacked(half).T @ stacked(half)
         # The first function and those that pad the last block belong to no window.
-        own = slice(n, n + self.spline.size * n)
+        whole = stacked(factor.solve_transposed(half))[n : n + self.spline.size * n]
         return Eliminated(
-            schur=(schur + schur.T) / 2,
-            gradient=self._below - by_theta.T @ b.ravel(),
-            step=factor.solve(b).ravel()[own],
-            by_theta=by_theta[own],
-            factor=factor,
+            schur=self._corner - gram[:-1, :-1],
+            gradient=self._below - gram[:-1, -1],
+            step=whole[:, -1].copy(),
+            by_theta=whole[:, :-1],
+            factors=((np.arange(n), factor),),
         )
 
 
@@ -186,10 +287,35 @@ def stacked(x: np.ndarray) -> np.ndarray:
     return x.reshape(prod(x.shape[:-1]), x.shape[-1])
 
 
-def _summed(windows: np.ndarray, blocks: int) -> np.ndarray:
-    """Sums over overlapping windows (S, 7, n, p), in blocks (K, 6 n, p)."""
-    intervals, _, n, p = windows.shape
-    out = np.zeros((blocks * LOCAL, n, p))
-    for k in range(WINDOW):
-        out[k : k + intervals] += windows[:, k]
-    return out.reshape(blocks, LOCAL * n, p)
+def sliding(x: np.ndarray, width: int, step: int = 1) -> np.ndarray:
+    """Windows of adjacent rows of arrays (…, N, q), one every few rows, without a copy (…, k, width, q)."""
+    *shape, number, q = x.shape
+    # numpy's `sliding_window_view` takes as long as a product of small matrices.
+    strides = *x.strides[:-2], step * x.strides[-2], *x.strides[-2:]
+    windows = *shape, (number - width) // step + 1, width, q
+    return np.lib.stride_tricks.as_strided(x, windows, strides, writeable=False)
+
+
+def runs(indices: np.ndarray) -> list[tuple[slice, slice]]:
+    """Runs of adjacent ones among ascending indices: their positions, and the indices."""
+    if len(indices) and indices[-1] - indices[0] < len(indices):
+        return [(slice(0, len(indices)), slice(int(indices[0]), int(indices[-1]) + 1))]
+    ends = [0, *(np.flatnonzero(np.diff(indices) > 1) + 1).tolist(), len(indices)]
+    first = indices.tolist()
+    return [(slice(a, b), slice(first[a], first[b - 1] + 1)) for a, b in pairwise(ends) if b > a]
+
+
+def add_windows(total: np.ndarray, windows: np.ndarray) -> None:
+    """Adds overlapping windows (k, 7 c, …) to the functions from the first window's on (≥ k + 6, c, …)."""
+    k, width, *rest = windows.shape
+    windows = windows.reshape(k, WINDOW, width // WINDOW, *rest)
+    for u in range(WINDOW):
+        total[u : u + k] += windows[:, u]
+
+
+def _summed(windows: np.ndarray) -> np.ndarray:
+    """Sums over overlapping windows (S, 7, …): (S + 6, …)."""
+    out = np.zeros((len(windows) + LOCAL, *windows.shape[2:]))
+    for u in range(WINDOW):
+        out[u : u + len(windows)] += windows[:, u]
+    return out

@@ -21,6 +21,7 @@ class Intervals:
         counts = np.bincount(interval, minlength=number)
         self.number, self.room = number, max(int(counts.max(initial=0)), 1)
         self._place = self.room * interval + np.arange(len(interval)) - (np.cumsum(counts) - counts)[interval]
+        self._places = np.divmod(self._place, self.room)
         self._last = np.maximum(counts - 1, 0)
 
     def dealt(self, rows: np.ndarray) -> np.ndarray:
@@ -32,6 +33,12 @@ class Intervals:
     def gathered(self, rows: np.ndarray) -> np.ndarray:
         """Rows of all samples (N, …) from those grouped by interval (S, m, …)."""
         return rows.reshape(self.number * self.room, *rows.shape[2:])[self._place]
+
+    def dealt_by_stream(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of all samples and streams (N, s, …) grouped by interval and stream (S, s, m, …)."""
+        out = np.zeros((self.number, rows.shape[1], self.room, *rows.shape[2:]))
+        out.swapaxes(1, 2)[self._places] = rows
+        return out
 
     def before(self, rows: np.ndarray, first: int = 0, *, moved: int = 0) -> np.ndarray:
         """Rows of the preceding samples, zeros for the first.
@@ -46,3 +53,16 @@ class Intervals:
         last = rows[np.arange(len(rows) - 1), self._last[first : first + len(rows) - 1]]
         out[1:, 0, ..., : rows.shape[-1] - moved] = last[..., moved:]
         return out
+
+    def last(self, rows: np.ndarray, first: int = 0) -> np.ndarray:
+        """Rows of the last sample of each of some intervals but the last one.
+
+        Args:
+            rows: Rows of k intervals (k, c, m, …).
+            first: Index of the first of these intervals.
+
+        Returns:
+            The rows (k - 1, c, …).
+        """
+        number = len(rows) - 1
+        return rows[np.arange(number), :, self._last[first : first + number]]

@@ -17,9 +17,11 @@ import numpy as np
 
 from ident.trajectory.algebra.arrow import Arrow, Posterior, transposed
 from ident.trajectory.algebra.block_tridiagonal import WINDOW
+from ident.trajectory.algebra.channel_groups import ChannelGroup
 from ident.trajectory.algebra.rows import TOGETHER, Factors
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import Local, Spline
+from ident.trajectory.algebra.whitening import Innovations
 
 NODES = 14
 """Number of nodes of an interval: with fewer, rounding is exceeded where knots are as far apart as they may be."""
@@ -101,36 +103,72 @@ class NodeRows:
 
     Attributes:
         nodes: The nodes.
-        by_states: Derivatives of the channels by coordinates and their derivatives at the nodes (S, NODES, C, 3, n).
-        by_theta: Derivatives by θ at the nodes (S, NODES, C, p).
+        channels: Indices of the c channels among all that share their clock.
+        coordinates: Indices of the n coordinates on which they depend, within the equations.
+        columns: Indices of the p parameters likewise.
+        by_states: Derivatives of the channels by coordinates and their derivatives at the nodes (S, NODES, c, 3, n).
+        by_theta: Derivatives by θ at the nodes (S, NODES, c, p).
         factors: Factors that whiten the samples' rows.
     """
 
     nodes: Nodes
+    channels: np.ndarray
+    coordinates: np.ndarray
+    columns: np.ndarray
     by_states: np.ndarray
     by_theta: np.ndarray
     factors: Factors
+
+    @classmethod
+    def of(
+        cls,
+        nodes: Nodes,
+        group: ChannelGroup,
+        place: tuple[np.ndarray, np.ndarray, np.ndarray],
+        by_node: tuple[np.ndarray, np.ndarray],
+        new: Innovations,
+    ) -> "NodeRows":
+        """Rows of a group of channels.
+
+        Args:
+            nodes: The nodes.
+            group: The group.
+            place: Indices of its channels and coordinates among all, and of the parameters of the equations.
+            by_node: Derivatives of all channels by coordinates and the coordinates' derivatives (S NODES, C, 3, n), and
+                by θ (S NODES, C, p).
+            new: Innovations of all channels, at the samples.
+        """
+        (channels, coordinates, every), columns = place, group.columns
+        by_states, by_theta = (x.reshape(-1, NODES, *x.shape[1:]) for x in by_node)
+        whole = new.of_streams(channels) is new and len(coordinates) == by_states.shape[-1]
+        if not whole or len(columns) < by_theta.shape[-1]:
+            by_states = by_states[:, :, channels][..., coordinates]
+            by_theta = by_theta[:, :, channels][..., every[columns]]
+        factors = Factors.of(new.of_streams(channels), nodes.at.intervals)
+        return cls(nodes, channels, group.coordinates, columns, by_states, by_theta, factors)
 
     def add_to(self, arrow: Arrow) -> None:
         """Adds the rows to normal equations."""
         products, right = self._products
         for some in self._blocks():
-            rows, width = self._rows(some), WINDOW * self.by_states.shape[-1]
+            rows = self._rows(some)
             k, C, nodes, every = rows.shape
             weighed = (products[some] @ rows).reshape(k, C * nodes, every)
-            arrow.add_products(some, rows.reshape(k, C * nodes, every), weighed, right[some], width)
+            parts = rows.reshape(k, C * nodes, every), weighed, right[some]
+            arrow.add_products(some, parts, self.coordinates, self.columns)
 
     def taken(self, posterior: Posterior) -> np.ndarray:
-        """Absorbed degrees of freedom of innovations, and zeros for their halves (3, C)."""
+        """Absorbed degrees of freedom of innovations, and zeros for their halves (3, c)."""
         products, _ = self._products
-        shares = np.zeros((3, self.by_theta.shape[2]))
+        shares, root = np.zeros((3, self.by_theta.shape[2])), posterior.root[self.columns]
         for some in self._blocks():
             J, T = np.split(self._rows(some), [WINDOW * self.by_states.shape[-1]], axis=-1)
             k, C, nodes, width = J.shape
             flat = J.reshape(k, C * nodes, width)
+            inverse, followed = posterior.of_coordinates(some, self.coordinates)
             # Effect of θ, the change of the trajectory with it included.
-            F = (T @ posterior.root).reshape(k, C * nodes, -1) - flat @ posterior.followed[some]
-            F, K = (x.reshape(k, C, nodes, -1) for x in (F, flat @ posterior.inverse[some]))
+            F = (T @ root).reshape(k, C * nodes, -1) - flat @ followed
+            F, K = (x.reshape(k, C, nodes, -1) for x in (F, flat @ inverse))
             covariance = K @ transposed(J) + F @ transposed(F)
             shares[0] += np.einsum("kcij,kcij->c", products[some], covariance)
         return shares

@@ -7,15 +7,17 @@ The leverage of each sample follows from quadratic forms `q_kl = x_k Cov x_lᵀ`
 `f² (q_kk ± 2 q_k,k-1 + q_k-1,k-1)`. Its sum is the degrees of freedom that the fit absorbs.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ident.trajectory.algebra.arrow import Arrow, Posterior
+from ident.trajectory.algebra.arrow import Arrow, Posterior, add_windows, stacked, transposed
 from ident.trajectory.algebra.block_tridiagonal import WINDOW
+from ident.trajectory.algebra.channel_groups import ChannelGroup
 from ident.trajectory.algebra.intervals import Intervals
+from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.whitening import Innovations
 
 TOGETHER = 2**20
@@ -92,74 +94,174 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class ChannelRows:
-    """Rows of channels, which depend on all coordinates and all of θ.
+    """Rows of channels that depend on some coordinates and some entries of θ.
+
+    Within an interval the samples of a channel are adjacent.
 
     Attributes:
         intervals: Grouping of samples by interval.
         basis: Values of the functions of each interval, and of their first two derivatives (S, m, 6, 3).
-        by_states: Derivatives of the channels by coordinates and their derivatives (S, m, C, 3, n).
-        by_theta: Derivatives by θ (S, m, C, p).
+        group: The c channels and their coordinates and parameters, numbered within the equations.
+        channels: Indices of the channels among all that share their clock (c,).
+        by_states: Derivatives of the channels by these coordinates and their derivatives (S, c, m, 3, n).
+        by_theta: Derivatives of each part of the channels by its parameters (S, ·, m, ·).
+        by_columns: The same derivatives of each block of parameters.
         factors: Factors that whiten them.
     """
 
     intervals: Intervals
     basis: np.ndarray
+    group: ChannelGroup
+    channels: np.ndarray
     by_states: np.ndarray
-    by_theta: np.ndarray
+    by_theta: Sequence[np.ndarray]
+    by_columns: Sequence[np.ndarray]
     factors: Factors
+
+    @classmethod
+    def of(
+        cls,
+        at: Sampling,
+        group: ChannelGroup,
+        place: tuple[np.ndarray, np.ndarray, np.ndarray],
+        by_sample: tuple[np.ndarray, np.ndarray],
+        new: Innovations,
+    ) -> "ChannelRows":
+        """Rows of a group of channels.
+
+        Args:
+            at: Spline functions at the samples.
+            group: The group.
+            place: Indices of its channels and coordinates among all, and of the parameters of the equations.
+            by_sample: Derivatives of all channels by coordinates and the coordinates' derivatives (N, C, 3, n), and by
+                θ (N, C, p).
+            new: Innovations of all channels.
+        """
+        (channels, coordinates, columns), (by_states, by_theta) = place, by_sample
+        dealt = at.intervals.dealt_by_stream
+        every = len(channels), len(coordinates)
+        if every != (by_states.shape[1], by_states.shape[3]) or new.of_streams(channels) is not new:
+            at_states = (channels[:, None, None], np.arange(3)[:, None], coordinates)
+            by_states = by_states[np.arange(len(by_states))[:, None, None, None], *at_states]
+
+        def of_theta(rows: np.ndarray, own: np.ndarray) -> np.ndarray:
+            if group.whole and len(own) == by_theta.shape[2] and new.of_streams(channels) is new:
+                return dealt(by_theta)
+            # With an index for every dimension the samples are read and written one after the other.
+            return dealt(by_theta[np.arange(len(by_theta))[:, None, None], rows[:, None], columns[own]])
+
+        parts = blocks = [of_theta(channels[part.rows], part.columns) for part in group.parts]
+        if not group.whole:
+            blocks = [of_theta(channels[each.rows], each.columns) for each in group.blocks]
+        factors = Factors.of(new.of_streams(channels), at.intervals)
+        return cls(at.intervals, at.dealt, group, channels, dealt(by_states), parts, blocks, factors)
 
     def add_to(self, arrow: Arrow) -> None:
         """Adds the rows to normal equations."""
+        coordinates, right = self.group.coordinates, self.factors.right.swapaxes(1, 2)
+        borders = [arrow.border(coordinates, block.columns) for block in self.group.blocks]
+        sums = [(np.zeros((len(part.columns),) * 2), np.zeros(len(part.columns))) for part in self.group.parts]
         for some, fresh in self._blocks():
-            J, T = self._windows(some), self.by_theta[some]
-            J_before, T_before = self._before(J, some, self._moved), self._before(T, some)
             own = slice(some.start + fresh, some.stop)
-            whitened = (self.factors.whitened(x[fresh:], y[fresh:], own) for x, y in ((J, J_before), (T, T_before)))
-            arrow.add(own, *(_joined(x) for x in (*whitened, self.factors.right[own])))
+            J = self._whitened(self._windows(some), some, moved=len(coordinates))[fresh:]
+            arrow.add(own, _joined(J), _joined(right[own]), coordinates)
+            for block, by_columns, border in zip(self.group.blocks, self.by_columns, borders, strict=True):
+                T = self._whitened(by_columns[some], some, block.rows)[fresh:]
+                mine = J if len(block.rows) == J.shape[1] else J[:, block.rows]
+                add_windows(border[own.start :], transposed(_joined(mine)) @ _joined(T))
+            for part, by_theta, (corner, below) in zip(self.group.parts, self.by_theta, sums, strict=True):
+                T = stacked(T if self.group.whole else self._whitened(by_theta[some], some, part.rows)[fresh:])
+                corner += T.T @ T
+                below += T.T @ right[own, part.rows].ravel()
+        for block, border in zip(self.group.blocks, borders, strict=True):
+            arrow.add_border(border, coordinates, block.columns)
+        for part, (corner, below) in zip(self.group.parts, sums, strict=True):
+            arrow.add_corner(part.columns, corner, below)
 
     def taken(self, posterior: Posterior) -> np.ndarray:
-        """Absorbed degrees of freedom of innovations and of their halves (3, C)."""
-        shares = np.zeros((3, self.by_theta.shape[2]))
+        """Absorbed degrees of freedom of innovations and of their halves (3, c)."""
+        shares, moved = np.zeros((3, len(self.channels))), len(self.group.coordinates)
+        roots = [_nonzero(posterior.root[part.columns]) for part in self.group.parts]
         for some, fresh in self._blocks():
             J = self._windows(some)
-            K = _through(J, posterior.inverse[some])
+            inverse, followed = posterior.of_coordinates(some, self.group.coordinates)
+            K, F = _through(J, inverse), _through(J, followed)
             # Effect of θ, the change of the trajectory with it included.
-            F = self.by_theta[some] @ posterior.root - _through(J, posterior.followed[some])
+            for part, by_theta, (first, root) in zip(self.group.parts, self.by_theta, roots, strict=True):
+                effect = F[:, part.rows, :, first:]
+                effect -= (stacked(by_theta[some]) @ root).reshape(effect.shape)
             quadratic = _dot(K, J) + _dot(F, F)
-            across = np.zeros_like(quadratic)
-            if not self.factors.white:
-                J_before, F_before = self._before(J, some, self._moved), self._before(F, some)
-                across = _dot(K, J_before) + _dot(F, F_before)
-            before = self._before(quadratic, some)
-            own = slice(some.start + fresh, some.stop)
+            across = self._across(K, J, some, moved) + self._across(F, F, some)
+            own, quadratic, across = (
+                slice(some.start + fresh, some.stop),
+                *(x.swapaxes(1, 2) for x in (quadratic, across)),
+            )
+            before = self.intervals.before(quadratic, some.start)
             shares += self.factors.taken(quadratic[fresh:], across[fresh:], before[fresh:], own)
         return shares
 
     def _blocks(self) -> Iterator[tuple[slice, int]]:
         """Yields blocks of intervals and the number of extra ones at their start, one if ρ needs preceding samples."""
-        _, m, C, _, n = self.by_states.shape
+        _, C, m, _, n = self.by_states.shape
         size = max(1, TOGETHER // max(8 * m * C * WINDOW * n, 1))
         for start in range(0, self.intervals.number, size):
             first = max(start - (not self.factors.white), 0)
             yield slice(first, min(start + size, self.intervals.number)), start - first
 
-    @property
-    def _moved(self) -> int:
-        return self.by_states.shape[-1]
+    @cached_property
+    def _scale(self) -> np.ndarray:
+        """Factor on rows (S, c, m, 1)."""
+        return np.ascontiguousarray(self.factors.scale.swapaxes(1, 2))[..., None]
 
-    def _before(self, rows: np.ndarray, some: slice, moved: int = 0) -> np.ndarray:
-        """Rows of the preceding samples, zeros without ρ."""
-        if self.factors.white:
-            return np.broadcast_to(0.0, rows.shape)
-        return self.intervals.before(rows, some.start, moved=moved)
+    @cached_property
+    def _of_before(self) -> np.ndarray:
+        """Factor on the preceding rows (S, c, m, 1)."""
+        return self._scale * self.factors.rho.swapaxes(1, 2)[..., None]
 
     def _windows(self, some: slice) -> np.ndarray:
-        """Derivatives by the functions from the one before the interval's first (k, m, C, 7 n)."""
+        """Derivatives by the functions from the one before the interval's first (k, c, m, 7 n)."""
         by_states = self.by_states[some]
-        k, m, C, _, n = by_states.shape
-        out = np.zeros((k, m, C, WINDOW, n))
-        out[:, :, :, 1:] = self.basis[some, :, None] @ by_states
-        return out.reshape(k, m, C, WINDOW * n)
+        k, c, m, _, n = by_states.shape
+        out = np.empty((k, c, m, WINDOW, n))
+        out[..., 0, :] = 0
+        np.matmul(self.basis[some, None], by_states, out=out[..., 1:, :])
+        return out.reshape(k, c, m, WINDOW * n)
+
+    def _whitened(
+        self, rows: np.ndarray, some: slice, channels: slice | np.ndarray = slice(None), moved: int = 0
+    ) -> np.ndarray:
+        """Whitened rows of some intervals and channels (k, c, m, w), the first sample of the first interval excepted.
+
+        Args:
+            rows: The rows.
+            some: The intervals.
+            channels: The channels.
+            moved: Number of columns by which windows move from one interval to the next.
+        """
+        scale = self._scale[some, channels]
+        out = scale * rows
+        if not self.factors.white:
+            weight = self._of_before[some, channels]
+            out[:, :, 1:] -= weight[:, :, 1:] * rows[:, :, :-1]
+            last = self.intervals.last(rows, some.start)[..., moved:]
+            out[1:, :, 0, : last.shape[-1]] -= weight[1:, :, 0] * last
+        return out
+
+    def _across(self, a: np.ndarray, b: np.ndarray, some: slice, moved: int = 0) -> np.ndarray:
+        """Products of rows a and the preceding rows b of some intervals (k, c, m, w): (k, c, m), zeros without ρ.
+
+        Args:
+            a: The rows.
+            b: The rows of which the preceding ones are taken.
+            some: The intervals.
+            moved: Number of columns by which windows move from one interval to the next.
+        """
+        out = np.zeros(a.shape[:3])
+        if not self.factors.white:
+            out[:, :, 1:] = _dot(a[:, :, 1:], b[:, :, :-1])
+            last = self.intervals.last(b, some.start)[..., moved:]
+            out[1:, :, 0] = _dot(a[1:, :, 0, : last.shape[-1]], last)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +303,12 @@ class StateRows:
         return self.factors.taken(own, across, self.intervals.before(own))
 
 
+def _nonzero(root: np.ndarray) -> tuple[int, np.ndarray]:
+    """First column of a matrix that is not zero, and the matrix from there on: roots are triangular."""
+    first = int(root.any(axis=0).argmax()) if root.size else 0
+    return first, root[:, first:]
+
+
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of vectors (…, w): (…,)."""
     return np.einsum("...w,...w->...", a, b)
@@ -212,10 +320,10 @@ def _summed(weights: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _joined(x: np.ndarray) -> np.ndarray:
-    """Rows of all streams of an interval, one after the other (k, m, s, …) -> (k, m s, …)."""
+    """Rows of all streams of an interval, one after the other (k, s, m, …) -> (k, s m, …)."""
     return x.reshape(x.shape[0], x.shape[1] * x.shape[2], *x.shape[3:])
 
 
 def _through(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Rows (k, m, s, w) of each interval times its matrix (k, w, v): (k, m, s, v)."""
+    """Rows (k, s, m, w) of each interval times its matrix (k, w, v): (k, s, m, v)."""
     return (_joined(rows) @ matrix).reshape(*rows.shape[:-1], matrix.shape[-1])

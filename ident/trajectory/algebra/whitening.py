@@ -53,6 +53,12 @@ class Innovations(NamedTuple):
     linked: np.ndarray
     clarity: np.ndarray
 
+    def of_streams(self, streams: np.ndarray) -> "Innovations":
+        """Innovations of some of the streams."""
+        if np.array_equal(streams, np.arange(self.values.shape[1])):
+            return self
+        return Innovations(*(x[:, streams] for x in self))
+
     @property
     def cost(self) -> float:
         """Sum of Huber's h over all innovations."""

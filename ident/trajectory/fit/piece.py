@@ -152,6 +152,9 @@ class Predictor(Protocol):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, M), and their derivatives by the states (C, 3, n, M) and by entries of θ (C, k, M)."""
 
+    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masks of the coordinates (C, n) and of the entries of θ (C, k) on which the channels depend at all."""
+
 
 def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:
     """True times of the channels' samples, corrected for delays and the clock's rate, s (M,)."""

@@ -1,14 +1,17 @@
 """Misfit of a piece, and its equations linearised in spline coefficients and parameters."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior
+from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior, joined
+from ident.trajectory.algebra.channel_groups import channel_groups
+from ident.trajectory.algebra.components import Component, components
 from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
 from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
-from ident.trajectory.algebra.spline import ORDER, Local
+from ident.trajectory.algebra.sampling import Sampling
+from ident.trajectory.algebra.spline import ORDER, Local, Spline
 from ident.trajectory.algebra.whitening import Innovations, Sums, innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor, clocks
 
@@ -117,43 +120,90 @@ def linearised(
         numpy.linalg.LinAlgError: The trajectory is not determined.
     """
     columns = np.arange(len(theta)) if columns is None else columns
-    n, S = coefficients.shape[1], piece.spline.intervals
+    root = np.zeros((len(columns), 0)) if root is None else root
     equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
-    states, eliminated = equations.state_rows, equations.eliminated
-    posterior = Posterior.of(eliminated, np.zeros((len(columns), 0)) if root is None else root, S, n)
-    taken = [states[kind].taken(posterior) if kind in states else np.zeros((3, n)) for kind in range(3)]
-    curvature = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], piece.spline.penalty)
+    taken, held = equations.taken(root, piece.spline)
+    eliminated = equations.eliminated
     return Linearised(
         cost=_cost(equations.innovations, noise, piece.spline.squared_jerk(coefficients)),
         schur=eliminated.schur,
         gradient=eliminated.gradient,
         step=eliminated.step,
         by_theta=eliminated.by_theta,
-        taken=np.concatenate([*taken, *(each.rows.taken(posterior) for each in equations.channels)], axis=1),
-        held=noise.jerk * curvature,
+        taken=taken,
+        held=noise.jerk * held,
     )
 
 
 class ChannelEquations(NamedTuple):
-    """Rows of channels that share a clock.
+    """Linearised channels that share a clock.
 
     Attributes:
         channels: The channels.
-        when: True times of their samples, s (N,).
+        at: Spline functions at the true times of their samples (N,).
         nodes: Nodes at which they are evaluated, None for the samples.
-        rows: The rows.
         new: Their innovations.
-        by_states: Their derivatives by coordinates and the coordinates' derivatives, there (c, 3, n, M).
-        by_theta: Their derivatives by θ (c, k, M).
+        by_sample: Their derivatives by coordinates and the coordinates' derivatives, there (M, c, 3, n), and by θ
+            (M, c, k).
     """
 
     channels: slice
-    when: np.ndarray
+    at: Sampling
     nodes: Nodes | None
-    rows: ChannelRows | NodeRows
     new: Innovations
-    by_states: np.ndarray
-    by_theta: np.ndarray
+    by_sample: tuple[np.ndarray, np.ndarray]
+
+    def rows(
+        self, component: Component, of_states: np.ndarray, of_theta: np.ndarray
+    ) -> Iterator[ChannelRows | NodeRows]:
+        """Yields the rows of the channels in a component, grouped by what they depend on.
+
+        Args:
+            component: The component.
+            of_states: Mask of the coordinates on which each channel of all clocks depends (C, n).
+            of_theta: Mask of the entries of θ on which it depends (C, k).
+        """
+        coordinates, columns, every = component
+        first, number = int(self.channels.start), self.new.values.shape[1]
+        own = every[(every >= first) & (every < first + number)]
+        masks = of_states[own[:, None], coordinates], of_theta[own[:, None], columns]
+        for group in channel_groups(*masks, self.at.intervals.room if self.nodes is None else NODES):
+            place = own[group.channels] - first, coordinates[group.coordinates], columns
+            if self.nodes is None:
+                yield ChannelRows.of(self.at, group, place, self.by_sample, self.new)
+            else:
+                yield NodeRows.of(self.nodes, group, place, self.by_sample, self.new)
+
+    @property
+    def when(self) -> np.ndarray:
+        """True times of the samples, s (M,)."""
+        return self.at.time
+
+    @property
+    def by_states(self) -> np.ndarray:
+        """Derivatives by coordinates and the coordinates' derivatives (c, 3, n, M)."""
+        return self.by_sample[0].transpose(1, 2, 3, 0)
+
+    @property
+    def by_theta(self) -> np.ndarray:
+        """Derivatives by θ (c, k, M)."""
+        return self.by_sample[1].transpose(1, 2, 0)
+
+
+class ComponentEquations(NamedTuple):
+    """Normal equations of coordinates that no channel relates to the others.
+
+    Attributes:
+        component: The coordinates, and the entries of θ on which their streams depend.
+        eliminated: The equations, the trajectory eliminated.
+        channels: Rows of channels, with the position of their clock.
+        states: Rows of measured coordinates and derivatives, by order of the derivative.
+    """
+
+    component: Component
+    eliminated: Eliminated
+    channels: list[tuple[int, ChannelRows | NodeRows]]
+    states: dict[int, StateRows]
 
 
 class NormalEquations(NamedTuple):
@@ -161,20 +211,39 @@ class NormalEquations(NamedTuple):
 
     Attributes:
         eliminated: The equations, the trajectory eliminated.
+        components: The equations of each component of the coordinates.
         channels: The channels, grouped by clock.
-        state_rows: Rows of measured coordinates and derivatives, by order of the derivative.
-        states: Innovations of these.
+        states: Innovations of measured coordinates and derivatives, by order of the derivative.
     """
 
     eliminated: Eliminated
+    components: list[ComponentEquations]
     channels: list[ChannelEquations]
-    state_rows: dict[int, StateRows]
     states: dict[int, Innovations]
 
     @property
     def innovations(self) -> list[Innovations]:
         """Innovations of all streams."""
         return [*self.states.values(), *(each.new for each in self.channels)]
+
+    def taken(self, root: np.ndarray, spline: Spline) -> tuple[np.ndarray, np.ndarray]:
+        """Absorbed degrees of freedom of all streams (3, s), and `tr(H⁻¹ P_j)` of the jerk's penalties (n,).
+
+        Args:
+            root: Root of the covariance of θ (k, q).
+            spline: Spline space of the trajectory.
+        """
+        n = sum(len(each.component.coordinates) for each in self.components)
+        of_states, held = [np.zeros((3, n)) for _ in range(3)], np.zeros(n)
+        of_channels = [np.zeros((3, each.new.values.shape[1])) for each in self.channels]
+        for (coordinates, columns, _), eliminated, channels, states in self.components:
+            posterior = Posterior.of(eliminated, root[columns], spline.intervals, len(coordinates))
+            for kind, of_kind in states.items():
+                of_states[kind][:, coordinates] = of_kind.taken(posterior)
+            for clock, rows in channels:
+                of_channels[clock][:, rows.channels] = rows.taken(posterior)
+            held[coordinates] = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], spline.penalty)
+        return np.concatenate([*of_states, *of_channels], axis=1), held
 
 
 def normal_equations(
@@ -190,16 +259,38 @@ def normal_equations(
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
     """
-    channels = list(_channel_rows(measurement, piece, coefficients, theta, noise, columns))
+    channels = list(_channel_equations(measurement, piece, coefficients, theta, noise, columns))
     states = _states(measurement, piece, coefficients, theta, noise)
-    state_rows = {kind: _state_rows(measurement, piece, own, kind, columns) for kind, own in states.items()}
-    arrow = Arrow(piece.spline, coefficients.shape[1], len(columns))
-    for each in channels:
-        each.rows.add_to(arrow)
-    for rows in state_rows.values():
-        rows.add_to(arrow)
-    arrow.add_penalty(noise.jerk, coefficients)
-    return NormalEquations(arrow.eliminated(), channels, state_rows, states)
+    of_states, of_theta = dependence(measurement, columns)
+    zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if at in columns}
+    parts = []
+    for component in components(of_states, of_theta, zeros, coefficients.shape[1]):
+        coordinates, own, _ = component
+        rows = [
+            (clock, of_group)
+            for clock, each in enumerate(channels)
+            for of_group in each.rows(component, of_states, of_theta)
+        ]
+        state_rows = {kind: _state_rows(piece, new, kind, component, zeros) for kind, new in states.items()}
+        arrow = Arrow(piece.spline, len(coordinates), len(own))
+        for _, of_group in rows:
+            of_group.add_to(arrow)
+        for of_kind in state_rows.values():
+            of_kind.add_to(arrow)
+        arrow.add_penalty(noise.jerk[coordinates], coefficients[:, coordinates])
+        parts.append(ComponentEquations(component, arrow.eliminated(), rows, state_rows))
+    whole = joined([(*part.component[:2], part.eliminated) for part in parts], coefficients.shape[1], len(columns))
+    return NormalEquations(whole, parts, channels, states)
+
+
+def dependence(measurement: Predictor, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Masks of the coordinates (C, n), at least one, and of entries of θ (C, k) on which channels depend."""
+    of_states, of_theta = measurement.dependence(columns)
+    of_states[~of_states.any(axis=1), :1] = True
+    moved = np.asarray(of_states.any(axis=1))
+    for entry in measurement.shifts:
+        of_theta[:, columns == entry] |= moved[:, None]
+    return of_states, of_theta
 
 
 def _cost(every: Iterable[Innovations], noise: Noise, bends: np.ndarray) -> float:
@@ -216,7 +307,7 @@ def _channels(
     return innovations(residual, local.interval, noise.channels[own], noise.channels_rho[own], slack)
 
 
-def _channel_rows(
+def _channel_equations(
     measurement: Predictor,
     piece: Piece,
     coefficients: np.ndarray,
@@ -224,8 +315,9 @@ def _channel_rows(
     noise: Noise,
     columns: np.ndarray,
 ) -> Iterator[ChannelEquations]:
-    """Yields the rows and innovations of the channels on each clock; rows depend on all coordinates and free θ."""
+    """Yields the derivatives by coordinates and free θ, and innovations, of the channels on each clock."""
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
+        at = piece.at_channels(when)
         at = piece.at_channels(when)
         nodes = _nodes(measurement, piece, when, noise)
         x = (at if nodes is None else nodes).local.combined(coefficients)
@@ -241,16 +333,7 @@ def _channel_rows(
         if nodes is not None:
             values = nodes.interpolated(values.T).T
         new = _channels(piece, own, when, at.local, values, noise)
-        factors = Factors.of(new, at.intervals)
-        rows: ChannelRows | NodeRows
-        if nodes is None:
-            dealt = at.intervals.dealt
-            rows = ChannelRows(at.intervals, at.dealt, dealt(by_states), dealt(by_theta), factors)
-        else:
-            by_node = [x.reshape(-1, NODES, *x.shape[1:]) for x in (by_states, by_theta)]
-            rows = NodeRows(nodes, by_node[0], by_node[1], factors)
-        by = by_states.transpose(1, 2, 3, 0), by_theta.transpose(1, 2, 0)
-        yield ChannelEquations(own, when, nodes, rows, new, *by)
+        yield ChannelEquations(own, at, nodes, new, (by_states, by_theta))
 
 
 def _nodes(measurement: Predictor, piece: Piece, when: np.ndarray, noise: Noise) -> Nodes | None:
@@ -284,8 +367,10 @@ def _states(
     }
 
 
-def _state_rows(measurement: Predictor, piece: Piece, new: Innovations, kind: int, columns: np.ndarray) -> StateRows:
+def _state_rows(piece: Piece, new: Innovations, kind: int, component: Component, zeros: Mapping[int, int]) -> StateRows:
     """Rows of the coordinates or a derivative, which depend on one coordinate each and on its zero if that is free."""
-    zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if kind == 0 and at in columns}
+    coordinates, columns, _ = component
+    own = {j: zeros[at] for j, at in enumerate(coordinates.tolist()) if kind == 0 and at in zeros}
+    own = {j: int(np.searchsorted(columns, at)) for j, at in own.items()}
     intervals = piece.at_coordinates.intervals
-    return StateRows(intervals, piece.windows[kind], zeros, Factors.of(new, intervals))
+    return StateRows(intervals, piece.windows[kind], own, Factors.of(new.of_streams(coordinates), intervals))

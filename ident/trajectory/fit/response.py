@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ident.trajectory.algebra.arrow import stacked, transposed
-from ident.trajectory.algebra.block_tridiagonal import Factor
+from ident.trajectory.algebra.arrow import Eliminated, stacked, transposed
 from ident.trajectory.algebra.nodes import Nodes
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
@@ -120,16 +119,19 @@ class Response:
     Attributes:
         streams: Coordinates by order of the derivative, then channels.
         zeros: Indices in θ of the coordinates' zeros, by coordinate.
-        factor: Cholesky factor of A.
-        follows: A⁻¹ B (size n, p).
+        eliminated: Normal equations with the trajectory eliminated.
         coordinates: Number of coordinates n.
     """
 
     streams: Sequence[Stream]
     zeros: dict[int, int]
-    factor: Factor
-    follows: np.ndarray
+    eliminated: Eliminated
     coordinates: int
+
+    @property
+    def follows(self) -> np.ndarray:
+        """A⁻¹ B (size n, p)."""
+        return self.eliminated.by_theta
 
     def rows(self) -> list[np.ndarray]:
         """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""
@@ -175,11 +177,7 @@ class Response:
 
     def solved(self, right: np.ndarray) -> np.ndarray:
         """`A⁻¹ right` for right sides (size n, k)."""
-        n = self.coordinates
-        blocks, b = self.factor.diagonal.shape[:2]
-        padded = np.zeros((blocks * b, right.shape[1]))
-        padded[n : n + len(right)] = right
-        return stacked(self.factor.solve(padded.reshape(blocks, b, -1)))[n : n + len(right)]
+        return self.eliminated.solved(right)
 
 
 def response(
@@ -200,15 +198,14 @@ def response(
         bases = [piece.at_coordinates.matrices[kind]]
         streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None, None, None))
     for each in equations.channels:
-        sampling = piece.at_channels(each.when) if each.nodes is None else each.nodes.sampling
+        sampling = each.at if each.nodes is None else each.nodes.sampling
         std = noise.channels[each.channels]
         by = each.by_states, each.by_theta
         slack = None if piece.slack is None else piece.slack[:, each.channels]
         bases = sampling.matrices
         streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, *by))
-    eliminated = equations.eliminated
     zeros = dict(measurement.zeros) if 0 in equations.states else {}
-    return Response(streams, zeros, eliminated.factor, eliminated.by_theta, coefficients.shape[1])
+    return Response(streams, zeros, equations.eliminated, coefficients.shape[1])
 
 
 def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:

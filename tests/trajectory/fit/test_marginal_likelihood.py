@@ -22,7 +22,7 @@ def test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows(
 
     def log_determinant(e):
         c = p.coefficients - (follows @ e).reshape(p.coefficients.shape)
-        return response(p.measurement, p.piece, c, p.theta + e, p.noise).factor.log_determinant
+        return response(p.measurement, p.piece, c, p.theta + e, p.noise).eliminated.log_determinant
 
     slopes = np.array([(log_determinant(e) - log_determinant(-e)) / (2 * STEP) for e in STEP * np.eye(len(p.theta))])
     others = np.delete(np.arange(len(p.theta)), list(p.measurement.shifts))

@@ -36,6 +36,9 @@ class Linear:
         by_states[:, 2] = 1
         return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None, columns]
 
+    def dependence(self, columns):
+        return np.ones((1, 1), bool), np.ones((1, len(columns)), bool)
+
 
 class Turned:
     """One channel `θ ẍ` of one coordinate x: a larger inertia compensates a smaller motion."""
@@ -50,6 +53,9 @@ class Turned:
         by_states = np.zeros((1, 3, 1, len(wrenches)))
         by_states[:, 2] = theta[0]
         return self.values(states, wrenches, theta), by_states, states[2, :, 0][None, None][:, columns]
+
+    def dependence(self, columns):
+        return np.ones((1, 1), bool), np.ones((1, len(columns)), bool)
 
 
 def correlated(rng, number, rho):

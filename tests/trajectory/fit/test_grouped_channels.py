@@ -1,0 +1,175 @@
+"""Equations of channels grouped by what they depend on, against those of all channels with all coordinates and θ."""
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from measurements import random_measurement
+
+from ident.estimation.measurement import Measurement
+from ident.trajectory.algebra import channel_groups, components
+from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece_equations import dependence, linearised, normal_equations
+from ident.trajectory.fit.response import response
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """A measurement whose channels are taken to depend on everything."""
+
+    measurement: Measurement
+
+    def __getattr__(self, name):
+        return getattr(self.measurement, name)
+
+    def dependence(self, columns):
+        of_states, of_theta = self.measurement.dependence(columns)
+        return np.ones_like(of_states), np.ones_like(of_theta)
+
+
+@contextmanager
+def split(monkeypatch):
+    """Groups and components as small as they can be, whatever their calls cost."""
+    with monkeypatch.context() as patched:
+        for module in (channel_groups, components):
+            patched.setattr(module, "CALLED", 0.0)
+        patched.setattr(channel_groups, "MOVED", 0.0)
+        forget()
+        yield
+    forget()
+
+
+def forget():
+    channel_groups._groups.cache_clear()
+    components._components.cache_clear()
+
+
+def problem(seed, **kinds):
+    """A measurement of a random tree, and the arguments that linearise a piece of samples with gaps."""
+    rng = np.random.default_rng(seed)
+    m = random_measurement(rng, 8, ("revolute", "prismatic"), **kinds)
+    n, C, p = m.coordinates, len(m.equations.channels), len(m.names)
+    time = np.cumsum(rng.uniform(0.02, 0.06, 40))
+    time[25:] += 0.4
+    when = time[0] + np.cumsum(rng.uniform(0.02, 0.05, 45))
+    spline = Spline.over(time[0] - 0.2, time[-1] + 0.2, 0.2)
+    coefficients, theta = rng.normal(size=(spline.size, n)), rng.normal(size=p)
+    theta[len(m.equations.names) :] *= 0.01
+    noise = Noise(
+        states=rng.uniform(0.005, 0.02, size=(3, n)),
+        channels=rng.uniform(5, 10, size=C),
+        jerk=rng.uniform(1e-3, 1e-2, size=n),
+        states_rho=rng.uniform(0, 0.9, size=(3, n)),
+        channels_rho=rng.uniform(0, 0.9, size=C) * (seed % 2),
+        floor_states=np.zeros((3, n)),
+        floor_channels=np.zeros(C),
+    )
+    states, channels = rng.normal(size=(len(time), n)), 10 * rng.normal(size=(len(when), C))
+    states[rng.uniform(size=states.shape) < 0.1] = channels[rng.uniform(size=channels.shape) < 0.1] = np.nan
+    wrenches = rng.normal(size=(len(when), 2, 6 * len(m.contacts)))
+    piece = Piece(spline, time, (states, None, None), when, channels, wrenches, 0.3, len(m.components))
+    return m, piece, coefficients, theta, noise
+
+
+KINDS = (
+    {"wrench": False, "contacts": 0, "setup": False},
+    {"wrench": False, "contacts": 0, "setup": True},
+    {"wrench": False, "contacts": 1},
+    {"wrench": True, "contacts": 1},
+    {"wrench": True, "contacts": 0, "torques": False},
+    {"wrench": True, "contacts": 0, "moving": True},
+)
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_groups_give_what_all_channels_at_once_give(seed, kinds, monkeypatch):
+    m, piece, c, theta, noise = problem(seed, **kinds)
+    root = np.triu(np.random.default_rng(seed).normal(size=(len(theta), len(theta))))
+    columns = np.flatnonzero(np.random.default_rng(seed).uniform(size=len(theta)) < 0.9)
+    given = {"theta": theta, "noise": noise, "columns": columns, "root": root[np.ix_(columns, columns)]}
+    expected = linearised(Dense(m), piece, c, **given)
+    for own in (linearised(m, piece, c, **given), grouped(monkeypatch, m, piece, c, given)):
+        for name, value in own._asdict().items():
+            other = getattr(expected, name)
+            np.testing.assert_allclose(value, other, rtol=0, atol=1e-9 * np.abs(other).max(), err_msg=name)
+
+
+def grouped(monkeypatch, m, piece, c, given):
+    with split(monkeypatch):
+        return linearised(m, piece, c, **given)
+
+
+def test_branches_with_torques_alone_are_components(monkeypatch):
+    m, piece, c, theta, noise = problem(1, wrench=False, contacts=0, setup=False)
+    every = np.arange(len(theta))
+    of_states, _ = dependence(m, every)
+    assert not of_states.all()
+    with split(monkeypatch):
+        equations = normal_equations(m, piece, c, theta, noise, every)
+        expected = normal_equations(Dense(m), piece, c, theta, noise, every)
+    assert len(equations.components) > 1 and len(expected.components) == 1
+    for each in equations.components:
+        apart = np.delete(np.arange(m.coordinates), each.component.coordinates)
+        assert not of_states[np.ix_(each.component.channels, apart)].any()
+    right = np.random.default_rng(0).normal(size=(len(expected.eliminated.step), 3))
+    solved = expected.eliminated.solved(right)
+    np.testing.assert_allclose(equations.eliminated.solved(right), solved, atol=1e-9 * abs(solved).max())
+    assert equations.eliminated.log_determinant == pytest.approx(expected.eliminated.log_determinant, rel=1e-11)
+
+
+def test_responses_of_components_are_those_of_all(monkeypatch):
+    m, piece, c, theta, noise = problem(1, wrench=False, contacts=0, setup=False)
+    with split(monkeypatch):
+        own, expected = (response(each, piece, c, theta, noise) for each in (m, Dense(m)))
+        assert len(own.eliminated.factors) > 1
+        for mine, other in zip(own.rows(), expected.rows(), strict=True):
+            np.testing.assert_allclose(mine, other, atol=1e-9 * abs(other).max())
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+def test_channels_do_not_depend_on_what_is_left_out(kinds):
+    m, piece, c, theta, _ = problem(3, **kinds)
+    x = piece.spline.evaluate(c, piece.when)[:3]
+    of_states, of_theta = m.dependence(np.arange(len(theta)))
+    values = m.values(x, piece.wrenches, theta)
+    for j in range(m.coordinates):
+        moved = x.copy()
+        moved[..., j] += 0.1
+        changed = (m.values(moved, piece.wrenches, theta) != values).any(axis=1)
+        assert (of_states[:, j] >= changed).all()
+    for k in range(len(theta)):
+        moved = theta.copy()
+        moved[k] += 0.1
+        changed = (m.values(x, piece.wrenches, moved) != values).any(axis=1)
+        assert (of_theta[:, k] >= changed).all()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_every_dependence_is_in_one_group(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    C, n, p = rng.integers(1, 12, size=3)
+    of_states, of_theta = rng.uniform(size=(C, n)) < 0.4, rng.uniform(size=(C, p)) < 0.4
+    of_states[:, 0] |= ~of_states.any(axis=1)
+    with split(monkeypatch):
+        groups = channel_groups.channel_groups(of_states, of_theta, 5)
+    assert sorted(np.concatenate([group.channels for group in groups]).tolist()) == list(range(C))
+    for group in groups:
+        apart = np.delete(np.arange(n), group.coordinates)
+        assert not of_states[np.ix_(group.channels, apart)].any()
+        mine = of_theta[group.channels]
+        by_parts, by_blocks = np.zeros_like(mine, int), np.zeros_like(mine, int)
+        for part in group.parts:
+            by_parts[part.rows, part.columns] += 1
+        for block in group.blocks:
+            by_blocks[np.ix_(block.rows, block.columns)] += 1
+        for counts in (by_parts, by_blocks):
+            assert counts.max(initial=0) <= 1 and (counts >= mine).all()
+
+
+def test_few_joints_are_one_group():
+    m, piece, c, theta, noise = problem(0, contacts=0)
+    equations = normal_equations(m, piece, c, theta, noise, np.arange(len(theta)))
+    assert len(equations.components) == 1
