@@ -1,7 +1,7 @@
 """Equations of channels grouped by what they depend on, against those of all channels with all coordinates and θ."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -100,6 +100,24 @@ def test_groups_give_what_all_channels_at_once_give(seed, kinds, monkeypatch):
 def grouped(monkeypatch, m, piece, c, given):
     with split(monkeypatch):
         return linearised(m, piece, c, **given)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_groups_at_nodes_give_what_all_channels_give(seed, monkeypatch):
+    m, piece, c, theta, noise = problem(2 * seed, wrench=False, contacts=0, setup=False)
+    smooth = [name for name in m.equations.drives if name.startswith(("Ia", "Fv", "K"))]
+    m = replace(m, equations=m.equations.with_drives(smooth))
+    p, rng = len(m.names), np.random.default_rng(seed)
+    when = np.linspace(piece.when[0], piece.when[-1], 40 * piece.spline.intervals)
+    channels = rng.normal(size=(len(when), len(noise.channels)))
+    piece = replace(piece, when=when, measured=channels, wrenches=np.zeros((len(when), 2, 0)))
+    given = {"theta": theta[:p], "noise": noise, "columns": np.arange(p), "root": np.triu(rng.normal(size=(p, p)))}
+    with split(monkeypatch):
+        equations = normal_equations(m, piece, c, theta[:p], noise, np.arange(p))
+        assert equations.channels[0].nodes is not None and len(equations.components) > 1
+        own = linearised(m, piece, c, **given)
+    for name, value in linearised(Dense(m), piece, c, **given)._asdict().items():
+        np.testing.assert_allclose(getattr(own, name), value, rtol=0, atol=1e-9 * np.abs(value).max(), err_msg=name)
 
 
 def test_branches_with_torques_alone_are_components(monkeypatch):
