@@ -27,6 +27,7 @@ class Effort:
         bodies: Numbers of bodies of arms, increasing.
         array: Elements of the array whose writing is timed.
         matrix: Rows and columns of the matrices whose product is timed.
+        linearised: Samples of a linearisation of the trajectory estimate.
     """
 
     seconds: float = 0.5
@@ -38,9 +39,10 @@ class Effort:
     bodies: tuple[int, ...] = (3, 10, 30, 100, 300)
     array: int = 2**25
     matrix: int = 1500
+    linearised: int = 200
 
 
-QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, (3, 10), 2**18, 200)
+QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, (3, 10), 2**18, 200, 50)
 """Enough to check that everything runs."""
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 import scenes
+from experiments.benchmark import linearisation
 from experiments.benchmark.mechanisms import Subject, chain, double_pendulum
 from experiments.benchmark.timing import Effort, alternating, ratio
 from experiments.data.defaults import SCENE
@@ -30,6 +31,7 @@ from ident.parameters.structure import structure_matrix
 from ident.recordings.recording import STATES, Recording
 
 STREAM, REGROUPING = "stream of a recording in a file", "base parameters of an arm"
+LINEARISATION = "one linearisation of a tree of 29 joints with torques"
 """Names of the jobs."""
 
 RATE = 1000.0
@@ -80,6 +82,7 @@ def jobs(effort: Effort) -> Iterator[Job]:
     """All jobs."""
     yield _streamed(effort)
     yield _regrouped(effort)
+    yield _linearised(effort)
 
 
 def _streamed(effort: Effort) -> Job:
@@ -127,3 +130,9 @@ def _regrouped(effort: Effort) -> Job:
 
     times = alternating([along, dense], effort.seconds, effort.least)
     return Job.of(REGROUPING, effort.bodies[-1], "those of its whole matrix", times)
+
+
+def _linearised(effort: Effort) -> Job:
+    """One linearisation of the trajectory estimate, beside the same without the structure of the tree."""
+    times = alternating(linearisation.ways(effort.linearised), effort.seconds, effort.least)
+    return Job.of(LINEARISATION, effort.linearised, "all channels with all coordinates and parameters", times)
