@@ -41,7 +41,7 @@ def test_a_quick_run_measures_everything(results):
         identification.AGAIN,
     }
     assert [row["threads"] for row in results["simulations"]] == [1, 1, 2]
-    assert [row["job"] for row in results["jobs"]] == [whole.STREAM, whole.REGROUPING]
+    assert [row["job"] for row in results["jobs"]] == [whole.STREAM, whole.REGROUPING, whole.LINEARISATION]
     assert results["machine"]["cores"] >= 1
     assert results["machine"]["blas_threads"] == "1"
     assert set(results["machine"]["versions"]) >= {"python", "numpy", "mujoco"}

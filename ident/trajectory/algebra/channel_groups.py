@@ -132,18 +132,22 @@ def _joined(groups: Sequence[_Joined], operations: Callable[[int, int], float]) 
     for group in groups:
         same[group.bits] = (*same.get(group.bits, ()), *group.members)
     own = [_Joined(members, bits) for bits, members in same.items()]
-    costs = {group: operations(len(group.members), group.bits.bit_count()) for group in own}
-    while len(own) > 1:
-        saved, pair, both = max((_saved(a, b, costs, operations) for a, b in combinations(own, 2)), key=lambda x: x[0])
-        if saved <= 0:
-            break
-        own = [group for group in own if group not in pair] + [both]
-        costs[both] = operations(len(both.members), both.bits.bit_count())
+
+    def cost(group: _Joined) -> float:
+        return operations(len(group.members), group.bits.bit_count())
+
+    def saved(a: _Joined, b: _Joined) -> float:
+        return cost(a) + cost(b) - cost(_both(a, b))
+
+    savings = {pair: saved(*pair) for pair in combinations(own, 2)}
+    while savings and savings[best := max(savings, key=savings.__getitem__)] > 0:
+        both = _both(*best)
+        own = [group for group in own if group not in best]
+        savings = {(a, b): value for (a, b), value in savings.items() if a not in best and b not in best}
+        savings |= {(group, both): saved(group, both) for group in own}
+        own.append(both)
     return own
 
 
-def _saved(
-    a: _Joined, b: _Joined, costs: dict[_Joined, float], operations: Callable[[int, int], float]
-) -> tuple[float, tuple[_Joined, _Joined], _Joined]:
-    both = _Joined(tuple(sorted(a.members + b.members)), a.bits | b.bits)
-    return costs[a] + costs[b] - operations(len(both.members), both.bits.bit_count()), (a, b), both
+def _both(a: _Joined, b: _Joined) -> _Joined:
+    return _Joined(tuple(sorted(a.members + b.members)), a.bits | b.bits)
