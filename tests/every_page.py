@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import driven_arm
 import numpy as np
 import pytest
 import wrist
@@ -18,6 +19,7 @@ from truth import use_truth
 import scenes
 from experiments import (
     angles,
+    batch,
     compare,
     excite,
     human,
@@ -115,6 +117,16 @@ def _validate(folder):
         return validate.main(["--data", str(folder), "--workers", "1", *_out(folder)])
 
 
+def _batch(folder):
+    (folder / "arm.xml").write_text(driven_arm.text(), encoding="utf-8")
+    logs = [folder / f"run{seed}.csv" for seed in range(2)]
+    for seed, log in enumerate(logs):
+        driven_arm.log(4.0, 50.0, seed=seed).save(log)
+    return batch.main(
+        [str(folder / "arm.xml"), *map(str, logs), "--estimator", "weighted", "--cutoff", "8", *_out(folder)]
+    )
+
+
 def _sweep(folder):
     assert sweep.main(["multicontact", "--over", "samples", "100", "150", "--out", str(folder), *PNG]) == 0
     (folder / "multicontact" / "samples").rename(folder / "out")
@@ -137,6 +149,7 @@ COMMANDS = {
     "noise": _noise,
     "benchmark": lambda folder: benchmark(["--quick", *_out(folder)]),
     "sweep": _sweep,
+    "batch": _batch,
     "mechanism": lambda folder: mechanism.main(_out(folder)),
     "excite": lambda folder: excite.main(["double_pendulum", "--starts", "1", "--iterations", "3", *_out(folder)]),
     "misaligned": lambda folder: misaligned.main(["--out", str(folder / "out"), *SHORT, *TRIALS]),

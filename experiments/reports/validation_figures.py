@@ -1,6 +1,6 @@
 """Figures of the validation: held-out residuals by candidate, published parameters, and agreement of estimates."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -168,16 +168,18 @@ def summary_figure(study: Study) -> Figure:
         drawing = Figure(figsize=(styles.text_width(), FOOT + 0.25 + 0.2 * len(shown)))
         left, right = drawing.subplots(1, 2, sharey=True)
         rng = np.random.default_rng(0)
-        _strip(left, [each.against_best for each in shown], rng, color="black")
+        names = [each.entry.title for each in shown]
+        _strip(left, dict(zip(names, (each.against_best for each in shown), strict=True)), rng, color="black")
         left.axvspan(1, WORSE, color="0.88", lw=0)
-        left.axvline(1, color="0.4", lw=0.6)
+        left.axvline(1, color="0.4", lw=0.6, label="equal")
         left.set_xscale("log")
         left.set_xticks([0.5, 1, 2], ["0.5", "1", "2"])
         left.xaxis.set_minor_locator(NullLocator())
         left.set_xlabel("Residual over the best other candidate's", labelpad=2)
         left.set_title("(a) Held-out channels")
-        for name, (color, shift, _) in GROUPS.items():
-            _strip(right, [agreement(each)[name] for each in shown], rng, color=color, shift=shift)
+        for name, (color, shift, label) in GROUPS.items():
+            rows = {f"{label}, {own}": agreement(each)[name] for own, each in zip(names, shown, strict=True)}
+            _strip(right, rows, rng, color=color, shift=shift)
         right.axvspan(-HALF_WIDTH, HALF_WIDTH, color="0.88", lw=0)
         right.set_xscale("symlog", linthresh=LINEAR)
         largest = max(abs(z).max(initial=LINEAR) for each in shown for z in agreement(each).values())
@@ -187,7 +189,7 @@ def summary_figure(study: Study) -> Figure:
         right.set_xlim(-1.05 * largest, 1.05 * largest)
         right.set_xlabel("Difference in standard deviations", labelpad=2)
         right.set_title("(b) Agreement")
-        left.set_yticks(range(len(shown)), [each.entry.title for each in shown])
+        left.set_yticks(range(len(shown)), names)
         left.set_ylim(len(shown) - 0.5, -0.5)
         marks = [Line2D([], [], color=c, marker="o", lw=0, ms=3, label=label) for c, _, label in GROUPS.values()]
         drawing.legend(handles=marks, loc="outside lower center", ncols=3, fontsize=7)
@@ -204,9 +206,9 @@ def agreement(validation: Validation) -> dict[str, np.ndarray]:
 
 
 def _strip(
-    ax: Axes, rows: Sequence[np.ndarray], rng: np.random.Generator, *, shift: float = 0.0, color: str = "C0"
+    ax: Axes, rows: Mapping[str, np.ndarray], rng: np.random.Generator, *, shift: float = 0.0, color: str = "C0"
 ) -> None:
-    """Draws the numbers of each row as dots that are spread a little."""
-    for row, numbers in enumerate(rows):
+    """Draws the numbers of each row, by its name, as dots that are spread a little."""
+    for row, (name, numbers) in enumerate(rows.items()):
         at = row + shift + rng.uniform(-0.07, 0.07, len(numbers))
-        ax.plot(numbers, at, "o", color=color, ms=2.2, alpha=0.6, mew=0)
+        ax.plot(numbers, at, "o", color=color, ms=2.2, alpha=0.6, mew=0, label=name)
