@@ -58,7 +58,15 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/readme/test_arm_log.py tests/studies/test_monte_carlo.py::test_any_executor_gives_the_same_numbers \
 	tests/trajectory/fit/test_marginal_likelihood.py::test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows \
 	tests/trajectory/fit/test_restricted_likelihood.py::test_smoothness_takes_nothing_of_the_motion_that_matters \
-	tests/studies/test_excite.py::test_the_papers_excitation_is_improved_within_its_limits
+	tests/studies/test_excite.py::test_the_papers_excitation_is_improved_within_its_limits \
+	tests/document/test_escape.py::test_commands_go_through_with_hostile_names \
+	tests/studies/test_batch.py::test_every_log_has_results_and_a_failure_is_a_row \
+	tests/studies/test_identify.py::test_a_contact_is_used_and_missed_when_left_out \
+	tests/studies/test_monte_carlo.py::test_a_dead_worker_is_one_sentence_and_costs_no_trials \
+	tests/studies/test_monte_carlo.py::test_both_studies_run_trials_from_the_command_line \
+	tests/studies/test_sweep.py::test_a_sweep_is_the_study_with_every_value_and_seed \
+	tests/trajectory/test_reversals.py::test_an_arm_whose_joints_rub \
+	tests/trajectory/test_plates_jointly.py tests/studies/test_noise.py::test_more_recordings_may_follow_than_were_asked_for_at_first
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/test_against_sysid.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/docs/test_notebook.py \
