@@ -62,7 +62,7 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
 
 
 def reading(args: argparse.Namespace) -> dict[str, Any]:
-    """How the options' model and logs are read, as arguments of `prepare`.
+    """Arguments of `prepare`, by which the options' model and logs are read.
 
     Raises:
         InputError: Options contradict each other.

@@ -15,6 +15,7 @@ from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.wrench import Sensor
 from ident.tolerances import DRIVE
+from ident.trajectory.fit.piece import Noise
 
 
 def random_measurement(
@@ -64,3 +65,17 @@ def random_inputs(rng, measurement, samples=3, setup=0.05):
 def at(measurement, name):
     """Index of a parameter in θ."""
     return measurement.names.index(name)
+
+
+def random_noise(rng, coordinates, channels):
+    """Noise of coordinates and channels, correlated over time."""
+    n, C = coordinates, channels
+    return Noise(
+        states=rng.uniform(0.005, 0.02, size=(3, n)),
+        channels=rng.uniform(5, 10, size=C),
+        jerk=rng.uniform(1e-3, 1e-2, size=n),
+        states_rho=rng.uniform(0, 0.9, size=(3, n)),
+        channels_rho=rng.uniform(0, 0.9, size=C),
+        floor_states=np.zeros((3, n)),
+        floor_channels=np.zeros(C),
+    )

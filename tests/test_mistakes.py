@@ -17,7 +17,7 @@ A_PATH = "^path needs a path; got 3"
 
 
 class DataFrame:
-    """What is no estimate."""
+    """An object that is no estimate."""
 
 
 @pytest.mark.parametrize(

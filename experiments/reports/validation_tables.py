@@ -149,7 +149,7 @@ NONE = "—"
 
 
 def table_was_published(study: Study) -> tabular.Table:
-    """What was published with each recording: numbers of parameters, of accuracies, and of held-out residuals."""
+    """Numbers of parameters, accuracies and held-out residuals that were published with each recording."""
     rows = list[tuple[tabular.Cell, ...]]()
     for each in study:
         published = each.entry.published

@@ -39,7 +39,7 @@ from sim.models.mechanism import mechanism
 
 @dataclass(eq=False)
 class Overview:
-    """What one pass over recordings shows of their channels.
+    """Statistics of the channels of recordings, from one pass over them.
 
     Attributes:
         statistics: Statistics of the channels.

@@ -10,7 +10,7 @@ from ident.files.table import short
 from ident.tolerances import HUGE
 
 OWNERS = ("motors", "joints")
-"""What friction and rotors of coupled motors may belong to; the first is the default."""
+"""Owners that friction and rotors of coupled motors may have; the first is the default."""
 
 
 def couplings(

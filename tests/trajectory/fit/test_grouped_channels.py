@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from measurements import random_measurement
+from measurements import random_measurement, random_noise
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra import channel_groups, components
 from ident.trajectory.algebra.spline import Spline
-from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.piece_equations import dependence, linearised, normal_equations
 from ident.trajectory.fit.response import response
 
@@ -57,15 +57,8 @@ def problem(seed, **kinds):
     spline = Spline.over(time[0] - 0.2, time[-1] + 0.2, 0.2)
     coefficients, theta = rng.normal(size=(spline.size, n)), rng.normal(size=p)
     theta[len(m.equations.names) :] *= 0.01
-    noise = Noise(
-        states=rng.uniform(0.005, 0.02, size=(3, n)),
-        channels=rng.uniform(5, 10, size=C),
-        jerk=rng.uniform(1e-3, 1e-2, size=n),
-        states_rho=rng.uniform(0, 0.9, size=(3, n)),
-        channels_rho=rng.uniform(0, 0.9, size=C) * (seed % 2),
-        floor_states=np.zeros((3, n)),
-        floor_channels=np.zeros(C),
-    )
+    noise = random_noise(rng, n, C)
+    noise.channels_rho[:] *= seed % 2
     states, channels = rng.normal(size=(len(time), n)), 10 * rng.normal(size=(len(when), C))
     states[rng.uniform(size=states.shape) < 0.1] = channels[rng.uniform(size=channels.shape) < 0.1] = np.nan
     wrenches = rng.normal(size=(len(when), 2, 6 * len(m.contacts)))

@@ -5,7 +5,7 @@ from functools import cache, cached_property
 
 import numpy as np
 import pytest
-from measurements import at, random_measurement
+from measurements import at, random_measurement, random_noise
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
@@ -118,15 +118,7 @@ def problem(seed, outliers=0.0):
     spline = Spline.over(time[0] - 0.2, time[-1] + 0.2, 0.2)
     c, theta = rng.normal(size=(spline.size, n)), rng.normal(size=p)
     theta[len(m.equations.names) :] *= 0.01
-    noise = Noise(
-        states=rng.uniform(0.005, 0.02, size=(3, n)),
-        channels=rng.uniform(5, 10, size=C),
-        jerk=rng.uniform(1e-3, 1e-2, size=n),
-        states_rho=rng.uniform(0, 0.9, size=(3, n)),
-        channels_rho=rng.uniform(0, 0.9, size=C),
-        floor_states=np.zeros((3, n)),
-        floor_channels=np.zeros(C),
-    )
+    noise = random_noise(rng, n, C)
     noise.channels_rho[0] = 0
     wrenches = rng.normal(size=(len(when), 2, 6 * len(m.contacts)))
     zeros = np.zeros((len(time), n))
