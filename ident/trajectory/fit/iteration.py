@@ -20,8 +20,9 @@ import numpy as np
 from ident.trajectory.fit.fitted import Marginal, Prior, Start, TrajectoryFit
 from ident.trajectory.fit.marginal_likelihood import pull
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
-from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
+from ident.trajectory.fit.piece_equations import Linearised, Misfit, NormalEquations, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
+from ident.trajectory.fit.response import Response
 from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened, renewed
 
 ROUNDS = 60
@@ -112,13 +113,15 @@ def fit(
     iteration = _Iteration(problem, coloured, kept, explore, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
-    unasked = not len(free) or (explore and status != "interrupted")
+    shares = list[tuple[np.ndarray, np.ndarray]]()
+    if len(free) and not (explore and status != "interrupted"):
+        at, shares = problem.shared(at)
     return TrajectoryFit(
         problem.names,
         problem.selections,
         prior,
         at.theta,
-        [] if unasked else problem.shares(at),
+        shares,
         free,
         at.noise,
         at.coefficients,
@@ -149,8 +152,12 @@ class _Iteration:
         fitted, root = np.flatnonzero(self._problem.free), None
         try:
             for _ in range(rounds):
-                parts = self._problem.linearised(self.at, fitted, root)
+                drifted = not self._explore and self._problem.drifted(self.at, root)
+                parts, pulls = self._problem.linearised(self.at, fitted, root, drawn=drifted)
                 root = self._problem.root(parts)
+                if drifted:
+                    part = 0.5 if self._leads_back else 1.0
+                    self.at = replace(self.at, marginal=self._problem.marginal(self.at, root, pulls, part))
                 quiet = self._round(parts, root)
                 if quiet or self._stalled > 1:
                     return "converged" if quiet else "stuck"
@@ -163,8 +170,6 @@ class _Iteration:
     def _round(self, parts: Sequence[Linearised], root: np.ndarray) -> bool:
         """Takes one step, and returns True if the iteration has converged."""
         problem, free, at = self._problem, self._problem.free, self.at
-        if not self._explore and problem.drifted(at, root):
-            at = replace(at, marginal=problem.marginal(at, root, part=0.5 if self._leads_back else 1.0))
         step = problem.step(at, parts, root)
         moves = [part.step - part.by_theta @ step[free] for part in parts]
         self.trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
@@ -218,28 +223,49 @@ class _Problem:
     selections: Sequence[np.ndarray]
     run: Callable[..., Iterable[Any]]
 
-    def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None = None) -> list[Linearised]:
+    def linearised(
+        self, at: Start, wanted: np.ndarray, root: np.ndarray | None, *, drawn: bool
+    ) -> tuple[list[Linearised], list[np.ndarray]]:
         """Normal equations of every piece for some entries of θ, trajectories eliminated, other entries fixed.
 
         Args:
             at: Point of linearisation.
             wanted: Indices of these entries (k,).
             root: Root of their covariance (k, k), if known.
+            drawn: True to compute the terms of the marginal likelihood as well.
         """
-        work = partial(_linearised, self.measurement, at.noise, wanted, root)
-        return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta), self.selections))
+        work = partial(_linearised, self.measurement, at.noise, wanted, root, self._draws if drawn else 0)
+        parts, pulls = zip(*self._run(work, at, self.selections, range(len(self.pieces))), strict=True)
+        return list(parts), list(pulls)
 
-    def shares(self, at: Start) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them."""
-        work = partial(_share, self.measurement, at.noise)
-        own = self.run(work, self.pieces, at.coefficients, self._own(at.theta))
+    def shared(self, at: Start) -> tuple[Start, list[tuple[np.ndarray, np.ndarray]]]:
+        """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them.
+
+        Returns:
+            The point with the marginal likelihood's terms of fixed parameters as well, and the shares.
+        """
+        work = partial(_share, self.measurement, at.noise, self._draws if at.marginal else 0)
+        every = list(self._run(work, at, range(len(self.pieces))))
+        if at.marginal:
+            kept = zip(self.selections, at.pulls, every, strict=True)
+            pulls = [np.where(self.free[place], old, new[2]) for place, old, new in kept]
+            at = replace(at, marginal=at.marginal._replace(pulls=pulls))
         out, p = [], len(self.free)
-        for (schur, gradient), place, pulled in zip(own, self.selections, self.spread(at.pulls), strict=True):
+        for (schur, gradient, _), place, pulled in zip(every, self.selections, self.spread(at.pulls), strict=True):
             precision, right = np.zeros((p, p)), -pulled
             precision[np.ix_(place, place)] = schur
             right[place] += gradient
             out.append((precision, right))
-        return out
+        return at, out
+
+    def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
+        """Results of a function of each piece, its coefficients and parameters, and more."""
+        return self.run(work, self.pieces, at.coefficients, self._own(at.theta), *more)
+
+    @property
+    def _draws(self) -> int:
+        """Number of random trajectories of each piece."""
+        return -(-DRAWN // sum(len(piece.when) for piece in self.pieces))
 
     def _own(self, theta: np.ndarray) -> list[np.ndarray]:
         """Parameters of each piece."""
@@ -286,8 +312,7 @@ class _Problem:
 
     def _misfits(self, at: Start) -> list[Misfit]:
         """Misfits of all pieces."""
-        work = partial(_misfit, self.measurement, at.noise)
-        return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta)))
+        return list(self._run(partial(_misfit, self.measurement, at.noise), at))
 
     def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
         """Cost of all pieces and of θ."""
@@ -295,31 +320,31 @@ class _Problem:
         of_theta = off @ self.prior.precision @ off + 2 * off @ sum(self.spread(at.pulls))
         return sum(each.cost for each in parts) + float(of_theta)
 
-    def drifted(self, at: Start, root: np.ndarray) -> bool:
+    def drifted(self, at: Start, root: np.ndarray | None) -> bool:
         """True if the marginal likelihood's terms are missing, or θ or the noise has moved since they were computed.
 
         Args:
             at: Current point.
-            root: Root of the covariance of the fitted parameters (k, k).
+            root: Root of the covariance of the fitted parameters (k, k), None in the first round.
         """
         if not len(self.free) or not len(at.noise.channels):
             return False
         if at.marginal is None or not at.marginal.whole or at.noise.change(at.marginal.noise) > DRIFTED_NOISE:
             return True
+        if root is None:
+            return False
         moved = np.abs(at.theta - at.marginal.theta)[self.free] / np.linalg.norm(root, axis=1)
         return bool(moved.max(initial=0) > DRIFTED)
 
-    def marginal(self, at: Start, root: np.ndarray, part: float) -> Marginal:
+    def marginal(self, at: Start, root: np.ndarray, pulls: Sequence[np.ndarray], part: float) -> Marginal:
         """Terms that the marginal likelihood of θ adds to the gradient.
 
         Args:
-            at: Point at which they are computed.
+            at: Point at which they were computed.
             root: Root of the covariance of the fitted parameters (k, k).
+            pulls: Term of every piece.
             part: Step length from the previous terms to the new ones, shortened where θ would move too far.
         """
-        draws = -(-DRAWN // sum(len(piece.when) for piece in self.pieces))
-        work = partial(pull, self.measurement, at.noise, draws)
-        pulls = self.run(work, self.pieces, at.coefficients, self._own(at.theta), range(len(self.pieces)))
         old = at.pulls or [np.zeros(len(own)) for own in self.selections]
         changes = [new - was for new, was in zip(pulls, old, strict=True)]
         change = np.sum(self.spread(changes), axis=0)[self.free]
@@ -341,11 +366,39 @@ def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np
 
 
 def _share(
-    measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Precision and right side of all entries of θ from a piece, its trajectory eliminated."""
-    equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
-    return equations.eliminated.schur, equations.eliminated.gradient
+    measurement: Predictor,
+    noise: Noise,
+    draws: int,
+    piece: Piece,
+    coefficients: np.ndarray,
+    theta: np.ndarray,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Precision, right side and term of the marginal likelihood, zero without draws, of all of a piece's θ."""
+    every = np.arange(len(theta))
+    equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
+    pulled = _pull(equations, measurement, noise, draws, piece, coefficients, theta, seed, every)
+    return equations.eliminated.schur, equations.eliminated.gradient, pulled
+
+
+def _pull(
+    equations: NormalEquations,
+    measurement: Predictor,
+    noise: Noise,
+    draws: int,
+    piece: Piece,
+    coefficients: np.ndarray,
+    theta: np.ndarray,
+    seed: int,
+    columns: np.ndarray,
+) -> np.ndarray:
+    """Term of the marginal likelihood from the equations for some entries of θ, zero for others or without draws."""
+    out = np.zeros(len(theta))
+    if draws:
+        here = Response.of(equations, measurement.zeros, columns, piece, noise)
+        random = np.random.default_rng(seed)
+        out[columns] = pull(here, measurement, noise, piece, coefficients, theta, columns, draws, random)
+    return out
 
 
 def _linearised(
@@ -353,22 +406,26 @@ def _linearised(
     noise: Noise,
     wanted: np.ndarray,
     root: np.ndarray | None,
+    draws: int,
     piece: Piece,
     coefficients: np.ndarray,
     theta: np.ndarray,
     own: np.ndarray,
-) -> Linearised:
-    """Linearised piece, with derivatives by its own parameters placed among the wanted entries of θ."""
+    seed: int,
+) -> tuple[Linearised, np.ndarray]:
+    """Linearised piece, derivatives by its own θ placed among the wanted entries, and its term of `_pull`."""
     columns = np.flatnonzero(np.isin(own, wanted))
     place = np.searchsorted(wanted, own[columns])
-    root = None if root is None else root[place]
-    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns, root=root)
+    equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
+    mine = np.zeros((len(columns), 0)) if root is None else root[place]
+    part = equations.linearised(piece.spline, coefficients, noise, mine)
+    pulled = _pull(equations, measurement, noise, draws, piece, coefficients, theta, seed, columns)
     if len(columns) == len(wanted):
-        return part
+        return part, pulled
     schur, gradient = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
     by_theta = np.zeros((len(part.by_theta), len(wanted)))
     schur[np.ix_(place, place)], gradient[place], by_theta[:, place] = part.schur, part.gradient, part.by_theta
-    return part._replace(schur=schur, gradient=gradient, by_theta=by_theta)
+    return part._replace(schur=schur, gradient=gradient, by_theta=by_theta), pulled
 
 
 def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:

@@ -16,41 +16,44 @@ import numpy as np
 
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import no_wrenches
-from ident.trajectory.fit.response import Response, Stream, response
+from ident.trajectory.fit.response import Response, Stream
 
 SMALL = 1e-3
 """Part of a random trajectory taken as the step of a finite difference along it."""
 
 
 def pull(
+    here: Response,
     measurement: Predictor,
     noise: Noise,
-    draws: int,
     piece: Piece,
     coefficients: np.ndarray,
     theta: np.ndarray,
-    seed: int,
+    columns: np.ndarray,
+    draws: int,
+    random: np.random.Generator,
 ) -> np.ndarray:
-    """Half the gradient of `log |A|` by θ, for a piece at its likeliest trajectory (p,).
+    """Half the gradient of `log |A|` by entries of θ, for a piece at its likeliest trajectory (k,).
 
     Args:
+        here: Linear response of the piece with these entries as columns.
         measurement: Channels and parameters.
         noise: Standard deviations, correlation and smoothness.
-        draws: Number of random trajectories.
         piece: Measured samples.
         coefficients: Spline coefficients (size, n).
         theta: Parameters (p,).
-        seed: Seed of the random trajectories.
+        columns: Indices of the entries, ascending (k,).
+        draws: Number of random trajectories.
+        random: Source of the random trajectories.
     """
-    here = response(measurement, piece, coefficients, theta, noise)
-    z = _trajectories(here, piece, noise, np.random.default_rng(seed), draws)
-    by_theta, by_c = np.zeros(len(theta)), np.zeros(len(z))
-    for stream, moved in zip(here.streams, here.signals(z, np.zeros((len(theta), draws))), strict=True):
+    z = _trajectories(here, piece, noise, random, draws)
+    by_theta, by_c = np.zeros(len(columns)), np.zeros(len(z))
+    for stream, moved in zip(here.streams, here.signals(z, np.zeros((len(columns), draws))), strict=True):
         if stream.by_states is None or stream.by_theta is None:
             continue
         own = stream.gathered(stream.weights(moved))
-        by_states, columns = _along(measurement, piece, stream, coefficients, z, theta)
-        by_theta += np.einsum("cpkm,mck->p", columns, own, optimize=True)
+        by_states, by_columns = _along(measurement, piece, stream, coefficients, z, theta, columns)
+        by_theta += np.einsum("cpkm,mck->p", by_columns, own, optimize=True)
         pulled = np.einsum("cdjkm,mck->dmj", by_states, own, optimize=True)
         by_c += sum((basis.T @ each).ravel() for basis, each in zip(stream.bases, pulled, strict=True))
     return (by_theta - here.follows.T @ by_c) / draws
@@ -63,19 +66,25 @@ def _trajectories(here: Response, piece: Piece, noise: Noise, rng: np.random.Gen
 
 
 def _along(
-    measurement: Predictor, piece: Piece, stream: Stream, coefficients: np.ndarray, z: np.ndarray, theta: np.ndarray
+    measurement: Predictor,
+    piece: Piece,
+    stream: Stream,
+    coefficients: np.ndarray,
+    z: np.ndarray,
+    theta: np.ndarray,
+    columns: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives along z of channels' derivatives by states (c, 3, n, draws, M) and by θ (c, p, draws, M)."""
-    (size, n), draws, every = coefficients.shape, z.shape[1], np.arange(len(theta))
+    """Derivatives along z of channels' derivatives by states (c, 3, n, draws, M) and by θ (c, k, draws, M)."""
+    (size, n), draws = coefficients.shape, z.shape[1]
     c = (coefficients[..., None] + SMALL * z.reshape(size, n, draws)).transpose(0, 2, 1).reshape(size, -1)
     x = np.stack([(basis @ c).reshape(-1, draws, n).swapaxes(0, 1).reshape(-1, n) for basis in stream.bases])
     wrenches = no_wrenches(x) if stream.nodes else np.tile(piece.wrenches, (draws, 1, 1))
     out = []
-    for new, old in zip(measurement.derivatives(x, wrenches, theta, every)[1:], _at(stream), strict=True):
+    for new, old in zip(measurement.derivatives(x, wrenches, theta, columns)[1:], _at(stream), strict=True):
         whole = new[stream.which].reshape(*old.shape[:-1], draws, -1)
         out.append((whole - old[..., None, :]) / SMALL)
     # Derivatives by a delay and a clock follow from those by the states.
-    out[1][:, list(measurement.shifts)] = 0
+    out[1][:, np.isin(columns, list(measurement.shifts))] = 0
     return out[0], out[1]
 
 

@@ -122,17 +122,7 @@ def linearised(
     columns = np.arange(len(theta)) if columns is None else columns
     root = np.zeros((len(columns), 0)) if root is None else root
     equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
-    taken, held = equations.taken(root, piece.spline)
-    eliminated = equations.eliminated
-    return Linearised(
-        cost=_cost(equations.innovations, noise, piece.spline.squared_jerk(coefficients)),
-        schur=eliminated.schur,
-        gradient=eliminated.gradient,
-        step=eliminated.step,
-        by_theta=eliminated.by_theta,
-        taken=taken,
-        held=noise.jerk * held,
-    )
+    return equations.linearised(piece.spline, coefficients, noise, root)
 
 
 class ChannelEquations(NamedTuple):
@@ -225,6 +215,26 @@ class NormalEquations(NamedTuple):
     def innovations(self) -> list[Innovations]:
         """Innovations of all streams."""
         return [*self.states.values(), *(each.new for each in self.channels)]
+
+    def linearised(self, spline: Spline, coefficients: np.ndarray, noise: Noise, root: np.ndarray) -> Linearised:
+        """The linearised piece.
+
+        Args:
+            spline: Spline space of the trajectory.
+            coefficients: Spline coefficients (size, n).
+            noise: Standard deviations, correlation and smoothness.
+            root: Root of the covariance of θ from all pieces (k, q).
+        """
+        taken, held = self.taken(root, spline)
+        return Linearised(
+            cost=_cost(self.innovations, noise, spline.squared_jerk(coefficients)),
+            schur=self.eliminated.schur,
+            gradient=self.eliminated.gradient,
+            step=self.eliminated.step,
+            by_theta=self.eliminated.by_theta,
+            taken=taken,
+            held=noise.jerk * held,
+        )
 
     def taken(self, root: np.ndarray, spline: Spline) -> tuple[np.ndarray, np.ndarray]:
         """Absorbed degrees of freedom of all streams (3, s), and `tr(H⁻¹ P_j)` of the jerk's penalties (n,).

@@ -7,7 +7,7 @@ J and T are the derivatives of all streams by the spline coefficients c and by �
 autocorrelated noise. R are the rows of θ with the trajectory eliminated: δθ = P⁻¹ Rᵀ W ε.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +18,7 @@ from ident.trajectory.algebra.arrow import Eliminated, stacked, transposed
 from ident.trajectory.algebra.nodes import Nodes
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
-from ident.trajectory.fit.piece_equations import normal_equations
+from ident.trajectory.fit.piece_equations import NormalEquations, normal_equations
 
 CLEAR = 0.5
 """Share of the noise in a sample's variance above which its residual is used to estimate the noise."""
@@ -118,7 +118,7 @@ class Response:
 
     Attributes:
         streams: Coordinates by order of the derivative, then channels.
-        zeros: Indices in θ of the coordinates' zeros, by coordinate.
+        zeros: Columns of the coordinates' zeros, by coordinate.
         eliminated: Normal equations with the trajectory eliminated.
         coordinates: Number of coordinates n.
     """
@@ -127,6 +127,34 @@ class Response:
     zeros: dict[int, int]
     eliminated: Eliminated
     coordinates: int
+
+    @classmethod
+    def of(
+        cls, equations: NormalEquations, zeros: Mapping[int, int], columns: np.ndarray, piece: Piece, noise: Noise
+    ) -> "Response":
+        """Linear response of a piece whose normal equations are known.
+
+        Args:
+            equations: The normal equations.
+            zeros: Indices in θ of the coordinates' zeros, by coordinate.
+            columns: Indices in θ of the equations' columns, ascending (k,).
+            piece: Measured samples.
+            noise: Standard deviations, correlation and smoothness of the fit.
+        """
+        streams = []
+        for kind, new in equations.states.items():
+            bases = [piece.at_coordinates.matrices[kind]]
+            streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None, None, None))
+        for each in equations.channels:
+            sampling = each.at if each.nodes is None else each.nodes.sampling
+            std = noise.channels[each.channels]
+            by = each.by_states, each.by_theta
+            slack = None if piece.slack is None else piece.slack[:, each.channels]
+            bases = sampling.matrices
+            streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, *by))
+        own = {j: int(np.searchsorted(columns, at)) for j, at in zeros.items() if at in columns}
+        coordinates = piece.states[0].shape[1]
+        return cls(streams, own if 0 in equations.states else {}, equations.eliminated, coordinates)
 
     @property
     def follows(self) -> np.ndarray:
@@ -192,20 +220,9 @@ def response(
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness of the fit.
     """
-    equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
-    streams = []
-    for kind, new in equations.states.items():
-        bases = [piece.at_coordinates.matrices[kind]]
-        streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None, None, None))
-    for each in equations.channels:
-        sampling = each.at if each.nodes is None else each.nodes.sampling
-        std = noise.channels[each.channels]
-        by = each.by_states, each.by_theta
-        slack = None if piece.slack is None else piece.slack[:, each.channels]
-        bases = sampling.matrices
-        streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, *by))
-    zeros = dict(measurement.zeros) if 0 in equations.states else {}
-    return Response(streams, zeros, equations.eliminated, coefficients.shape[1])
+    every = np.arange(len(theta))
+    equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
+    return Response.of(equations, measurement.zeros, every, piece, noise)
 
 
 def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:

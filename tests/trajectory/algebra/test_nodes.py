@@ -88,7 +88,8 @@ def test_misfit_response_and_marginal_likelihood(seed, monkeypatch):
         own = misfit(m, piece, c, theta=theta, noise=noise)
         here = response(m, piece, c, theta, noise)
         pulls = [stream.weights(stream.residual[..., None]) for stream in here.streams]
-        return [own.cost, own.squares, *here.rows(), *here.adjoint(pulls), pull(m, noise, 3, piece, c, theta, 0)]
+        term = pull(here, m, noise, piece, c, theta, np.arange(len(theta)), 3, np.random.default_rng(0))
+        return [own.cost, own.squares, *here.rows(), *here.adjoint(pulls), term]
 
     for a, b in zip(*both(monkeypatch, results), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-8 * np.abs(b).max())

@@ -16,9 +16,10 @@ def test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows(
     """For all parameters except the clock's, on which the determinant hardly depends."""
     monkeypatch.setattr(whitening, "HUBER", 1e6)  # Weights of outliers change with θ, which the gradient leaves out.
     p = problem(seed)
-    every = np.arange(RUNS) + RUNS * seed
-    pulls = np.array([pull(p.measurement, p.noise, DRAWS, p.piece, p.coefficients, p.theta, k) for k in every])
-    follows = response(p.measurement, p.piece, p.coefficients, p.theta, p.noise).follows
+    here, columns = response(p.measurement, p.piece, p.coefficients, p.theta, p.noise), np.arange(len(p.theta))
+    at = here, p.measurement, p.noise, p.piece, p.coefficients, p.theta, columns, DRAWS
+    pulls = np.array([pull(*at, np.random.default_rng(k + RUNS * seed)) for k in range(RUNS)])
+    follows = here.follows
 
     def log_determinant(e):
         c = p.coefficients - (follows @ e).reshape(p.coefficients.shape)
