@@ -16,7 +16,6 @@ from ident.estimators.least_squares import model_as_it_came
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
 from ident.judgement.torque_checks import torque_checks
-from ident.parameters.prior import drive_precision, known_covariance
 from ident.problem import Problem
 from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares
 from ident.regression.held_out import HeldOut
@@ -24,11 +23,9 @@ from ident.regression.ordinary import Fit
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit, corrected
 from ident.trajectory.estimate import trajectory_estimate
+from ident.trajectory.far_less_precise import far_less_precise
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.smoothing_choice import chosen_smoothing
-
-FAR_LESS = 30.0
-"""Standard deviations from the data, over those of the prior, above which the prior is used."""
 
 
 def trajectory(problem: Problem) -> Estimate:
@@ -106,27 +103,21 @@ def _known_enough(
         known: Standard deviations to use first, None for no prior.
         prior: Standard deviations to fall back on, None for none.
     """
-    try:
-        trajectory = _solvable(estimate, known)
-    except ExcitationError:
-        if known or prior is None:
-            raise
-        return _solvable(estimate, prior)
     if known or prior is None:
+        return _solvable(estimate, known=known)
+    try:
+        trajectory = _solvable(estimate, fallback=prior)
+    except ExcitationError:
+        return _solvable(estimate, known=prior)
+    if trajectory.known or not far_less_precise(trajectory.fit, trajectory.measurement.equations, prior):
         return trajectory
-    equations = trajectory.measurement.equations
-    beforehand = np.diag(known_covariance(equations.mechanism, equations.parameters, prior))
-    least = (
-        np.r_[1 / beforehand, drive_precision(equations.mechanism, equations.drives, equations.scaled)] / FAR_LESS**2
-    )
-    far_less = np.diag(trajectory.fit.covariance)[: len(least)] * least > 1
-    return _solvable(estimate, prior) if far_less.any() else trajectory
+    return _solvable(estimate, known=prior)
 
 
-def _solvable(estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, float] | None) -> TrajectoryEstimate:
+def _solvable(estimate: Callable[..., TrajectoryEstimate], **known: Mapping[str, float] | None) -> TrajectoryEstimate:
     """Trajectory estimate; raises an ExcitationError if its equations are singular up to rounding."""
     try:
-        return estimate(known=known)
+        return estimate(**known)
     except np.linalg.LinAlgError:
         raise ExcitationError(
             "The trajectory estimate's equations are singular but for rounding: some joint angles follow a curve "

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND
 from ident.setup import OFFSET, OWN
+from ident.trajectory.far_less_precise import far_less_precise
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import inverse_of_precision
@@ -36,6 +38,7 @@ def trajectory_estimate(
     *,
     setup: Mapping[str, float] | None = None,
     known: Mapping[str, float] | None = None,
+    fallback: Mapping[str, float] | None = None,
     own: Sequence[str] = (),
     search: bool = True,
     stribeck: bool = False,
@@ -51,6 +54,7 @@ def trajectory_estimate(
         equations: Channels and columns.
         setup: Standard deviations of the set-up, as for `setup_parameters`.
         known: Standard deviations of the model's φ, as for `known_deviations`; None for no prior.
+        fallback: Those to use if the data alone turn out far less precise while knots are chosen; None for never.
         own: Kinds of parameters that each recording has separately, out of `OWN`.
         search: True to search for set-up errors.
         stribeck: True to fit Stribeck friction of the joints for which recordings ask for it.
@@ -63,7 +67,7 @@ def trajectory_estimate(
     logs = [part.log for part in recordings]
     joints = logs[0].mechanism.joints
 
-    def stages_of(columns: Equations) -> Stages:
+    def stages_of(known: Mapping[str, float] | None, columns: Equations) -> Stages:
         measurement = _measurement(logs[0], columns, setup)
         names, setup_at, selections = _shared(measurement, len(recordings), own)
         prior = _prior(measurement, setup_at, len(names), known)
@@ -71,14 +75,18 @@ def trajectory_estimate(
             measurement, recordings, names, setup_at, selections, prior, known is not None, search, executor, report
         )
 
-    stages = stages_of(equations)
+    stages = stages_of(known, equations)
     share = max(1, round(length(recordings) / ENOUGH))
     finest = KNOTS_PER_SAMPLE / min(log.recording.rate for log in logs)
     widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
     step = knots or min(knot_distance(log.recording, joints, widest) for log in logs)
-    estimate = stages.settled(stages.explored(step, share, knots or max(finest, FINEST)))
+    explored = stages.explored(step, share, knots or max(finest, FINEST))
+    if fallback is not None and far_less_precise(stages.shared(explored).fit, equations, fallback):
+        known, stages = fallback, stages_of(fallback, equations)
+        explored = stages.taken_over(explored)
+    estimate = stages.settled(explored)
     if stribeck:
-        stages, estimate = with_low_velocity_friction(stages, estimate, stages_of)
+        stages, estimate = with_low_velocity_friction(stages, estimate, partial(stages_of, known))
     estimate = stages.searched(estimate)
     if share > 1:
         estimate = stages.searched(stages.whole(estimate))

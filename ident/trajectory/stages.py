@@ -190,6 +190,14 @@ class Stages:
         seconds = float(np.ptp(part.log.recording.time[part.samples]))
         return min(int(seconds / SHORTEST), own)
 
+    def shared(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
+        """Estimate with the shares of the pieces, which an exploring fit leaves out."""
+        return estimate.with_fit(self.refit_of(estimate)(estimate.fit.end, estimate.fit.free, 0))
+
+    def taken_over(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
+        """Estimate of stages with another prior, as a starting point of these."""
+        return replace(estimate.with_fit(replace(estimate.fit, prior=self.prior)), known=self.known)
+
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Converged estimate with friction near reversals, and noise white or correlated over time.
 
