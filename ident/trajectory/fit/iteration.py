@@ -23,7 +23,7 @@ from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, NormalEquations, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.fit.response import Response
-from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened, renewed
+from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened_noise, renewed, strides
 
 ROUNDS = 60
 """Largest number of rounds of the iteration."""
@@ -144,7 +144,7 @@ class _Iteration:
         self.at, self.trace = start, list[float]()
         self._problem, self._coloured, self._kept, self._explore = problem, coloured, kept, explore
         self._was_coloured, self._now_coloured = False, bool(start.noise.channels_rho.any())
-        self._step, self._stride = np.zeros_like(start.theta), cast("Stride | None", None)
+        self._step, self._strides = np.zeros_like(start.theta), cast("dict[str, Stride] | None", None)
         self._leads_back, self._stalled = False, 0
 
     def ended(self, rounds: int, report: Report | None) -> str:
@@ -183,13 +183,13 @@ class _Iteration:
         return (self._was_coloured or not self._coloured) and _quiet(problem.pieces, at, self.trace[-1], moves, noise)
 
     def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
-        """Noise updated after a step, smoothness with longer steps once θ has nearly converged."""
+        """Noise updated after a step, by longer steps once θ has nearly converged."""
         near, self._was_coloured = self.trace[-1] < NEAR, self._now_coloured
         self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
         noise = renewed(before, parts, misfits, coloured=self._now_coloured)
-        last, self._stride = self._stride, Stride(np.log(before.jerk), np.log(noise.jerk / before.jerk))
-        jerk = hastened(last, self._stride) if near else noise.jerk
-        noise = replace(noise, jerk=np.minimum(jerk, self._problem.smoothest(noise)))
+        last, self._strides = self._strides, strides(before, noise)
+        noise = hastened_noise(noise, last, self._strides, self.trace[-1])
+        noise = replace(noise, jerk=np.minimum(noise.jerk, self._problem.smoothest(noise)))
         return replace(noise, **{name: getattr(before, name) for name in self._kept})
 
 

@@ -13,7 +13,7 @@ with s± the corresponding halves of innovations (`ident.trajectory.algebra.whit
 absorbed nothing, this would be Burg's estimate, which is the first ρ where it exceeds chance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -36,11 +36,17 @@ COLOURED_FLOOR = 15.0
 """Relative increase of the floor of a channel's noise at ρ = 1: there are model errors then, and the trajectory's fit
 to the channel is no measure of its noise."""
 
-FURTHEST, LONGEST = 4.0, 3.0
-"""Largest factor by which steps of log λ are lengthened, and their largest length then."""
+FURTHEST = 4.0
+"""Largest factor by which steps are lengthened."""
 
-PACED = 0.005
-"""Steps of log λ up to which none are lengthened: their difference is no longer a measure of the slope."""
+LONGEST = {"states": 0.5, "channels": 0.5, "jerk": 3.0}
+"""Largest lengthened steps of the logarithms of standard deviations and of λ."""
+
+PACED = {"states": 0.0025, "channels": 0.0025, "jerk": 0.005}
+"""Steps up to which none are lengthened: their difference is no longer a measure of the slope."""
+
+HASTENED = {"states": 1.0, "channels": 1.0, "jerk": 0.1}
+"""Largest steps of θ, in its standard deviations, with which steps of the noise are lengthened."""
 
 ALIKE = 0.1
 """Least noise of a component relative to the median of its sensor's components in the same unit."""
@@ -66,13 +72,10 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
     growth = np.where(number > 0, squares / left, 1.0)
     shape, states = noise.states.shape, noise.states.size
     of_states, of_channels = growth[:, :states].reshape(3, *shape), growth[:, states:]
-    floor = noise.floor_channels * (1 + COLOURED_FLOOR * noise.channels_rho**2)
-    for group in set(noise.alike):
-        own = np.array(noise.alike) == group
-        floor[own] = np.maximum(floor[own], ALIKE * np.median(noise.channels[own]))
+    floors = _floors(noise)
     new = {
-        "states": np.maximum(noise.states * np.sqrt(of_states[0]), noise.floor_states),
-        "channels": np.maximum(noise.channels * np.sqrt(of_channels[0]), floor),
+        "states": np.maximum(noise.states * np.sqrt(of_states[0]), floors["states"]),
+        "channels": np.maximum(noise.channels * np.sqrt(of_channels[0]), floors["channels"]),
         "jerk": np.maximum(rank - held, TINY) / np.maximum(bends, TINIEST),
     }
     if coloured:
@@ -82,25 +85,60 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
     return replace(noise, **new)
 
 
+def _floors(noise: Noise) -> dict[str, np.ndarray]:
+    """Smallest standard deviations of states and channels after an update."""
+    channels = noise.floor_channels * (1 + COLOURED_FLOOR * noise.channels_rho**2)
+    for group in set(noise.alike):
+        own = np.array(noise.alike) == group
+        channels[own] = np.maximum(channels[own], ALIKE * np.median(noise.channels[own]))
+    return {"states": noise.floor_states, "channels": channels}
+
+
 class Stride(NamedTuple):
-    """Log λ of each coordinate before an update, and its change by the update (n,)."""
+    """Logarithms of one part of the noise before an update, and their changes by the update (…)."""
 
     place: np.ndarray
     step: np.ndarray
 
 
-def hastened(before: Stride | None, now: Stride) -> np.ndarray:
-    """λ of each coordinate after a step lengthened by the secant of the last two updates, never shortened (n,).
+def strides(before: Noise, after: Noise) -> dict[str, Stride]:
+    """Steps of an update of standard deviations and smoothness, by part of the noise."""
+    parts = {name: (getattr(before, name), getattr(after, name)) for name in LONGEST}
+    return {name: Stride(np.log(old), np.log(new / old)) for name, (old, new) in parts.items()}
 
-    For coordinates that are poorly determined or hardly move, updates converge slowly, each at its own rate.
+
+def hastened_noise(noise: Noise, before: Mapping[str, Stride] | None, now: Mapping[str, Stride], step: float) -> Noise:
+    """Noise after an update whose steps are lengthened, but not below its floors.
+
+    Args:
+        noise: Noise after the update.
+        before: Steps of the previous update, if there was one.
+        now: Steps of this update.
+        step: Largest step of θ, in its standard deviations.
     """
-    longer = np.ones_like(now.step)
-    if before is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            secant = (before.place - now.place) / (now.step - before.step)
-        steady = (now.step * before.step > 0) & (np.abs(now.step) > PACED)
-        longer = np.where(steady, np.clip(np.where(secant > 0, secant, FURTHEST), 1, FURTHEST), 1.0)
-    most = np.maximum(np.abs(now.step), LONGEST)
+    if before is None:
+        return noise
+    new = {name: hastened(name, before[name], now[name]) for name, most in HASTENED.items() if step < most}
+    floors = _floors(noise)
+    return replace(noise, **{name: np.maximum(each, floors.get(name, 0.0)) for name, each in new.items()})
+
+
+def hastened(name: str, before: Stride, now: Stride) -> np.ndarray:
+    """Values of a part of the noise after steps lengthened by the secant of two updates, never shortened (…).
+
+    Updates converge slowly where the trajectory absorbs most of a stream, and for coordinates that are poorly
+    determined or hardly move, each at its own rate.
+
+    Args:
+        name: Part of the noise: `states`, `channels` or `jerk`.
+        before: Steps of the previous update.
+        now: Steps of this update.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        secant = (before.place - now.place) / (now.step - before.step)
+    steady = (now.step * before.step > 0) & (np.abs(now.step) > PACED[name])
+    longer = np.where(steady, np.clip(np.where(secant > 0, secant, FURTHEST), 1, FURTHEST), 1.0)
+    most = np.maximum(np.abs(now.step), LONGEST[name])
     return np.exp(now.place + np.clip(longer * now.step, -most, most))
 
 
