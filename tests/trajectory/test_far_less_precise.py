@@ -1,0 +1,52 @@
+"""What is known of bodies is used as soon as knots are chosen, if the recording alone tells far less of them."""
+
+import numpy as np
+import pytest
+from recorded_faults import PENDULUM, faulty, shortened
+
+from ident.estimation.part import Part
+from ident.estimation.preparation import prepared
+from ident.trajectory.estimate import trajectory_estimate
+from ident.trajectory.fit import iteration
+
+VAGUE = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
+CLOSE = {name: 1e-3 * std for name, std in VAGUE.items()}
+
+
+@pytest.fixture(scope="module")
+def log():
+    return prepared(PENDULUM, shortened(faulty(0), 200), cutoff=10.0)
+
+
+def estimate(log, **how):
+    return trajectory_estimate([Part(log, slice(0, len(log.samples)))], log.equations, search=False, **how)
+
+
+def values_of(estimate, rank):
+    """Base parameters and their standard deviations."""
+    return estimate.fit.theta[:rank], np.sqrt(np.diag(estimate.fit.covariance)[:rank])
+
+
+def test_a_prior_that_is_far_more_precise_gives_what_it_gives_from_the_start(log, monkeypatch):
+    """And the data alone are fitted while knots are chosen only."""
+    plain, fits = iteration.fit, []
+
+    def counted(*at, **how):
+        fits.append((how.get("explore"), how.get("rounds"), how["prior"].precision.any()))
+        return plain(*at, **how)
+
+    monkeypatch.setattr(iteration, "fit", counted)
+    late = estimate(log, fallback=CLOSE)
+    assert late.known
+    assert [known for explore, rounds, known in fits if explore is False and rounds] == [True]
+    early = estimate(log, known=CLOSE)
+    rank = log.equations.parameters.rank
+    (one, two), (std, other) = zip(*(values_of(each, rank) for each in (early, late)), strict=True)
+    assert np.abs((one - two) / std).max() < 0.1
+    np.testing.assert_allclose(other, std, rtol=0.05)
+
+
+def test_a_prior_that_is_hardly_more_precise_is_not_used(log):
+    plain, other = estimate(log), estimate(log, fallback=VAGUE)
+    assert not other.known
+    np.testing.assert_array_equal(other.fit.theta, plain.fit.theta)
