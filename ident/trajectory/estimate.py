@@ -90,6 +90,7 @@ def trajectory_estimate(
     estimate = stages.searched(estimate)
     if share > 1:
         estimate = stages.searched(stages.whole(estimate))
+    estimate = stages.converged(estimate)
     return stages.with_physical_bodies(estimate) if physical else estimate
 
 

@@ -6,6 +6,7 @@
 3. Noise is taken as correlated over time if left-out pieces are then predicted better.
 4. Set-up errors are searched for (`ident.trajectory.setup_search`).
 5. Standard deviations follow from noise estimated independently of the weights (`ident.trajectory.fit.sandwich`).
+6. The estimate converges: before, fits end when θ moves by less than a tenth of its standard deviations.
 """
 
 from collections import defaultdict
@@ -321,9 +322,17 @@ class Stages:
         weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)
         return self.scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
 
+    def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
+        """Converged estimate, its gradient's covariance as it was: it does not change over so short a step."""
+        fit = estimate.fit
+        if fit.status != "converged" or fit.trace[-1] < iteration.SETTLED:
+            return estimate
+        again = self.refit_of(estimate, settled=iteration.SETTLED)(fit.end, fit.free, iteration.ROUNDS)
+        return estimate.with_fit(replace(again, scatters=fit.scatters))
+
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""
-        refit = self.refit_of(estimate)
+        refit = self.refit_of(estimate, settled=iteration.SETTLED)
         fit = physical_fit(estimate.fit, refit, self.measurement.equations, iteration.ROUNDS)
         return self.scattered(estimate.with_fit(fit))
 
@@ -333,10 +342,15 @@ class Stages:
             return self.measurement
         return self.measurement.with_slips(reversals.slip)
 
-    def refit_of(self, estimate: TrajectoryEstimate) -> Refit:
-        """Function that fits the pieces of an estimate again, with its noise model, friction and prior."""
-        fit = estimate.fit
-        return self._refit(fit.pieces, fit.selections, estimate.coloured, estimate.reversals, prior=fit.prior)
+    def refit_of(self, estimate: TrajectoryEstimate, settled: float = iteration.NEAR) -> Refit:
+        """Function that fits the pieces of an estimate again, with its noise model, friction and prior.
+
+        Args:
+            estimate: The estimate.
+            settled: Largest step of θ at convergence, in its standard deviations.
+        """
+        fit, how = estimate.fit, (estimate.coloured, estimate.reversals)
+        return self._refit(fit.pieces, fit.selections, *how, prior=fit.prior, settled=settled)
 
     def _refit(
         self,
@@ -347,6 +361,7 @@ class Stages:
         *,
         prior: Prior | None = None,
         explore: bool = False,
+        settled: float = iteration.NEAR,
     ) -> Refit:
         """Function that fits pieces, each with its own subset of the parameters."""
         solve = partial(
@@ -358,6 +373,7 @@ class Stages:
             selections=selected,
             coloured=coloured,
             explore=explore,
+            settled=settled,
             executor=self.executor,
             report=self.report,
         )

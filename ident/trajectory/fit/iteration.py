@@ -37,7 +37,8 @@ SETTLED_EXPLORING = 0.005
 by which knots are chosen."""
 
 NEAR = 0.1
-"""Largest step of θ, in its standard deviations, below which only smoothness has not converged."""
+"""Largest step of θ, in its standard deviations, below which only smoothness has not converged, and what is decided by
+a fit would not change any more."""
 
 DRIFTED, DRIFTED_NOISE = 0.5, 0.1
 """Changes of θ, in its standard deviations, and of the log of the noise's standard deviations, from which the terms of
@@ -80,6 +81,7 @@ def fit(
     coloured: bool = True,
     kept: Collection[str] = (),
     explore: bool = False,
+    settled: float = SETTLED,
     executor: Executor | None = None,
     rounds: int = ROUNDS,
     report: Report | None = None,
@@ -99,6 +101,7 @@ def fit(
         coloured: True if noise may be correlated over time.
         kept: Parts of the noise kept as at the start, out of `states`, `channels` and `jerk`; by default none.
         explore: True to end as soon as the channels' noise has converged, without the shares of the pieces.
+        settled: Largest step of θ at convergence, in its standard deviations.
         executor: Executor for the pieces; by default they are computed here.
         rounds: Largest number of rounds.
         report: Called with every round.
@@ -110,7 +113,7 @@ def fit(
     run = map if executor is None else executor.map
     shared = measurement if executor is None else cast(Predictor, _Sent(measurement))
     problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
-    iteration = _Iteration(problem, coloured, kept, explore, start)
+    iteration = _Iteration(problem, coloured, kept, explore, settled, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
     shares = list[tuple[np.ndarray, np.ndarray]]()
@@ -140,9 +143,18 @@ class _Iteration:
         trace: Largest step of θ of every round, in standard deviations.
     """
 
-    def __init__(self, problem: "_Problem", coloured: bool, kept: Collection[str], explore: bool, start: Start) -> None:
+    def __init__(
+        self,
+        problem: "_Problem",
+        coloured: bool,
+        kept: Collection[str],
+        explore: bool,
+        settled: float,
+        start: Start,
+    ) -> None:
         self.at, self.trace = start, list[float]()
-        self._problem, self._coloured, self._kept, self._explore = problem, coloured, kept, explore
+        self._problem, self._coloured, self._kept = problem, coloured, kept
+        self._explore, self._settled = explore, settled
         self._was_coloured, self._now_coloured = False, bool(start.noise.channels_rho.any())
         self._step, self._strides = np.zeros_like(start.theta), cast("dict[str, Stride] | None", None)
         self._leads_back, self._stalled = False, 0
@@ -180,7 +192,8 @@ class _Iteration:
         self.at, self._step = replace(moved, noise=noise.midway(at.noise) if self._leads_back else noise), step
         if self._explore and len(self.trace) > 1 and _noise_converged(noise, at.noise):
             return True
-        return (self._was_coloured or not self._coloured) and _quiet(problem.pieces, at, self.trace[-1], moves, noise)
+        decided = self._was_coloured or not self._coloured
+        return decided and self.trace[-1] < self._settled and _quiet(problem.pieces, at, moves, noise)
 
     def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
         """Noise updated after a step, by longer steps once θ has nearly converged."""
@@ -433,14 +446,14 @@ def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]
     return replace(at, theta=at.theta + size * step, coefficients=places)
 
 
-def _quiet(pieces: Sequence[Piece], at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) -> bool:
-    """True if θ, noise and the trajectory between its first and last sample have converged."""
+def _quiet(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray], noise: Noise) -> bool:
+    """True if noise and the trajectory between its first and last sample have converged."""
     std = at.noise.states[0]
     motion = 0.0
     for piece, move in zip(pieces, moves, strict=True):
         inside = piece.spline.within(piece.time[0], piece.time[-1])
         motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))
-    return step < SETTLED and motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
+    return motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
 
 
 def _noise_converged(noise: Noise, before: Noise) -> bool:
