@@ -320,7 +320,9 @@ class Stages:
         if weight < OVERRATED:
             return estimate
         weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)
-        return self.scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
+        again = self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured)
+        # What the recordings' noise does to their gradient does not depend on the prior.
+        return again.with_fit(replace(again.fit, scatters=fit.scatters))
 
     def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Converged estimate, its gradient's covariance as it was: it does not change over so short a step."""
