@@ -11,10 +11,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
 from experiments.document.styles import paper_style
@@ -154,15 +156,59 @@ def few_ticks(ax: Axes) -> None:
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
 
 
+def few_decades(axis: Axis) -> None:
+    """Sets few ticks of a logarithmic axis, whose number does not depend on the panel's size, as `few_ticks` does."""
+    axis.set_major_locator(LogLocator(numticks=5))
+    axis.set_minor_locator(LogLocator(subs="auto", numticks=5))
+
+
+def join_minor_ticks(axes: Iterable[Axes]) -> None:
+    """Draws the minor ticks of each axis as one line of markers, which looks the same; limits and ticks have to be set.
+
+    matplotlib measures and draws each minor tick and its empty label separately, which takes most of the time of
+    logarithmic panels. Minor ticks with labels or lines of a grid stay as they are.
+    """
+    # Panels may share a locator, so all places are computed before any locator is replaced.
+    axis_of = [(ax, axis, _bare_minor_ticks(axis)) for ax in axes for axis in (ax.xaxis, ax.yaxis)]
+    for ax, axis, places in axis_of:
+        if not places.size:
+            continue
+        tick = axis.get_minor_ticks(1)[0]
+        for edge, mark in enumerate((tick.tick1line, tick.tick2line)):
+            if mark.get_visible():
+                ax.add_artist(_marks_like(mark, ax, axis, places, edge))
+        axis.set_minor_locator(NullLocator())
+
+
+def _bare_minor_ticks(axis: Axis) -> np.ndarray:
+    """Visible places of an axis's minor ticks; empty if they have labels or lines of a grid."""
+    low, high = sorted(axis.get_view_interval())
+    places = np.asarray(axis.get_minorticklocs())
+    places = places[(places >= low) & (places <= high)]
+    labelled = any(axis.get_minor_formatter().format_ticks(places.tolist()))
+    return places[:0] if labelled or axis.get_minor_ticks(1)[0].gridline.get_visible() else places
+
+
+def _marks_like(mark: Line2D, ax: Axes, axis: Axis, places: np.ndarray, edge: float) -> Line2D:
+    """Line of markers that look like a tick's, at places of an axis and at an edge of the panel, 0 or 1."""
+    edges = np.full(places.size, edge)
+    x, y = (places, edges) if axis is ax.xaxis else (edges, places)
+    line = Line2D(x, y, transform=ax.get_xaxis_transform() if axis is ax.xaxis else ax.get_yaxis_transform())
+    line.set(linestyle="none", marker=mark.get_marker(), markersize=mark.get_markersize())
+    line.set(markeredgewidth=mark.get_markeredgewidth(), color=mark.get_markeredgecolor())
+    line.set(zorder=axis.get_zorder(), clip_on=False, in_layout=False, label="_nolegend_")
+    return line
+
+
 def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:
     """Sets a logarithmic ordinate for curves of absolute values, unless all are zero."""
     largest = max(float(np.abs(curve).max()) for curve in curves)
     if largest > 0:
         ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(numticks=5))
+        few_decades(ax.yaxis)
         ax.yaxis.set_minor_formatter(NullFormatter())
-        ax.tick_params(axis="y", which="minor", labelleft=False)  # Empty ones would be measured.
         ax.set_ylim(lowest * largest, 1.5 * largest)
+        join_minor_ticks([ax])
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
@@ -177,6 +223,7 @@ def drawn(figure: Figure, extension: str) -> bytes:
         pixels = _canvas(figure)
         # The layout is solved once; solved again for each file it would depend on the previous files.
         if (layout := figure.get_layout_engine()) is not None:
+            _place_empty_labels(figure)
             layout.execute(figure)
             figure.set_layout_engine("none")
         # Figure.savefig would draw each file twice, in case the layout were not solved yet. The file is drawn in
@@ -190,6 +237,14 @@ def drawn(figure: Figure, extension: str) -> bytes:
         figure.set_canvas(pixels)
         content = file.getvalue()
         return _rounded(content) if extension == "svg" else content
+
+
+def _place_empty_labels(figure: Figure) -> None:
+    """Fixes the places of empty labels of axes, beside which matplotlib would measure all ticks at each drawing."""
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            if not axis.get_label_text():
+                axis.set_label_coords(0, 0)
 
 
 def _canvas(figure: Figure) -> FigureCanvasAgg:

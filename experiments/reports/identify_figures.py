@@ -125,8 +125,11 @@ def spectra_figure(result: Estimate) -> Figure:
                 shown = (frequency > 0) & (frequency <= highest)
                 ax.loglog(frequency[shown], np.maximum(amplitude[shown], 1e-12), color=color, lw=width, label=label)
             ax.set_ylabel(_label(result, k, "/√Hz"), labelpad=2)
+            figures.few_decades(ax.xaxis)
+            figures.few_decades(ax.yaxis)
             ax.xaxis.set_minor_formatter(NullFormatter())
             ax.margins(x=0)
+        figures.join_minor_ticks(axes)
         _finish(figure, axes, "Frequency (Hz)")
     return figure
 

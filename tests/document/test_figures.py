@@ -1,0 +1,86 @@
+import io
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.ticker import NullFormatter
+
+from experiments.document import figures, styles
+
+STYLES = {"style": {}, "other side": {"xtick.top": True, "ytick.right": True, "xtick.direction": "in"}}
+"""Styles of ticks by name."""
+
+
+def logarithmic(joined, span=1e3):
+    """Four panels with logarithmic axes that share abscissae."""
+    figure = Figure(figsize=(3, 3))
+    axes = figure.subplots(2, 2, sharex=True)
+    for k, ax in enumerate(axes.flat):
+        ax.loglog([1, 50], [1, span * 2**k])
+        figures.few_decades(ax.xaxis)
+        figures.few_decades(ax.yaxis)
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.margins(x=0)
+    axes[1, 0].set_xlabel("$x$")
+    if joined:
+        figures.join_minor_ticks(axes.flat)
+    return figure
+
+
+def picture(figure):
+    """Pixels of a figure's PNG file."""
+    return mpl.image.imread(io.BytesIO(figures.drawn(figure, "png")))
+
+
+@pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
+def test_minor_ticks_that_are_joined_look_the_same(style):
+    with styles.paper_style(), mpl.rc_context(style):
+        joined, apart = logarithmic(joined=True), logarithmic(joined=False)
+        np.testing.assert_array_equal(picture(joined), picture(apart))
+        assert not any(axis.get_minorticklocs().size for ax in joined.axes for axis in (ax.xaxis, ax.yaxis))
+        assert all(ax.yaxis.get_minorticklocs().size for ax in apart.axes)
+
+
+def test_minor_ticks_with_labels_or_lines_stay():
+    with styles.paper_style():
+        # Over less than a decade, only minor ticks have labels.
+        labelled = logarithmic(joined=True, span=0.3).axes[0].yaxis
+        assert any(text.get_text() for text in labelled.get_ticklabels(minor=True))
+        with mpl.rc_context({"axes.grid.which": "both"}):
+            ruled = logarithmic(joined=True).axes[0].yaxis
+            assert ruled.get_minorticklocs().size
+
+
+def test_a_layout_is_computed_once_for_all_formats(monkeypatch):
+    with styles.paper_style():
+        figure = logarithmic(joined=True)
+    engine, calls = figure.get_layout_engine(), []
+    execute = engine.execute
+    monkeypatch.setattr(engine, "execute", lambda figure: calls.append(execute(figure)))
+    for extension in ("pdf", "svg", "png"):
+        figures.drawn(figure, extension)
+    assert len(calls) == 1
+
+
+def test_no_pixels_are_drawn_for_other_formats(monkeypatch):
+    monkeypatch.setattr(FigureCanvasAgg, "draw", lambda canvas: pytest.fail("Pixels are drawn."))
+    with styles.paper_style():
+        figure = logarithmic(joined=True)
+    assert figures.drawn(figure, "svg").startswith(b"<?xml") and figures.drawn(figure, "pdf").startswith(b"%PDF")
+
+
+def test_ticks_are_not_measured_for_empty_labels(monkeypatch):
+    """With all labels of axes empty, a drawing after the layout measures each tick's label once, at its own drawing."""
+    with styles.paper_style():
+        figure = logarithmic(joined=True)
+        figure.axes[2].set_xlabel("")
+    figures.drawn(figure, "png")
+    measured = []
+    extent = Text.get_window_extent
+    monkeypatch.setattr(Text, "get_window_extent", lambda text, *a: (measured.append(text), extent(text, *a))[1])
+    figures.drawn(figure, "png")
+    ticks = [text for text in measured if text.get_text()]
+    assert len(ticks) == len(set(ticks)) > 0
