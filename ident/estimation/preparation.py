@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
 
 from ident.arguments import checked_names
 from ident.errors import LogError
@@ -29,6 +28,7 @@ from ident.parameters.base_parameters import BaseParameters, structural_base_par
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
+from ident.recordings.runs import runs
 from ident.recordings.smoothing import low_pass, settling
 from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import GROUND
@@ -116,12 +116,20 @@ class Prepared:
         names = [f"{joint}_{kind}" for joint in self.mechanism.joints for kind in ("position", "torque")]
         names += [f"{name}_{kind}" for name in self.recording.wrenches for kind in ("force", "torque")]
         inside = covered(self.recording, (*names, BASE))
-        return minimum_filter1d(inside, 2 * self.edge + 1, mode="constant", cval=1) if self.edge else inside
+        return inside if self.edge == 0 else ~_widened(~inside, self.edge)
 
     @property
     def edge(self) -> int:
         """Number of samples left out at either end, where the filter settles."""
         return 0 if self.cutoff is None else settling(self.recording.rate, self.cutoff)
+
+
+def _widened(samples: np.ndarray, reach: int) -> np.ndarray:
+    """Mask of the samples with a true one at most `reach` samples away (N,)."""
+    out = np.zeros(len(samples), bool)
+    for first, end in runs(samples):
+        out[max(0, first - reach) : end + reach] = True
+    return out
 
 
 def prepared(

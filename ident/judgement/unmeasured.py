@@ -8,12 +8,12 @@ signs, since accelerations average to zero over a motion.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from ident.estimation.preparation import LeftOut, Prepared
 from ident.geometry.se3 import coAd
 from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
 from ident.judgement.diagnosis import NEAR, ContactCheck, check_contact
+from ident.recordings.runs import running_median, runs
 from ident.recordings.wrench import GROUND
 
 SHARE = 0.06
@@ -84,7 +84,7 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
         return ()
     reach = max(1, round(SHORTEST * prepared.recording.rate))
     # Where a sensor's range ends support is missing as well.
-    missing = ndimage.median_filter(np.where(whole, heavier * needed - carried, 0), reach, mode="nearest")
+    missing = running_median(np.where(whole, heavier * needed - carried, 0), reach)
     time, contacts = prepared.recording.time, []
     for first, last in _spans(missing, SHARE * heavier * weight, reach):
         span = slice(max(0, first - reach), last + reach)
@@ -132,9 +132,8 @@ def _spans(missing: np.ndarray, least: float, shortest: int) -> list[tuple[int, 
     neither = np.abs(missing) < least
     spread = float(missing[neither].std()) if neither.any() else 0.0
     limit = max(least, SPREAD * spread, ONE_SIDED * float(-missing.min()))
-    labels, count = ndimage.label(missing > TAIL * limit)
-    spans = [s for (s,) in ndimage.find_objects(labels, count) if missing[s].max() > limit]
-    return [(s.start, s.stop) for s in spans if s.stop - s.start >= shortest]
+    spans = runs(missing > TAIL * limit).tolist()
+    return [(first, end) for first, end in spans if end - first >= shortest and missing[first:end].max() > limit]
 
 
 def _may_be_the_filter(prepared: Prepared, first: int, last: int) -> bool:

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 from ident.recordings.resolution import white_noise
+from ident.recordings.runs import runs
 
 SHARE, FEWEST = 0.005, 5
 """Least share and least number of samples at an extreme value for it to be a limit."""
@@ -63,7 +63,7 @@ def _limit(x: np.ndarray, extreme: float) -> Limit | None:
     same = SAME * np.nanmax(np.abs(x - extreme))
     samples = np.abs(x - extreme) <= same
     count = int(samples.sum())
-    if extreme == 0 or count < max(FEWEST, SHARE * len(x)) or max(_runs(samples)) < LASTS:
+    if extreme == 0 or count < max(FEWEST, SHARE * len(x)) or _longest(samples) < LASTS:
         return None
     others = np.round(np.abs(x - extreme)[np.isfinite(x) & ~samples] / same)
     _, beside = np.unique(others, return_counts=True)
@@ -71,10 +71,9 @@ def _limit(x: np.ndarray, extreme: float) -> Limit | None:
     return Limit(extreme, samples) if alone else None
 
 
-def _runs(samples: np.ndarray) -> list[int]:
-    """Lengths of the runs of true samples in a mask (N,)."""
-    labels, number = ndimage.label(samples)
-    return np.bincount(labels[samples], minlength=number + 1)[1:].tolist() or [0]
+def _longest(samples: np.ndarray) -> int:
+    """Length of the longest run of true samples in a mask (N,)."""
+    return int(np.diff(runs(samples)).max(initial=0))
 
 
 def moves(samples: np.ndarray, q: np.ndarray) -> bool:
@@ -84,8 +83,7 @@ def moves(samples: np.ndarray, q: np.ndarray) -> bool:
         samples: Mask of the samples at the limit (N,).
         q: Joint coordinates (N, n).
     """
-    labels, number = ndimage.label(samples)
-    spans = [span for (span,) in ndimage.find_objects(labels, number) if span.stop - span.start >= LASTS]
+    spans = [slice(first, end) for first, end in runs(samples) if end - first >= LASTS]
     enough = STILL * np.ptp(q, axis=0) + BY_NOISE * np.array([white_noise(x) for x in q.T])
     crossed = [(np.ptp(q[span], axis=0) > enough).any() for span in spans]
     # The mechanism has to move in most of the runs.

@@ -1,9 +1,9 @@
 """Removal of gross outliers of a recording before a filter spreads them."""
 
 import numpy as np
-from scipy.ndimage import label, median_filter
 
 from ident.recordings.resolution import UNIFORM, quantum
+from ident.recordings.runs import running_median, runs
 from ident.tolerances import NORMAL_MAD
 
 WINDOW = 11
@@ -30,13 +30,28 @@ def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     out, counts = np.array(x, float), np.zeros(x.shape[1], int)
     for c in np.flatnonzero(np.isfinite(out).all(axis=0)):
-        deviation = np.abs(out[:, c] - median_filter(out[:, c], WINDOW, mode="nearest"))
-        usual = max(np.median(deviation), UNIFORM * quantum(out[:, c]))
-        typical = np.maximum(median_filter(deviation, 5 * WINDOW, mode="nearest"), usual)
-        spread = np.median(np.abs(out[:, c] - np.median(out[:, c])))
-        runs, _ = label(deviation > NORMAL_MAD * np.maximum(GROSS * typical, spread))
-        bad = (runs > 0) & (np.bincount(runs)[runs] <= ISOLATED)
+        bad = _isolated(_gross(out[:, c]))
         counts[c] = bad.sum()
         if bad.any() and not bad.all():
             out[bad, c] = np.interp(np.flatnonzero(bad), np.flatnonzero(~bad), out[~bad, c])
     return out, counts
+
+
+def _gross(x: np.ndarray) -> np.ndarray:
+    """Mask of the samples of a channel that are far from the running median (N,)."""
+    deviation = np.abs(x - running_median(x, WINDOW))
+    usual = max(np.median(deviation), UNIFORM * quantum(x))
+    least = NORMAL_MAD * max(GROSS * usual, np.median(np.abs(x - np.median(x))))
+    # The typical deviation around a sample matters for few of them, and takes most of the time.
+    out = deviation > least
+    far = np.flatnonzero(out)
+    out[far] = deviation[far] > NORMAL_MAD * GROSS * running_median(deviation, 5 * WINDOW, far)
+    return out
+
+
+def _isolated(samples: np.ndarray) -> np.ndarray:
+    """Mask without its longer runs (N,)."""
+    out = samples.copy()
+    for first, end in runs(samples):
+        out[first:end] = end - first <= ISOLATED
+    return out

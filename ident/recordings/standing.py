@@ -5,7 +5,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import label
 
 from ident.errors import LogError
 from ident.files.table import Table
@@ -13,6 +12,7 @@ from ident.geometry.se3 import inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.plates import Plate
 from ident.recordings.recording import Recording
+from ident.recordings.runs import runs
 from ident.recordings.sampled import Sampled
 from ident.recordings.wrench import Sensor, pose_in_base
 
@@ -159,14 +159,13 @@ def _standing(
     weighted = np.linalg.norm(arms, axis=2) / np.maximum(size, 1e-12)[:, None]
     who, close = np.full(len(size), -1), []
     # Forces above the threshold; interpolated between two samples they may be lower, but not zero.
-    episodes, count = label(size > 0)
-    for episode in range(1, count + 1):
-        during = episodes == episode
+    for first, end in runs(size > 0):
+        during = slice(first, end)
         distances = weighted[during].sum(axis=0) / size[during].sum()
         order = np.argsort(distances, kind="stable")
         who[during] = order[0]
         if distances[order[1]] < CLOSE * distances[order[0]]:
-            close.append((int(during.argmax()), plate.bodies[order[1]]))
+            close.append((int(first), plate.bodies[order[1]]))
     return who, close
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage
 
 from ident.errors import InputError
 from ident.estimation.measurement import Measurement
@@ -172,5 +171,7 @@ def average_of_neighbours(x: np.ndarray, reach: int) -> np.ndarray:
     """Means over the `reach` samples before and after each sample, without the sample itself (N, k)."""
     kernel = np.ones(2 * reach + 1)
     kernel[reach] = 0
-    there = ndimage.convolve1d(np.ones(len(x)), kernel, mode="constant")
-    return ndimage.convolve1d(x, kernel, axis=0, mode="constant") / there[:, None]
+    out = np.empty(x.shape)
+    for column, averages in zip(x.T, out.T, strict=True):
+        averages[:] = np.convolve(column, kernel)[reach : reach + len(x)]
+    return out / np.convolve(np.ones(len(x)), kernel)[reach : reach + len(x), None]
