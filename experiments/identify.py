@@ -91,13 +91,13 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 @contextmanager
 def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[Executor | None]:
     """Processes for the pieces of the trajectory estimate; None if one is enough."""
-    from experiments.runs.workers import worker_pool
-
     work = sum(log.samples.motion.q.size for log in logs)
     number = args.workers or ((os.cpu_count() or 1) if work >= PAYS else 1)
     if args.estimator != "trajectory" or number == 1:
         yield None
     else:
+        from experiments.runs.workers import worker_pool
+
         with worker_pool(number) as pool:
             yield pool.executor
 

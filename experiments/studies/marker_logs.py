@@ -8,9 +8,6 @@ from tempfile import TemporaryDirectory
 from ident.errors import InputError, LogError
 from ident.files.marker_files import read_markers
 from ident.recordings.several_files import files_of
-from sim.markers.marked_model import base_of, marked_model, marked_positions
-from sim.markers.recording import recording
-from sim.markers.trial_fit import check_fit, fit_trial
 
 MARKERS = ".trc"
 """Suffix of files that hold only markers."""
@@ -54,6 +51,11 @@ def with_angles(
 
 def _fitted(source: Path, file: Path, base: str | None, fix: Mapping[str, Sequence[float]], out: Path) -> list[str]:
     """Writes the angles of a trial, and returns sentences on the fit."""
+    # Imported here because few logs have markers.
+    from sim.markers.marked_model import base_of, marked_model, marked_positions
+    from sim.markers.recording import recording
+    from sim.markers.trial_fit import check_fit, fit_trial
+
     markers = read_markers(file)
     marked, unmatched = marked_model(source, markers.labels, fix=fix)
     postures = fit_trial(marked, marked_positions(markers, unmatched, marked, None))

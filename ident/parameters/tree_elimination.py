@@ -19,7 +19,6 @@ import numpy as np
 from ident.parameters.independent_columns import COEFFICIENTS, DEPENDENT, NEGLIGIBLE
 from ident.parameters.structure import Structure
 from ident.parameters.tree_groups import CLEAR, Group, groups
-from ident.parameters.tree_spectrum import least_singular_value
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +47,9 @@ class Elimination:
     @cached_property
     def least(self) -> float:
         """Smallest singular value of the columns that is not zero."""
+        # Imported here because few mechanisms are large, and it imports sparse solvers.
+        from ident.parameters.tree_spectrum import least_singular_value
+
         return least_singular_value(self.parts, len(self.norms))
 
     @cached_property
