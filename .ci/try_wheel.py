@@ -1,7 +1,11 @@
-"""Tries an installed wheel, not the checkout: the compiled part, a tiny identification, the command, and its types."""
+"""Tries an installed wheel, not the checkout: the compiled part, a tiny identification, the command.
+
+And its types, if mypy is installed beside it.
+"""
 
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -36,8 +40,10 @@ def main() -> None:
     mass = estimate.psi[estimate.base.names.index("m1")]
     assert abs(mass / arm.known.reshape(-1, 10)[:, 0].sum() - 1) < 0.1, f"m1 is {mass:.3g} kg"
     subprocess.run([sys.executable, "-m", "experiments.identify", "--help"], check=True, stdout=subprocess.DEVNULL)
-    check_types()
-    print(f"{mc.__version__}, compiled: {available()}, mass of all bodies: {mass:.4g} kg")
+    typed = find_spec("mypy") is not None
+    if typed:
+        check_types()
+    print(f"{mc.__version__}, compiled: {available()}, types checked: {typed}, mass of all bodies: {mass:.4g} kg")
 
 
 def check_types() -> None:

@@ -213,7 +213,7 @@ def test_a_worker_with_many_threads_for_linear_algebra_is_refused():
 def test_a_scheduler_that_dies_is_one_sentence(ahead):
     with (
         started_scheduler() as (scheduler, at),
-        started_worker(at),
+        started_worker(at, "--no-nanny", **ONE),
         pytest.raises(ValueError, match=f"The connection to the Dask scheduler at {at} was lost"),
         worker_pool(1, at) as pool,
     ):
