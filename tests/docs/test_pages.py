@@ -47,8 +47,8 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
     if page != "README.md":
         (tmp_path / "arm.xml").symlink_to(Path(scenes.__file__).parent / "double_pendulum.xml")
         sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
+    leave_undrawn(monkeypatch)
     if page == "tables_and_figures.md":
-        leave_undrawn(monkeypatch)
         use_truth(monkeypatch)
         assert misaligned.main(["--samples", "60"]) == 0
     for code in blocks("python")[page]:

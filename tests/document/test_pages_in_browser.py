@@ -110,8 +110,7 @@ def test_every_figure_has_its_data_with_named_curves(page_of, name):
         assert all(row["x_axis"] or row.get("x_category") for row in rows if row["mark"] != "span"), drawing
 
 
-@pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize("width", [400, 1200])
+@pytest.mark.parametrize(("width", "dark"), [(400, True), (1200, False)])
 @pytest.mark.parametrize("name", every_page.COMMANDS)
 def test_nothing_goes_wrong_or_out_and_the_page_fits(page_of, window, name, width, dark):
     page = page_of(name)

@@ -178,12 +178,14 @@ def test_ctrl_c_ends_the_command_and_leaves_the_cluster(address, tmp_path):
         assert pool.executor.submit(negative, 2).result() == -2
 
 
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_a_scheduler_that_cannot_be_reached_is_one_sentence(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(cluster_module, "ANSWER", 0.5)
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        command = ["--trials", "2", "--scheduler", address, "--formats", "png", "--out", str(tmp_path)]
+        command = ["--samples", "200", "--trials", "2", "--scheduler", address, "--formats", "png"]
+        command += ["--out", str(tmp_path)]
         message = refusal(multicontact.main, command, capsys)
     assert f"error: There is no Dask scheduler with workers at {address} (" in message
     assert message.count("\n") == 1
