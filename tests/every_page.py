@@ -12,6 +12,7 @@ from fuzz.undrawn import leave_undrawn
 from marked import labels_of, marked_person, trc, trial
 from pages import PENDULUM, identified, options
 from persons import briefly
+from quick_benchmark import written as benchmark
 from registered import TEXT, files_of, recorded
 from registered import written as entry_file
 from truth import use_truth
@@ -34,7 +35,6 @@ from experiments import (
     validate,
 )
 from experiments.__main__ import main as everything
-from experiments.benchmark.__main__ import main as benchmark
 from experiments.document.writer import PAGE
 from experiments.in_vivo import __main__ as in_vivo
 from experiments.noise import __main__ as noise_command
@@ -147,7 +147,7 @@ COMMANDS = {
     "in_vivo": _in_vivo,
     "validate": _validate,
     "noise": _noise,
-    "benchmark": lambda folder: benchmark(["--quick", *_out(folder)]),
+    "benchmark": lambda folder: benchmark(*_out(folder)),
     "sweep": _sweep,
     "batch": _batch,
     "mechanism": lambda folder: mechanism.main(_out(folder)),

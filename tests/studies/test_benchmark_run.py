@@ -4,16 +4,16 @@ import json
 
 import numpy as np
 import pytest
+from quick_benchmark import written as benchmark
 
 from experiments.benchmark import identification, monte_carlo, sections, tables, targets, whole, words
-from experiments.benchmark.__main__ import main
 from experiments.benchmark.mechanisms import mechanisms
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("benchmark")
-    assert main(["--quick", "--formats", "png", "--out", str(out)]) == 0
+    assert benchmark("--formats", "png", "--out", str(out)) == 0
     written = json.loads((out / sections.FILE).read_text(encoding="utf-8"))
     for name in [name for name, table in tables.tables(written).items() if table.rows]:
         for suffix in ("csv", "md", "tex"):
