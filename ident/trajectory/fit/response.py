@@ -43,20 +43,25 @@ class Weights:
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Weighted signals (N, s, k)."""
-        scale, rho = self.scale[..., None], self.rho[..., None]
-        z = x.copy()
-        z[1:] -= rho[1:] * x[:-1]
-        z *= scale**2
+        z = self.scale[..., None] ** 2 * x
+        if self._white:
+            return z
+        z[1:] -= (self.scale[1:] ** 2 * self.rho[1:])[..., None] * x[:-1]
         return self._transposed(z)
 
     def scores(self, u: np.ndarray) -> np.ndarray:
         """Weighted noise of the assumed covariance, from independent normal deviates u (N, s, k)."""
         return self._transposed(self.scale[..., None] * u)
 
+    @cached_property
+    def _white(self) -> bool:
+        return not self.rho.any()
+
     def _transposed(self, z: np.ndarray) -> np.ndarray:
-        out = z.copy()
-        out[:-1] -= self.rho[1:, :, None] * z[1:]
-        return out
+        """Innovations (N, s, k) times the transposed matrix of the differences they are; overwrites them."""
+        if not self._white:
+            z[:-1] -= self.rho[1:, :, None] * z[1:]
+        return z
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,11 +168,16 @@ class Response:
 
     def rows(self) -> list[np.ndarray]:
         """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""
-        return self.signals(-self.follows, np.eye(self.follows.shape[1]))
+        return self.signals(-self.follows, None)
 
-    def signals(self, coefficients: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
-        """`J c + T θ` for coefficients (size n, k) and parameters (p, k): (N, s, k) of every stream."""
-        n, k = self.coordinates, theta.shape[1]
+    def signals(self, coefficients: np.ndarray, theta: np.ndarray | None) -> list[np.ndarray]:
+        """`J c + T θ` of every stream (N, s, k).
+
+        Args:
+            coefficients: Coefficients c (size n, k).
+            theta: Parameters θ (p, k); None for the unit matrix.
+        """
+        n, k = self.coordinates, coefficients.shape[1]
         flat, out = coefficients.reshape(-1, n * k), []
         for stream in self.streams:
             moved = [(basis @ flat).reshape(-1, n, k) for basis in stream.bases]
@@ -175,9 +185,12 @@ class Response:
                 out.append(moved[0])
                 continue
             by_states, by_theta = stream.by_row
-            out.append(stream.at_samples(by_states @ np.concatenate(moved, axis=1) + by_theta @ theta))
+            rows = by_theta.copy() if theta is None else by_theta @ theta
+            for by_kind, own in zip(np.split(by_states, len(moved), axis=2), moved, strict=True):
+                rows += by_kind @ own
+            out.append(stream.at_samples(rows))
         for j, at in self.zeros.items():
-            out[0][:, j] += theta[at]
+            out[0][:, j] += np.eye(k)[at] if theta is None else theta[at]
         return out
 
     def adjoint(self, signals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -36,12 +36,19 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
         scatter = np.zeros((len(own), len(own)))
         for which, (stream, rows) in enumerate(zip(here.streams, here.rows(), strict=True)):
             pulls = stream.weights(rows)
-            scatter -= stacked(rows).T @ stacked(pulls)
             if stream.slack is not None:
                 loose = stacked(stream.slack[..., None] * pulls)
                 scatter += loose.T @ loose
-            for s, std in enumerate(stream.std):
-                scatter += std**2 * _through(pulls[:, s], colours, which, s, stream.step, tails)
+            halves = np.stack(
+                [
+                    std**2 * _half(pulls[:, s], colours, which, s, stream.step, tails)
+                    for s, std in enumerate(stream.std)
+                ],
+                axis=1,
+            )
+            halves -= 0.5 * rows
+            across = stacked(pulls).T @ stacked(halves)
+            scatter += across + across.T
         whole = fit.shares[k][0].copy()
         whole[np.ix_(own, own)] += (scatter + scatter.T) / 2
         scatters.append(whole)
@@ -61,8 +68,8 @@ def _goes_on(fit: TrajectoryFit, k: int) -> bool:
     return bool(same and 0 < gap < 2 * usual)
 
 
-def _through(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
-    """`yᵀ Γ y` for weighted rows y of θ (N, p), with Γ relative to the noise variance of the fit."""
+def _half(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
+    """`G y` for weighted rows y of θ (N, p), with `G + Gᵀ = Γ` relative to the noise variance of the fit."""
     weight, weighted = 0.0, np.zeros_like(y)
     for b, (time, size) in enumerate(zip(colours.times, colours.amplitudes[which][:, s], strict=True)):
         if not size:
@@ -77,5 +84,4 @@ def _through(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: flo
         tails[which, s, b] = z[-1]
         weight -= size
         weighted += size * z
-    across = y.T @ (weighted + weight / 2 * y)
-    return np.asarray(across + across.T)
+    return weighted + weight / 2 * y
