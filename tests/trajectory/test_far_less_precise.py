@@ -1,4 +1,4 @@
-"""What is known of bodies is used as soon as knots are chosen, if the recording alone tells far less of them."""
+"""Trajectory estimates that fall back on the prior of the bodies after the exploring fit."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def values_of(estimate, rank):
 
 
 def test_a_prior_that_is_far_more_precise_gives_what_it_gives_from_the_start(log, monkeypatch):
-    """And the data alone are fitted while knots are chosen only."""
+    """The exploring fit is the only one without the prior."""
     plain, fits = iteration.fit, []
 
     def counted(*at, **how):

@@ -328,7 +328,6 @@ def _channel_equations(
     """Yields the derivatives by coordinates and free θ, and innovations, of the channels on each clock."""
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
         at = piece.at_channels(when)
-        at = piece.at_channels(when)
         nodes = _nodes(measurement, piece, when, noise)
         x = (at if nodes is None else nodes).local.combined(coefficients)
         wrenches = piece.wrenches if nodes is None else no_wrenches(x)

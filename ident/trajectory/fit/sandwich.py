@@ -50,7 +50,7 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
             across = stacked(pulls).T @ stacked(halves)
             scatter += across + across.T
         whole = fit.shares[k][0].copy()
-        whole[np.ix_(own, own)] += (scatter + scatter.T) / 2
+        whole[np.ix_(own, own)] += scatter
         scatters.append(whole)
     return replace(fit, scatters=scatters)
 
