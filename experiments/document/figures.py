@@ -20,6 +20,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocato
 from matplotlib.transforms import ScaledTranslation
 
 from experiments.document.styles import paper_style
+from ident.recordings.runs import runs
 
 SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
@@ -130,8 +131,7 @@ def align_ylabels(axes: Iterable[Axes]) -> None:
 
 def spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
     """First and last abscissae of the episodes in which `when` is true (k, 2)."""
-    edges = np.flatnonzero(np.diff([False, *when, False]))
-    return np.stack([x[edges[::2]], x[edges[1::2] - 1]], axis=1)
+    return x[runs(when) - [0, 1]]
 
 
 def visible_spans(spans: np.ndarray, shown: float) -> np.ndarray:
