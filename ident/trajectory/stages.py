@@ -320,17 +320,19 @@ class Stages:
         if weight < OVERRATED:
             return estimate
         weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)
-        again = self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured)
-        # What the recordings' noise does to their gradient does not depend on the prior.
-        return again.with_fit(replace(again.fit, scatters=fit.scatters))
+        return self.scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
 
     def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Converged estimate, its gradient's covariance as it was: it does not change over so short a step."""
+        """Converged estimate.
+
+        The gradient's covariance is computed again: short as the step is, directions that recordings leave
+        undetermined, such as the common scale of bodies and torques, turn with θ.
+        """
         fit = estimate.fit
         if fit.status != "converged" or fit.trace[-1] < iteration.SETTLED:
             return estimate
         again = self.refit_of(estimate, settled=iteration.SETTLED)(fit.end, fit.free, iteration.ROUNDS)
-        return estimate.with_fit(replace(again, scatters=fit.scatters))
+        return self.scattered(estimate.with_fit(again))
 
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""
