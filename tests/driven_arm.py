@@ -87,10 +87,10 @@ def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0):
 
 
 @cache
-def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0):
+def commanded(seconds=12.0, rate=100, lag=0, seed=0, noise=1.0, step=1e-3):
     """Angles and commands of the arm under its servos, simulated; commands act `lag` samples later than logged."""
     model = mujoco.MjModel.from_xml_string(text(more=ACTUATORS))
-    model.opt.timestep, per = 1e-3, round(1000 / rate)
+    model.opt.timestep, per = step, round(1 / (rate * step))
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     count = round(seconds * rate)
     t = np.arange(count + lag) / rate

@@ -169,7 +169,8 @@ WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))
 @cache
 def scaled(joints, known):
     """Estimate with the servos of some joints stated wrongly, within 20 %."""
-    time, channels = driven_arm.commanded(seconds=5.0)
+    # In larger steps servos seem to act half a step later, and joints less damped.
+    time, channels = driven_arm.commanded(seconds=5.0, step=1e-4)
     log = ident.Recording(time, channels, scales=dict.fromkeys(joints, 0.2))
     stated = {
         joint: Servo(kp * WRONG[joint], kv * WRONG[joint]) if joint in joints else Servo(kp, kv)
@@ -204,7 +205,7 @@ def test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them(joints, kn
     for k, joint in enumerate(driven_arm.JOINTS):
         for column, key in (("Fv", "damping"), ("Fc", "frictionloss")):
             value, own = drives[f"{column}({joint})"]
-            assert abs(value - driven_arm.TRUE[key][k]) < 3 * own + 0.02
+            assert abs(value - driven_arm.TRUE[key][k]) < 3 * own + 0.005
     # Candidates are held against the same torques, so that wrong gains count against the model alone.
     assert (estimate.rivals["least squares"] < 0.05).all()
     assert estimate.rivals["model"][driven_arm.JOINTS.index("bend")] > 0.1
