@@ -67,7 +67,7 @@ AS_NEAR = 1.03
 """Distances within this factor of the smallest one are as good as the same."""
 
 TINY = 1e-12
-"""Least force and standard deviation, so that quotients are finite."""
+"""Least force and standard deviation, so that quotients are finite; relative errors below are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +107,7 @@ def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarra
 
 def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:
     scale = _scale(predicted)
+    measured, predicted = np.hsplit(_triangle(np.hstack([measured, predicted])), 2)
 
     def error(sign: int, R: np.ndarray) -> float:
         turn = sign * linalg.block_diag(R, R)
@@ -119,7 +120,7 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
     turns = simple + [(sign, R) for sign in (1, -1) for R in right_angled]
     errors = [error(*turn) for turn in turns]
     # In a planar motion several fit; the simplest mistake is the likeliest.
-    best = next(k for k, each in enumerate(errors) if each <= TIE * min(errors))
+    best = next(k for k, each in enumerate(errors) if each <= max(TIE * min(errors), TINY))
     sign, R = turns[best]
     return FrameCheck(sign, R, errors[0], errors[best])
 
@@ -233,7 +234,8 @@ def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> Cont
     """
     force, moment = residual[:, :3], residual[:, 3:]
     R, p = T[:, :3, :3], T[:, :3, 3]
-    rows, target = (-hat(force) @ R).reshape(-1, 3), (moment - np.cross(p, force)).ravel()
+    every = _triangle(np.column_stack([(-hat(force) @ R).reshape(-1, 3), (moment - np.cross(p, force)).ravel()]))
+    rows, target = every[:, :3], every[:, 3]
     point = _least_squares(rows, target)
     total, left = (moment**2).sum(), ((target - rows @ point) ** 2).sum()
     pushed, distances = max(float(np.linalg.norm(force)), TINY), []
@@ -241,6 +243,11 @@ def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> Cont
         near, aim = np.vstack([rows / pushed, np.eye(3) * CLOSE]), np.append(target / pushed, CLOSE * joint)
         distances.append(float(np.linalg.norm(aim - near @ _least_squares(near, aim))))
     return ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0, min(distances))
+
+
+def _triangle(columns: np.ndarray) -> np.ndarray:
+    """Few rows (≤ k, k) whose combinations of columns have the same norms as those of many rows (N, k)."""
+    return np.asarray(np.linalg.qr(columns, mode="r"))
 
 
 def _least_squares(rows: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -78,8 +78,9 @@ def smoothed(coordinates: Sampled, T: float) -> Trajectory:
         spline = Spline.over(time[0], time[-1], T)
         local, rate = spline.local(time), (len(time) - 1) / (time[-1] - time[0])
         stiffness = _banded(np.arange(spline.intervals), rate * T**6 * spline.penalty[None], spline.size)
+        matrix = _products(local, slice(None), spline.size) + stiffness
         splines.append(spline)
-        coefficients.append(np.stack([_without_outliers(local, x, stiffness) for x in columns], axis=1))
+        coefficients.append(np.stack([_without_outliers(local, x, matrix) for x in columns], axis=1))
     return Trajectory(splines, coefficients)
 
 
@@ -97,12 +98,18 @@ def _stretches(coordinates: Sampled) -> list[slice]:
     return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
 
 
-def _without_outliers(local: Local, x: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Coefficients of one coordinate (size,), fitted without gross outliers among its samples (N,)."""
+def _without_outliers(local: Local, x: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Coefficients of one coordinate (size,), fitted without gross outliers among its samples (N,).
+
+    Args:
+        local: Spline functions at the samples.
+        x: The samples, NaN where one is missing (N,).
+        matrix: Normal equations' matrix if none were missing, as a lower band (6, size).
+    """
     there = np.isfinite(x)
     for _ in range(PASSES):
-        c = _solved(local, x, there, stiffness)
-        residual = (x - local.combined(c[:, None])[0, :, 0])[there]
+        c = _solved(local, x, there, matrix)
+        residual = (x - sum(local.basis[0, :, a] * c[local.interval + a] for a in range(LOCAL)))[there]
         outliers = _outliers(residual)
         if not outliers.any():
             break
@@ -124,13 +131,18 @@ def _outliers(residual: np.ndarray) -> np.ndarray:
     return out
 
 
-def _solved(local: Local, x: np.ndarray, there: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+def _solved(local: Local, x: np.ndarray, there: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Coefficients that minimise the squared residuals of the samples present plus the penalty (size,)."""
-    basis, interval, size = local.basis[0, there], local.interval[there], stiffness.shape[1]
-    matrix = _banded(interval, basis[:, :, None] * basis[:, None, :], size) + stiffness
-    right = np.zeros(size)
-    np.add.at(right, interval[:, None] + np.arange(LOCAL), basis * x[there, None])
+    size, present = matrix.shape[1], np.where(there, x, 0)
+    matrix = matrix - _products(local, ~there, size)
+    right = sum(np.bincount(local.interval + a, local.basis[0, :, a] * present, size) for a in range(LOCAL))
     return np.asarray(linalg.solveh_banded(matrix, right, lower=True))
+
+
+def _products(local: Local, some: np.ndarray | slice, size: int) -> np.ndarray:
+    """Sum over some samples of the products of spline functions there, as a lower band (6, size)."""
+    basis = local.basis[0, some]
+    return _banded(local.interval[some], basis[:, :, None] * basis[:, None, :], size)
 
 
 def _banded(first: np.ndarray, blocks: np.ndarray, size: int) -> np.ndarray:
