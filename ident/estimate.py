@@ -323,11 +323,10 @@ class Estimate:
         """Robust standard deviation of each channel's residual (C,)."""
         return spread(self.residual)
 
-    @property
+    @cached_property
     def correlation(self) -> np.ndarray:
         """Correlation time of each channel's residual in the first recording, s (C,)."""
-        residual = self.fit.residual(self.prepared.samples[self.prepared.taken(self.part)])
-        return correlation_time(residual, self.prepared.recording.rate)
+        return correlation_time(self.residual[: len(self.logs[0].times)], self.prepared.recording.rate)
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Predicted channels for a motion, N and N m (N, C).
