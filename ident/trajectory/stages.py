@@ -23,7 +23,7 @@ from ident.estimation.part import Part
 from ident.estimation.setup import SetupParameter
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
-from ident.trajectory.fit.iteration import Report
+from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.positive_drives import with_positive
 from ident.trajectory.fit.sandwich import with_scatter
@@ -329,14 +329,14 @@ class Stages:
         undetermined, such as the common scale of bodies and torques, turn with θ.
         """
         fit = estimate.fit
-        if fit.status != "converged" or fit.trace[-1] < iteration.SETTLED:
+        if fit.status != "near":
             return estimate
-        again = self.refit_of(estimate, settled=iteration.SETTLED)(fit.end, fit.free, iteration.ROUNDS)
+        again = self.refit_of(estimate, settled=SETTLED)(fit.end, fit.free, iteration.ROUNDS)
         return self.scattered(estimate.with_fit(again))
 
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""
-        refit = self.refit_of(estimate, settled=iteration.SETTLED)
+        refit = self.refit_of(estimate, settled=SETTLED)
         fit = physical_fit(estimate.fit, refit, self.measurement.equations, iteration.ROUNDS)
         return self.scattered(estimate.with_fit(fit))
 
@@ -346,12 +346,12 @@ class Stages:
             return self.measurement
         return self.measurement.with_slips(reversals.slip)
 
-    def refit_of(self, estimate: TrajectoryEstimate, settled: float = iteration.NEAR) -> Refit:
+    def refit_of(self, estimate: TrajectoryEstimate, settled: Tolerance = NEAR) -> Refit:
         """Function that fits the pieces of an estimate again, with its noise model, friction and prior.
 
         Args:
             estimate: The estimate.
-            settled: Largest step of θ at convergence, in its standard deviations.
+            settled: Tolerance with which fits end.
         """
         fit, how = estimate.fit, (estimate.coloured, estimate.reversals)
         return self._refit(fit.pieces, fit.selections, *how, prior=fit.prior, settled=settled)
@@ -365,7 +365,7 @@ class Stages:
         *,
         prior: Prior | None = None,
         explore: bool = False,
-        settled: float = iteration.NEAR,
+        settled: Tolerance = NEAR,
     ) -> Refit:
         """Function that fits pieces, each with its own subset of the parameters."""
         solve = partial(

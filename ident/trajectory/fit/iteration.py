@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -28,17 +28,30 @@ from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened
 ROUNDS = 60
 """Largest number of rounds of the iteration."""
 
-SETTLED, SETTLED_NOISE, SETTLED_MOTION = 0.02, 0.02, 0.1
-"""Tolerances of convergence: steps of θ, in its standard deviations; relative changes of the noise's standard
-deviations; and steps of coefficients, in standard deviations of the coordinates."""
+
+class Tolerance(NamedTuple):
+    """Largest last steps of θ, in its standard deviations, and of coefficients, in those of the coordinates."""
+
+    theta: float
+    motion: float
+
+    def holds(self, theta: float, motion: float) -> bool:
+        """True if these steps are smaller."""
+        return theta < self.theta and motion < self.motion
+
+
+SETTLED = Tolerance(0.02, 0.1)
+"""Tolerance of convergence."""
+
+NEAR = Tolerance(0.1, 0.5)
+"""Tolerance from which only smoothness has not converged, and what is decided by a fit would not change any more."""
+
+SETTLED_NOISE = 0.02
+"""Largest last change of the noise, relative for standard deviations."""
 
 SETTLED_EXPLORING = 0.005
 """Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
 by which knots are chosen."""
-
-NEAR = 0.1
-"""Largest step of θ, in its standard deviations, below which only smoothness has not converged, and what is decided by
-a fit would not change any more."""
 
 DRIFTED, DRIFTED_NOISE = 0.5, 0.1
 """Changes of θ, in its standard deviations, and of the log of the noise's standard deviations, from which the terms of
@@ -81,7 +94,7 @@ def fit(
     coloured: bool = True,
     kept: Collection[str] = (),
     explore: bool = False,
-    settled: float = SETTLED,
+    settled: Tolerance = SETTLED,
     executor: Executor | None = None,
     rounds: int = ROUNDS,
     report: Report | None = None,
@@ -101,7 +114,7 @@ def fit(
         coloured: True if noise may be correlated over time.
         kept: Parts of the noise kept as at the start, out of `states`, `channels` and `jerk`; by default none.
         explore: True to end as soon as the channels' noise has converged, without the shares of the pieces.
-        settled: Largest step of θ at convergence, in its standard deviations.
+        settled: Tolerance with which the fit ends.
         executor: Executor for the pieces; by default they are computed here.
         rounds: Largest number of rounds.
         report: Called with every round.
@@ -149,7 +162,7 @@ class _Iteration:
         coloured: bool,
         kept: Collection[str],
         explore: bool,
-        settled: float,
+        settled: Tolerance,
         start: Start,
     ) -> None:
         self.at, self.trace = start, list[float]()
@@ -170,17 +183,17 @@ class _Iteration:
                 if drifted:
                     part = 0.5 if self._leads_back else 1.0
                     self.at = replace(self.at, marginal=self._problem.marginal(self.at, root, pulls, part))
-                quiet = self._round(parts, root)
-                if quiet or self._stalled > 1:
-                    return "converged" if quiet else "stuck"
+                status = self._round(parts, root)
+                if status or self._stalled > 1:
+                    return status or "stuck"
                 if report:
                     report(len(self.trace) - 1, self.trace[-1])
         except KeyboardInterrupt:
             return "interrupted"
         return "stopped"
 
-    def _round(self, parts: Sequence[Linearised], root: np.ndarray) -> bool:
-        """Takes one step, and returns True if the iteration has converged."""
+    def _round(self, parts: Sequence[Linearised], root: np.ndarray) -> str:
+        """Takes one step, and returns `converged` or `near` if the iteration ends, or nothing."""
         problem, free, at = self._problem, self._problem.free, self.at
         step = problem.step(at, parts, root)
         moves = [part.step - part.by_theta @ step[free] for part in parts]
@@ -191,13 +204,17 @@ class _Iteration:
         self._leads_back = _leads_back(step[free], self._step[free], problem.precision(parts))
         self.at, self._step = replace(moved, noise=noise.midway(at.noise) if self._leads_back else noise), step
         if self._explore and len(self.trace) > 1 and _noise_converged(noise, at.noise):
-            return True
-        decided = self._was_coloured or not self._coloured
-        return decided and self.trace[-1] < self._settled and _quiet(problem.pieces, at, moves, noise)
+            return "near"
+        if (self._coloured and not self._was_coloured) or not noise.change(at.noise) < SETTLED_NOISE:
+            return ""
+        last = self.trace[-1], _motion(problem.pieces, at, moves)
+        if SETTLED.holds(*last):
+            return "converged"
+        return "near" if self._settled.holds(*last) else ""
 
     def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
         """Noise updated after a step, by longer steps once θ has nearly converged."""
-        near, self._was_coloured = self.trace[-1] < NEAR, self._now_coloured
+        near, self._was_coloured = self.trace[-1] < NEAR.theta, self._now_coloured
         self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
         noise = renewed(before, parts, misfits, coloured=self._now_coloured)
         last, self._strides = self._strides, strides(before, noise)
@@ -446,14 +463,13 @@ def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]
     return replace(at, theta=at.theta + size * step, coefficients=places)
 
 
-def _quiet(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray], noise: Noise) -> bool:
-    """True if noise and the trajectory between its first and last sample have converged."""
-    std = at.noise.states[0]
-    motion = 0.0
+def _motion(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray]) -> float:
+    """Largest step of coefficients between the first and last samples, in standard deviations of the coordinates."""
+    std, motion = at.noise.states[0], 0.0
     for piece, move in zip(pieces, moves, strict=True):
         inside = piece.spline.within(piece.time[0], piece.time[-1])
         motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))
-    return motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
+    return motion
 
 
 def _noise_converged(noise: Noise, before: Noise) -> bool:
