@@ -15,7 +15,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import conditioned, known_covariance
 from ident.recordings.recording import Recording
 from ident.trajectory.fit.piece import Piece
-from ident.trajectory.fit.piece_equations import linearised
+from ident.trajectory.fit.piece_equations import normal_equations
 from ident.trajectory.fit.precision import inverse_of_precision
 
 MOVED = 0.5
@@ -183,8 +183,9 @@ class Study:
             # A trajectory through too few samples to be determined adds no information.
             with suppress(np.linalg.LinAlgError):
                 coefficients = fit.coefficients[k][: begun.spline.size]
-                part = linearised(joint.measurement, begun, coefficients, theta=fit.theta, noise=fit.noise)
-                self._begun[k, seconds] = part.schur
+                at = coefficients, fit.theta, fit.noise
+                equations = normal_equations(joint.measurement, begun, *at, np.arange(len(fit.theta)))
+                self._begun[k, seconds] = equations.eliminated.schur
         return self._begun[k, seconds]
 
     @cached_property
