@@ -6,7 +6,7 @@
 3. Noise is taken as correlated over time if left-out pieces are then predicted better.
 4. Set-up errors are searched for (`ident.trajectory.setup_search`).
 5. Standard deviations follow from noise estimated independently of the weights (`ident.trajectory.fit.sandwich`).
-6. The estimate converges: before, fits end when θ moves by less than a tenth of its standard deviations.
+6. The estimate converges (`SETTLED`): fits before it end once what they decide would not change any more (`NEAR`).
 """
 
 from collections import defaultdict
