@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ident.setup import Shift
-from ident.trajectory.algebra.nodes import NODES, WORTH_IT, Nodes
+from ident.trajectory.algebra.nodes import NODES, TURNED, WORTH_IT, Nodes
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import Spline
 
@@ -70,10 +70,18 @@ class Piece:
         return self._as_stated if np.array_equal(when, self.acting) else Sampling(self.spline, when)
 
     def nodes(self, when: np.ndarray) -> Nodes | None:
-        """Nodes for channels at true times of their samples; None if there are too few samples or there is slack."""
-        if self.slack is not None or len(when) < WORTH_IT * NODES * self.spline.intervals:
+        """Nodes for channels at true times of their samples; None with slack, few samples or fast rotation."""
+        if self.slack is not None or len(when) < WORTH_IT * NODES * self.spline.intervals or self.turned > TURNED:
             return None
         return self._nodes_as_stated if np.array_equal(when, self.acting) else Nodes(Sampling(self.spline, when))
+
+    @cached_property
+    def turned(self) -> float:
+        """Largest change over an interval of the measured coordinates, the sum of theirs."""
+        knots = self.spline.start + self.spline.step * np.arange(self.spline.intervals + 1)
+        measured = ((x, np.isfinite(x)) for x in self.states[0].T)
+        moved = [np.abs(np.diff(np.interp(knots, self.time[there], x[there]))) for x, there in measured if there.any()]
+        return float(np.sum(moved, axis=0).max(initial=0))
 
     @cached_property
     def _nodes_as_stated(self) -> Nodes:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from measurements import random_measurement
 
-from ident.trajectory.algebra.nodes import NODES, WORTH_IT, Nodes, lagrange
+from ident.trajectory.algebra.nodes import NODES, TURNED, WORTH_IT, Nodes, lagrange
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.fit import piece as piece_module
@@ -24,6 +24,21 @@ def test_polynomials_through_the_nodes():
     u = np.concatenate([places, np.linspace(-0.05, 1.05, 50)])
     coefficients = np.random.default_rng(0).normal(size=NODES)
     np.testing.assert_allclose(lagrange(u) @ np.polyval(coefficients, places), np.polyval(coefficients, u), rtol=1e-9)
+
+
+def test_joints_may_turn_by_as_much_as_is_interpolated():
+    spline = Spline(0.0, 0.3, 1)
+    nodes = Nodes(Sampling(spline, np.linspace(0, 0.3, 100)))
+    twice = [np.sin(2 * TURNED * time / 0.3) for time in (nodes.time, nodes.at.time)]
+    np.testing.assert_allclose(nodes.interpolated(twice[0]), twice[1], atol=2e-8)
+    piece = smooth_problem(0)[1]
+    turning = np.array([2.0, 0.9]) / piece.spline.step * piece.time[:, None]
+    x = piece.states[0] + turning
+    x[::7, 0] = np.nan
+    fast = replace(piece, states=(x, None, None))
+    assert fast.turned == pytest.approx(piece.turned + 2.9, rel=0.3)
+    assert piece.turned < TURNED < fast.turned
+    assert piece.nodes(piece.when) is not None and fast.nodes(piece.when) is None
 
 
 def test_the_adjoint_of_interpolation():
