@@ -76,11 +76,11 @@ def smoothed(coordinates: Sampled, T: float) -> Trajectory:
     for part in _stretches(coordinates):
         time, columns = coordinates.time[part], coordinates.values[part].T
         spline = Spline.over(time[0], time[-1], T)
-        local, rate = spline.local(time), (len(time) - 1) / (time[-1] - time[0])
-        stiffness = _banded(np.arange(spline.intervals), rate * T**6 * spline.penalty[None], spline.size)
-        matrix = _products(local, slice(None), spline.size) + stiffness
+        local, stiffness = spline.local(time), T**6 / (time[-1] - time[0]) * spline.penalty[None]
+        penalty = _banded(np.arange(spline.intervals), stiffness, spline.size)
+        products = _products(local, slice(None), spline.size)
         splines.append(spline)
-        coefficients.append(np.stack([_without_outliers(local, x, matrix) for x in columns], axis=1))
+        coefficients.append(np.stack([_without_outliers(local, x, products, penalty) for x in columns], axis=1))
     return Trajectory(splines, coefficients)
 
 
@@ -98,17 +98,19 @@ def _stretches(coordinates: Sampled) -> list[slice]:
     return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
 
 
-def _without_outliers(local: Local, x: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def _without_outliers(local: Local, x: np.ndarray, products: np.ndarray, penalty: np.ndarray) -> np.ndarray:
     """Coefficients of one coordinate (size,), fitted without gross outliers among its samples (N,).
 
     Args:
         local: Spline functions at the samples.
         x: The samples, NaN where one is missing (N,).
-        matrix: Normal equations' matrix if none were missing, as a lower band (6, size).
+        products: Sum of the functions' products over all samples, as a lower band (6, size).
+        penalty: Penalty of one sample, likewise.
     """
     there = np.isfinite(x)
+    penalty = max(np.count_nonzero(there) - 1, 1) * penalty
     for _ in range(PASSES):
-        c = _solved(local, x, there, matrix)
+        c = _solved(local, x, there, products, penalty)
         residual = (x - sum(local.basis[0, :, a] * c[local.interval + a] for a in range(LOCAL)))[there]
         outliers = _outliers(residual)
         if not outliers.any():
@@ -131,12 +133,14 @@ def _outliers(residual: np.ndarray) -> np.ndarray:
     return out
 
 
-def _solved(local: Local, x: np.ndarray, there: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def _solved(local: Local, x: np.ndarray, there: np.ndarray, products: np.ndarray, penalty: np.ndarray) -> np.ndarray:
     """Coefficients that minimise the squared residuals of the samples present plus the penalty (size,)."""
-    size, present = matrix.shape[1], np.where(there, x, 0)
-    matrix = matrix - _products(local, ~there, size)
+    size, present = penalty.shape[1], np.where(there, x, 0)
+    # The sum over few of many samples would be lost in the rounding of a difference.
+    most = 2 * np.count_nonzero(there) > len(x)
+    own = products - _products(local, ~there, size) if most else _products(local, there, size)
     right = sum(np.bincount(local.interval + a, local.basis[0, :, a] * present, size) for a in range(LOCAL))
-    return np.asarray(linalg.solveh_banded(matrix, right, lower=True))
+    return np.asarray(linalg.solveh_banded(own + penalty, right, lower=True))
 
 
 def _products(local: Local, some: np.ndarray | slice, size: int) -> np.ndarray:
