@@ -81,7 +81,8 @@ def trajectory_estimate(
     widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
     step = knots or min(knot_distance(log.recording, joints, widest) for log in logs)
     explored = stages.explored(step, share, knots or max(finest, FINEST))
-    if fallback is not None and far_less_precise(stages.shared(explored).fit, equations, fallback):
+    used = min(sum(len(piece.time) for piece in explored.fit.pieces) / length(recordings), 1.0)
+    if fallback is not None and far_less_precise(stages.shared(explored).fit, equations, fallback, used=used):
         known, stages = fallback, stages_of(fallback, equations)
         explored = stages.taken_over(explored)
     estimate = stages.settled(explored)

@@ -6,6 +6,8 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 from ident.estimation.part import Part
 from ident.estimation.preparation import prepared
+from ident.parameters.prior import known_covariance
+from ident.trajectory import estimate as estimate_module
 from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.fit import iteration
 
@@ -44,6 +46,19 @@ def test_a_prior_that_is_far_more_precise_gives_what_it_gives_from_the_start(log
     (one, two), (std, other) = zip(*(values_of(each, rank) for each in (early, late)), strict=True)
     assert np.abs((one - two) / std).max() < 0.1
     np.testing.assert_allclose(other, std, rtol=0.05)
+
+
+def test_a_part_of_the_recording_decides_as_all_of_it_would(monkeypatch):
+    """Every fourth piece gives deviations twice those of all, which alone are not far above those of the prior."""
+    log = prepared(PENDULUM, faulty(0), cutoff=10.0)
+    plain = estimate(log)
+    _, std = values_of(plain, log.equations.parameters.rank)
+    close = known_covariance(log.equations.mechanism, log.equations.parameters, CLOSE)
+    ratio = float((std / np.sqrt(np.diag(close))).max())
+    monkeypatch.setattr(estimate_module, "ENOUGH", len(log.samples) // 4)
+    for wanted, used in ((20.0, False), (60.0, True)):
+        known = {name: ratio / wanted * each for name, each in CLOSE.items()}
+        assert estimate(log, fallback=known).known == used
 
 
 def test_a_prior_that_is_hardly_more_precise_is_not_used(log):
