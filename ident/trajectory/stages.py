@@ -332,6 +332,7 @@ class Stages:
         if fit.status != "near":
             return estimate
         again = self.refit_of(estimate, settled=SETTLED)(fit.end, fit.free, iteration.ROUNDS)
+        again = replace(again, scatters=fit.scatters, trace=(*fit.trace, *again.trace))
         return self.scattered(estimate.with_fit(again))
 
     def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:

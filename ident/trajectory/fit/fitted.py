@@ -88,8 +88,8 @@ class TrajectoryFit:
         coefficients: Spline coefficients of every piece (size, n).
         pieces: Measured samples.
         trace: Largest step of θ of every round, in standard deviations.
-        status: `converged`, `near` that where a result only decides, `stopped` after the largest number of rounds,
-            `stuck` if no step lowers the cost, or `interrupted`.
+        status: `converged`; `near` convergence, for results that only decide; `stopped` after the largest number of
+            rounds; `stuck` if no step lowers the cost; or `interrupted`.
         scatters: Covariance of every piece's right side under the estimated noise (p, p); None for that of the working
             model, which is its precision.
         bounded: Mask of the parameters at a bound (p,), None for none.

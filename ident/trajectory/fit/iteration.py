@@ -184,10 +184,10 @@ class _Iteration:
                     part = 0.5 if self._leads_back else 1.0
                     self.at = replace(self.at, marginal=self._problem.marginal(self.at, root, pulls, part))
                 status = self._round(parts, root)
-                if status or self._stalled > 1:
-                    return status or "stuck"
                 if report:
                     report(len(self.trace) - 1, self.trace[-1])
+                if status or self._stalled > 1:
+                    return status or "stuck"
         except KeyboardInterrupt:
             return "interrupted"
         return "stopped"
@@ -208,9 +208,9 @@ class _Iteration:
         if (self._coloured and not self._was_coloured) or not noise.change(at.noise) < SETTLED_NOISE:
             return ""
         last = self.trace[-1], _motion(problem.pieces, at, moves)
-        if SETTLED.holds(*last):
-            return "converged"
-        return "near" if self._settled.holds(*last) else ""
+        if not self._settled.holds(*last):
+            return ""
+        return "converged" if SETTLED.holds(*last) else "near"
 
     def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
         """Noise updated after a step, by longer steps once θ has nearly converged."""
