@@ -2,9 +2,11 @@
 
 import argparse
 import contextlib
+import errno
 import io
 import json
 import time
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +17,14 @@ from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.data.batch import Outcome
+    from experiments.runs.checkpoint import Checkpoint
+    from experiments.runs.workers import Workers
 
 PROGRESS = "batch_outcomes.npz"
 """File with the outcomes so far, by which an interrupted run is resumed."""
+
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
+"""Errors of the disk rather than of a log: they end the batch, which can be resumed once there is room."""
 
 MODEL = ("base", "ignore", "fix", "packages", "person", "columns")
 """Options that say how the model is read."""
@@ -38,8 +45,7 @@ def run(args: argparse.Namespace) -> None:
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args))
-        workers = options.workers_of(args)
-        outcomes = [Outcome(**each) for each in workers.collected(outcome_in_json, tasks, kept)]
+        outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
     origin = provenance({**kept.identity, **out.choices})
     write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
     if failed := [each for each in outcomes if each.error]:
@@ -64,6 +70,22 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     for task in tasks:
         own_model.folder(task)
     return tasks
+
+
+def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: "Workers") -> list[dict[str, Any]]:
+    """Outcomes of all logs, saved as they come in.
+
+    Raises:
+        InputError: A worker died, at the log that is named, or results cannot be written.
+    """
+    from experiments.runs.workers import DeadWorkerError
+
+    try:
+        return workers.collected(outcome_in_json, tasks, kept)
+    except DeadWorkerError as error:
+        # Outcomes are saved in order: the first that is missing is the one at which the worker died.
+        number = len(kept.done()) if kept.file.exists() else 0
+        raise InputError(f"{tasks[number].logs[0]}: {error}") from None
 
 
 def check_shared(args: argparse.Namespace) -> None:
@@ -91,7 +113,11 @@ def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
 
 
 def outcome_of(task: argparse.Namespace) -> "Outcome":
-    """Outcome of one log, whose results are written; a failure is an outcome as well."""
+    """Outcome of one log, whose results are written; a failure is an outcome as well.
+
+    Raises:
+        InputError: Results of no log can be written.
+    """
     from experiments.data.batch import Outcome
     from experiments.document.writer import written
     from experiments.reports import identify_report
@@ -103,7 +129,14 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
             result, document, out = identify.identified_from(task, folder)
             written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
+        if isinstance(error, OSError) and error.errno in FULL:
+            raise InputError(f"{name}: its results cannot be written: {error}.") from None
         return Outcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
+    except Exception as error:
+        # One log must not end the others; what is printed is for a report of the fault.
+        traceback.print_exc()
+        sentence = f"This is a fault of multicontact: {type(error).__name__}: {error}"
+        return Outcome(name, error=sentence, seconds=time.process_time() - begun)
     known = [each for each in result.parameters if each.kind in ("base", "drive")]
     verdict = result.verdict()
     return Outcome(

@@ -70,6 +70,10 @@ class Workers:
         return [json.loads(str(outcome)) for outcome in outcomes]
 
 
+class DeadWorkerError(InputError):
+    """A worker process died in the middle of a task."""
+
+
 @contextmanager
 def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] | None = None) -> Iterator[WorkerPool]:
     """Yields workers with one thread each for linear algebra, so that sums have the same order everywhere.
@@ -80,7 +84,8 @@ def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] |
         tls: Files for the latter, as for `cluster.connected`.
 
     Raises:
-        InputError: A worker died, or the scheduler cannot be reached, has no workers or was lost.
+        DeadWorkerError: A local worker died.
+        InputError: The scheduler cannot be reached, has no workers or was lost.
     """
     if tls is not None and not (scheduler or "").startswith("tls://"):
         raise InputError("The files of --tls are for a --scheduler at tls://HOST:PORT.")
@@ -107,7 +112,7 @@ def _local(number: int) -> Iterator[Executor]:
         try:
             yield executor
         except BrokenExecutor:
-            raise InputError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
+            raise DeadWorkerError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
 
 
 class Processes(ThreadPoolExecutor):

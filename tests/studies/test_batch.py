@@ -1,6 +1,9 @@
 """Many logs, each identified by itself: one table, failures by name, and nothing done twice."""
 
+import errno
 import json
+from concurrent.futures import Future
+from contextlib import contextmanager
 from pathlib import Path
 
 import driven_arm
@@ -9,6 +12,7 @@ import pytest
 
 from experiments import batch, identify
 from experiments.data.batch import Outcome, spreads
+from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
 
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
 
@@ -22,6 +26,28 @@ def folder(tmp_path, monkeypatch):
         driven_arm.log(4.0, 50.0, seed=seed).save(tmp_path / f"run{seed}.csv")
     (tmp_path / "bad.csv").write_text("time,q\n0,1\n", encoding="utf-8")
     return tmp_path
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Tasks of a batch run in this process."""
+
+    class Here:
+        """Executor that works at once."""
+
+        def submit(self, function, *args):
+            future = Future()
+            try:
+                future.set_result(function(*args))
+            except Exception as error:
+                future.set_exception(error)
+            return future
+
+    @contextmanager
+    def pool(self, tasks):
+        yield WorkerPool(Here(), 1, 1)
+
+    monkeypatch.setattr(Workers, "pool", pool)
 
 
 def logs():
@@ -47,7 +73,7 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
     assert "Fc(bend),2," in table
 
 
-def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatch):
+def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatch, here):
     command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     done, one = [], batch.outcome_of
 
@@ -57,25 +83,6 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
         done.append(task.name)
         return one(task)
 
-    class Here:
-        """Executor that works at once."""
-
-        def submit(self, function, *args):
-            from concurrent.futures import Future
-
-            future = Future()
-            future.set_result(function(*args))
-            return future
-
-    from contextlib import contextmanager
-
-    from experiments.runs.workers import WorkerPool, Workers
-
-    @contextmanager
-    def pool(self, tasks):
-        yield WorkerPool(Here(), 1, 1)
-
-    monkeypatch.setattr(Workers, "pool", pool)
     monkeypatch.setattr(batch, "outcome_of", interrupted)
     assert batch.main(command) == 130
     assert "run again with --resume" in capsys.readouterr().err
@@ -88,6 +95,53 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
     driven_arm.log(4.0, 50.0, seed=5).save(folder / "run1.csv")
     assert batch.main([*command, "--resume"]) == 2
     assert "are of another run: files differ" in capsys.readouterr().err
+
+
+def test_a_fault_of_the_program_is_a_row_as_well(folder, capsys, monkeypatch, here):
+    plain = identify.identified_from
+
+    def faulty(task, out):
+        if task.name == "run0":
+            raise np.linalg.LinAlgError("singular")
+        return plain(task, out)
+
+    monkeypatch.setattr(identify, "identified_from", faulty)
+    assert batch.main(["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
+    shown = capsys.readouterr().err
+    assert "Traceback" in shown and "error: 1 of 2 logs failed: run0.csv." in shown
+    first, second = logs()
+    assert first["error"] == "This is a fault of multicontact: LinAlgError: singular" and second["folder"] == "run1"
+
+
+def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch, here):
+    plain, tries = identify.identified_from, []
+
+    def full(task, out):
+        tries.append(task.name)
+        if task.name == "run1" and len(tries) == 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return plain(task, out)
+
+    monkeypatch.setattr(identify, "identified_from", full)
+    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 2
+    assert "run1.csv: its results cannot be written: [Errno 28] No space left on device." in capsys.readouterr().err
+    assert batch.main([*command, "--resume"]) == 0
+    assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here, number):
+    one = batch.outcome_of
+
+    def deadly(task):
+        if task.name == f"run{number}":
+            raise DeadWorkerError("A worker process died.")
+        return one(task)
+
+    monkeypatch.setattr(batch, "outcome_of", deadly)
+    assert batch.main(["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
+    assert f"error: run{number}.csv: A worker process died." in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
