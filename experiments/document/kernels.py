@@ -1,21 +1,28 @@
 """Kernels of linear algebra that OpenBLAS chose for this processor, and whether newer ones fit."""
 
 import ctypes
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
 SYMBOLS = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
-"""Names of the function that names the kernels, in numpy's own builds and in others."""
+"""Names of the function that names the kernels, in builds of numpy, of scipy and of others."""
 
 WIDE = ("SkylakeX", "Cooperlake", "SapphireRapids")
 """Kernels that use AVX-512."""
 
 
-def kernels() -> str | None:
-    """Name of the kernels that numpy's OpenBLAS uses; None for another library or an unknown build."""
-    for file in sorted(Path(np.__file__).parents[1].glob("numpy.libs/*openblas*")):
+def kernels() -> dict[str, str]:
+    """Names of the kernels that the OpenBLAS of numpy and that of scipy use; none for other libraries."""
+    places = Path(np.__file__).parents[1]
+    every = {package: _of(sorted(places.glob(f"{package}.libs/*openblas*"))) for package in ("numpy", "scipy")}
+    return {package: name for package, name in every.items() if name is not None}
+
+
+def _of(files: list[Path]) -> str | None:
+    for file in files:
         with suppress(OSError):
             library = ctypes.CDLL(str(file))
             for symbol in SYMBOLS:
@@ -26,18 +33,21 @@ def kernels() -> str | None:
     return None
 
 
-def advice(name: str | None, features: set[str]) -> str | None:
+def advice(chosen: Mapping[str, str], features: set[str]) -> str | None:
     """Sentence on kernels that are older than the processor; None if they fit.
 
     Args:
-        name: Name of the kernels.
+        chosen: Names of the kernels by package.
         features: Features of the processor, as in /proc/cpuinfo.
     """
-    if name is None or "avx512f" not in features or name.lower() in {each.lower() for each in WIDE}:
+    old = {package: name for package, name in chosen.items() if name.lower() not in {each.lower() for each in WIDE}}
+    if not old or "avx512f" not in features:
         return None
+    packages, names = " and ".join(old), " and ".join(dict.fromkeys(old.values()))
     return (
-        f"OpenBLAS uses its kernels for {name}, without the AVX-512 that this processor has; with OPENBLAS_CORETYPE="
-        f"{WIDE[0]} in the environment linear algebra may be faster, and results may differ by rounding."
+        f"The OpenBLAS of {packages} uses its kernels for {names}, without the AVX-512 that this processor has; with "
+        f"OPENBLAS_CORETYPE={WIDE[0]} in the environment linear algebra may be faster, and results may differ by "
+        "rounding."
     )
 
 

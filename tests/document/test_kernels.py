@@ -7,34 +7,37 @@ from experiments.document.provenance import provenance
 
 
 @pytest.mark.parametrize(
-    ("name", "features", "old"),
+    ("chosen", "features", "old"),
     [
-        ("Haswell", {"avx2", "avx512f"}, True),
-        ("Zen", {"avx512f"}, True),
-        ("Haswell", {"avx2"}, False),
-        ("SkylakeX", {"avx512f"}, False),
-        ("Cooperlake", {"avx512f"}, False),
-        ("sapphirerapids", {"avx512f"}, False),
-        (None, {"avx512f"}, False),
+        (
+            {"numpy": "Haswell", "scipy": "Haswell"},
+            {"avx2", "avx512f"},
+            "numpy and scipy uses its kernels for Haswell,",
+        ),
+        ({"numpy": "SkylakeX", "scipy": "Zen"}, {"avx512f"}, "scipy uses its kernels for Zen,"),
+        ({"numpy": "Haswell", "scipy": "Haswell"}, {"avx2"}, None),
+        ({"numpy": "SkylakeX", "scipy": "Cooperlake"}, {"avx512f"}, None),
+        ({"numpy": "sapphirerapids"}, {"avx512f"}, None),
+        ({}, {"avx512f"}, None),
     ],
 )
-def test_older_kernels_than_the_processor_s_are_named_with_the_variable(name, features, old):
-    text = kernels.advice(name, features)
-    assert (text is not None) == old
-    assert not old or (f"kernels for {name}," in text and "OPENBLAS_CORETYPE=SkylakeX in the environment" in text)
+def test_older_kernels_than_the_processor_s_are_named_with_the_variable(chosen, features, old):
+    text = kernels.advice(chosen, features)
+    assert (text is None) == (old is None)
+    assert old is None or (f"The OpenBLAS of {old}" in text and "OPENBLAS_CORETYPE=SkylakeX in the environment" in text)
 
 
 def test_the_provenance_has_the_kernels_and_the_remark_once(monkeypatch):
     own = provenance({})["linear_algebra"]
     assert own["openblas_kernels"] == kernels.kernels()
-    monkeypatch.setattr("experiments.document.provenance.kernels", lambda: "Haswell")
+    monkeypatch.setattr("experiments.document.provenance.kernels", lambda: {"scipy": "Haswell"})
     monkeypatch.setattr("experiments.document.provenance.features", lambda: {"avx512f"})
     made = provenance({})
-    assert made["linear_algebra"]["remark"].startswith("OpenBLAS uses its kernels for Haswell")
+    assert made["linear_algebra"]["remark"].startswith("The OpenBLAS of scipy uses its kernels for Haswell")
 
 
 def test_without_openblas_or_a_list_of_features_nothing_is_said(monkeypatch, tmp_path):
     monkeypatch.setattr(kernels.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
-    assert kernels.kernels() is None
+    assert kernels.kernels() == {}
     monkeypatch.setattr(kernels.Path, "read_text", lambda *_, **__: "processor: 0")
     assert kernels.features() == set() and kernels.advice(kernels.kernels(), kernels.features()) is None
