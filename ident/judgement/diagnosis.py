@@ -67,7 +67,7 @@ AS_NEAR = 1.03
 """Distances within this factor of the smallest one are as good as the same."""
 
 TINY = 1e-12
-"""Least force and standard deviation, so that quotients are finite; relative errors below are rounding."""
+"""Least force, so that quotients are finite; relative errors below are rounding."""
 
 
 @dataclass(frozen=True, eq=False)

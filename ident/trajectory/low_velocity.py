@@ -28,7 +28,7 @@ def with_low_velocity_friction(
 
     Args:
         stages: Stages of the estimate.
-        estimate: Converged estimate with the set-up as stated.
+        estimate: Estimate near convergence, with the set-up as stated.
         stages_of: Function that returns the stages of other columns.
     """
     equations, candidates = estimate.measurement.equations, _candidates(estimate)

@@ -51,7 +51,7 @@ TRIES = 2
 spacing: a single halving may be too little to follow a touch."""
 
 WEIGHED = 20
-"""Rounds after which white and correlated noise are compared, before the better one is fitted to convergence."""
+"""Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
@@ -200,7 +200,7 @@ class Stages:
         return replace(estimate.with_fit(replace(estimate.fit, prior=self.prior)), known=self.known)
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Converged estimate with friction near reversals, and noise white or correlated over time.
+        """Estimate near convergence with friction near reversals, and noise white or correlated over time.
 
         The noise model is chosen by the prediction of left-out pieces.
         """
@@ -242,7 +242,7 @@ class Stages:
         return replace(estimate.with_fit(opened), reversals=reversals)
 
     def _continued(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Estimate after further rounds to convergence."""
+        """Estimate after further rounds if they had ended too early."""
         if estimate.fit.status != "stopped":
             return estimate
         return self._refitted(estimate, coloured=estimate.coloured, rounds=iteration.ROUNDS - WEIGHED)

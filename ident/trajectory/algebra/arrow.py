@@ -315,7 +315,6 @@ def add_windows(total: np.ndarray, windows: np.ndarray) -> None:
 
 def _summed(windows: np.ndarray) -> np.ndarray:
     """Sums over overlapping windows (S, 7, …): (S + 6, …)."""
-    out = np.zeros((len(windows) + LOCAL, *windows.shape[2:]))
-    for u in range(WINDOW):
-        out[u : u + len(windows)] += windows[:, u]
-    return out
+    out = np.zeros((len(windows) + LOCAL, 1, *windows.shape[2:]))
+    add_windows(out, windows)
+    return out[:, 0]

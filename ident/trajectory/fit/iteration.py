@@ -44,7 +44,7 @@ SETTLED = Tolerance(0.02, 0.1)
 """Tolerance of convergence."""
 
 NEAR = Tolerance(0.1, 0.5)
-"""Tolerance from which only smoothness has not converged, and what is decided by a fit would not change any more."""
+"""Tolerance of fits that only decide: what they decide does not change any more from there on."""
 
 SETTLED_NOISE = 0.02
 """Largest last change of the noise, relative for standard deviations."""
@@ -213,7 +213,7 @@ class _Iteration:
         return "converged" if SETTLED.holds(*last) else "near"
 
     def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
-        """Noise updated after a step, by longer steps once θ has nearly converged."""
+        """Noise updated after a step, by longer steps where it converges slowly."""
         near, self._was_coloured = self.trace[-1] < NEAR.theta, self._now_coloured
         self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
         noise = renewed(before, parts, misfits, coloured=self._now_coloured)

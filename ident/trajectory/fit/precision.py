@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy import linalg
+from scipy.linalg import lapack
 
 from ident.errors import ExcitationError
 from ident.trajectory.fit.restricted_likelihood import TINIEST
@@ -47,7 +48,7 @@ def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndar
         factor = linalg.cholesky(precision / np.outer(scale, scale))
     except linalg.LinAlgError:
         raise ExcitationError("The recording does not determine all parameters.", tuple(names)) from None
-    return np.asarray(linalg.solve_triangular(factor, np.eye(len(scale)))) / scale[:, None]
+    return np.asarray(lapack.dtrtri(factor)[0]) / scale[:, None]
 
 
 def embedded(matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
