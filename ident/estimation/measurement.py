@@ -115,6 +115,18 @@ class Measurement:
         dry = tuple(f"{DRIVE[kind]}(" for kind in ("coulomb", "stribeck"))
         return not self.contacts and not any(name.startswith(dry) for name in self.equations.drives)
 
+    @cached_property
+    def turning(self) -> np.ndarray:
+        """Masks of the coordinates that turn each body, those of the base among them (b, n)."""
+        out, at = np.zeros((len(self.tree.bodies), self.coordinates), bool), self.of_base
+        out[:, :at] = True
+        for i, body in enumerate(self.tree.bodies):
+            if body.parent >= 0:
+                out[i] = out[body.parent]
+            out[i, at : at + body.coordinates] = body.is_ball or body.turns
+            at += body.coordinates
+        return out
+
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
         """Indices in θ of the set-up parameters of a kind, by axis."""
         return {s.axis: at for at, s in self.setup_at.items() if s.kind == kind and (not of or s.of == of)}

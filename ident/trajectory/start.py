@@ -63,6 +63,11 @@ class _Coordinates:
         """True, for lack of channels."""
         return True
 
+    @property
+    def turning(self) -> np.ndarray:
+        """Masks of the coordinates that turn bodies, none (0, 0)."""
+        return np.zeros((0, 0), bool)
+
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels, none (0, M)."""
         return np.zeros((0, len(wrenches)))

@@ -31,7 +31,7 @@ WORTH_IT = 1.5
 """Samples of an interval, over its nodes, from which evaluation at nodes is faster."""
 
 TURNED = 3.0
-"""Largest sum of the angles by which joints turn within an interval, rad. Channels have sines of up to twice the sum:
+"""Largest angle by which a body turns within an interval, by all joints together, rad. Channels have sines of twice it:
 that of six radians is interpolated to 1e-8, of ten to 2e-5 only."""
 
 _PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2

@@ -69,19 +69,28 @@ class Piece:
         """Basis functions at true times of the channels' samples, computed once if these are as stated."""
         return self._as_stated if np.array_equal(when, self.acting) else Sampling(self.spline, when)
 
-    def nodes(self, when: np.ndarray) -> Nodes | None:
-        """Nodes for channels at true times of their samples; None with slack, few samples or fast rotation."""
-        if self.slack is not None or len(when) < WORTH_IT * NODES * self.spline.intervals or self.turned > TURNED:
+    def nodes(self, when: np.ndarray, turning: np.ndarray) -> Nodes | None:
+        """Nodes for channels; None with slack, with few samples, or where a body turns far within an interval.
+
+        Args:
+            when: True times of the channels' samples, s (M,).
+            turning: Masks of the coordinates that turn each body (b, n).
+        """
+        if self.slack is not None or len(when) < WORTH_IT * NODES * self.spline.intervals:
+            return None
+        if (self.moved @ turning.T).max(initial=0) > TURNED:
             return None
         return self._nodes_as_stated if np.array_equal(when, self.acting) else Nodes(Sampling(self.spline, when))
 
     @cached_property
-    def turned(self) -> float:
-        """Largest change over an interval of the measured coordinates, the sum of theirs."""
+    def moved(self) -> np.ndarray:
+        """Sizes of the changes of the measured coordinates over every interval, zero without samples (S, n)."""
         knots = self.spline.start + self.spline.step * np.arange(self.spline.intervals + 1)
-        measured = ((x, np.isfinite(x)) for x in self.states[0].T)
-        moved = [np.abs(np.diff(np.interp(knots, self.time[there], x[there]))) for x, there in measured if there.any()]
-        return float(np.sum(moved, axis=0).max(initial=0))
+        out = np.zeros((self.spline.intervals, self.states[0].shape[1]))
+        for x, own in zip(self.states[0].T, out.T, strict=True):
+            if (there := np.isfinite(x)).any():
+                own[:] = np.abs(np.diff(np.interp(knots, self.time[there], x[there])))
+        return out
 
     @cached_property
     def _nodes_as_stated(self) -> Nodes:
@@ -151,6 +160,10 @@ class Predictor(Protocol):
     @property
     def smooth(self) -> bool:
         """True if channels are smooth functions of the states alone."""
+
+    @property
+    def turning(self) -> np.ndarray:
+        """Masks of the coordinates that turn each body (b, n)."""
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels (C, M)."""

@@ -347,7 +347,8 @@ def _channel_equations(
 
 def _nodes(measurement: Predictor, piece: Piece, when: np.ndarray, noise: Noise) -> Nodes | None:
     """Nodes at which to evaluate channels; None for every sample, as correlated noise links those of two intervals."""
-    return piece.nodes(when) if measurement.smooth and not noise.channels_rho.any() else None
+    smooth = measurement.smooth and not noise.channels_rho.any()
+    return piece.nodes(when, measurement.turning) if smooth else None
 
 
 def no_wrenches(states: np.ndarray) -> np.ndarray:

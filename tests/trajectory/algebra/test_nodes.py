@@ -32,13 +32,24 @@ def test_joints_may_turn_by_as_much_as_is_interpolated():
     twice = [np.sin(2 * TURNED * time / 0.3) for time in (nodes.time, nodes.at.time)]
     np.testing.assert_allclose(nodes.interpolated(twice[0]), twice[1], atol=2e-8)
     piece = smooth_problem(0)[1]
-    turning = np.array([2.0, 0.9]) / piece.spline.step * piece.time[:, None]
-    x = piece.states[0] + turning
-    x[::7, 0] = np.nan
-    fast = replace(piece, states=(x, None, None))
-    assert fast.turned == pytest.approx(piece.turned + 2.9, rel=0.3)
-    assert piece.turned < TURNED < fast.turned
-    assert piece.nodes(piece.when) is not None and fast.nodes(piece.when) is None
+    for parts, used in (([0.4, 0.4], True), ([0.4, 0.7], False), ([0.0, 1.1], False)):
+        x = TURNED / piece.spline.step * np.array(parts) * piece.time[:, None]
+        x[::7, 0] = np.nan
+        turned = replace(piece, states=(x, None, None))
+        along = np.ones((1, 2), bool)
+        assert (turned.nodes(piece.when, along) is not None) == used
+        # Joints of two branches turn no body together.
+        assert (turned.nodes(piece.when, np.eye(2, dtype=bool)) is not None) == (max(parts) < 1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_turns_a_body_changes_the_direction_of_its_axes(seed):
+    rng = np.random.default_rng(seed)
+    m = random_measurement(rng, 6, ("revolute", "prismatic", "welded"), torques=False, contacts=0)
+    at_rest = m.tree.poses(np.zeros((1, m.coordinates)))
+    turned = m.tree.poses(0.3 * np.eye(m.coordinates))
+    changed = np.abs(turned - at_rest)[:, :, :3, :3].max(axis=(2, 3)) > 1e-9
+    np.testing.assert_array_equal(m.turning, changed.T)
 
 
 def test_the_adjoint_of_interpolation():
@@ -117,8 +128,8 @@ def test_contacts_dry_friction_and_slack_are_evaluated_at_samples():
     assert not rubs.smooth
     without = [name for name in rubs.equations.drives if name.startswith(("Ia", "Fv", "K"))]
     assert replace(rubs, equations=rubs.equations.with_drives(without)).smooth
-    piece = smooth_problem(0)[1]
-    assert piece.nodes(piece.when) is not None and piece.nodes(piece.when + 0.01) is not None
-    assert replace(piece, slack=np.ones_like(piece.measured)).nodes(piece.when) is None
+    piece, still = smooth_problem(0)[1], np.zeros((1, 2), bool)
+    assert piece.nodes(piece.when, still) is not None and piece.nodes(piece.when + 0.01, still) is not None
+    assert replace(piece, slack=np.ones_like(piece.measured)).nodes(piece.when, still) is None
     few = slice(None, None, 3)
-    assert replace(piece, when=piece.when[few]).nodes(piece.when[few]) is None
+    assert replace(piece, when=piece.when[few]).nodes(piece.when[few], still) is None

@@ -51,6 +51,7 @@ class Turned:
     """One channel `θ ẍ` of one coordinate x: a larger inertia compensates a smaller motion."""
 
     names, smooth = ("inertia",), True
+    turning = np.zeros((1, 1), bool)
     zeros = shifts = {}  # noqa: RUF012
 
     def values(self, states, wrenches, theta):
