@@ -6,6 +6,7 @@ import shlex
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +21,9 @@ from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
 MakeParser = Callable[[], argparse.ArgumentParser]
+
+AT_ONCE = 1.0
+"""Seconds in which further requests to end are those of an impatient hand."""
 
 
 def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequence[str] | None], int]:
@@ -96,21 +100,23 @@ def _notes_printed_once() -> Iterator[None]:
 
 @contextmanager
 def _interruptible_once(message: str) -> Iterator[threading.Event]:
-    """Makes the first Ctrl-C or request to terminate end a block, and ignores later ones until it has cleaned up.
+    """Makes the first Ctrl-C or request to terminate end a block, and ignores others that follow at once.
 
-    Yields an event that the first one sets. If the block goes on for `GRACE` after a request to terminate, the process
+    It may take a moment to clean up; one that comes later ends what went on nevertheless, such as the report of an
+    interrupted estimate. Yields an event that the first one sets. If the block goes on for `GRACE` after a request to terminate, the process
     prints the message and ends.
     """
-    asked = threading.Event()
+    asked, last = threading.Event(), -AT_ONCE
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return
 
     def interrupt(*_: object) -> None:
-        for number in ENDING:
-            signal.signal(number, signal.SIG_IGN)
+        nonlocal last
         asked.set()
-        raise KeyboardInterrupt
+        if time.monotonic() - last >= AT_ONCE:
+            last = time.monotonic()
+            raise KeyboardInterrupt
 
     before = [signal.signal(number, interrupt) for number in ENDING]
     try:

@@ -130,11 +130,14 @@ def trajectory_fit(mechanism: Mechanism, recording: Recording, base: BaseParamet
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
+        KeyboardInterrupt: The estimate was interrupted, which reports itself that it has not converged.
     """
     angles_alone = without(recording, [f"{joint}_{rate}" for joint in mechanism.tree.joints for rate in STATES[1:]])
     log = prepared(mechanism, angles_alone)
     log = replace(log, equations=replace(log.equations, parameters=base))
     estimate = identified(log, offsets=False, holdout=0, setup=dict.fromkeys(PRIORS, 0.0), known=False)
+    if estimate.trajectory is not None and estimate.trajectory.fit.status == "interrupted":
+        raise KeyboardInterrupt
     return TrajectoryTrial(estimate.psi, estimate.std, base.regroup(mechanism.known))
 
 

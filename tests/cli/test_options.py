@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import traceback
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -77,6 +77,21 @@ def test_what_follows_from_a_request_to_end_is_taken_for_it(capsys, number, erro
     assert running.run(study, mechanism.parser, []) == 130
     assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
     assert signal.getsignal(number) is before
+
+
+def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
+    reached = []
+
+    def study(_):
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        reached.append("the second one at once is ignored")
+        monkeypatch.setattr(running, "AT_ONCE", 0.0)
+        signal.raise_signal(signal.SIGINT)
+        reached.append("the third one later is not")
+
+    assert running.run(study, mechanism.parser, []) == 130 and len(reached) == 1
 
 
 def test_an_interrupt_while_the_style_is_read_is_taken_for_it(capsys, monkeypatch):

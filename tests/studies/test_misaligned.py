@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -118,6 +119,16 @@ def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(seed, monke
     study_of("misaligned", seed=seed).trajectory("simplified")
     (estimate,) = estimates
     assert estimate.trajectory.fit.status == "converged"
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_interrupt_within_a_fit_ends_the_study(tmp_path, monkeypatch, capsys):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fitting, "identified", partial(identified, report=stop))
+    assert misaligned.main(["--out", str(tmp_path / "new"), "--samples", "120", "--formats", "png"]) == 130
+    assert "interrupted" in capsys.readouterr().err and not (tmp_path / "new" / "report.html").exists()
 
 
 def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
