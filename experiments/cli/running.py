@@ -103,8 +103,8 @@ def _interruptible_once(message: str) -> Iterator[threading.Event]:
     """Makes the first Ctrl-C or request to terminate end a block, and ignores others that follow at once.
 
     It may take a moment to clean up; one that comes later ends what went on nevertheless, such as the report of an
-    interrupted estimate. Yields an event that the first one sets. If the block goes on for `GRACE` after a request to terminate, the process
-    prints the message and ends.
+    interrupted estimate. Yields an event that the first one sets. If the block goes on for `GRACE` after a request to
+    terminate, the process prints the message and ends.
     """
     asked, last = threading.Event(), -AT_ONCE
     if threading.current_thread() is not threading.main_thread():

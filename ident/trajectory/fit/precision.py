@@ -48,7 +48,9 @@ def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndar
         factor = linalg.cholesky(precision / np.outer(scale, scale))
     except linalg.LinAlgError:
         raise ExcitationError("The recording does not determine all parameters.", tuple(names)) from None
-    return np.asarray(lapack.dtrtri(factor)[0]) / scale[:, None]
+    # LAPACK complains of matrices without rows.
+    inverse = lapack.dtrtri(factor)[0] if len(factor) else factor
+    return np.asarray(inverse) / scale[:, None]
 
 
 def embedded(matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
