@@ -256,8 +256,9 @@ class Estimate:
 
     @property
     def condition_number(self) -> float:
-        """Condition number of the unit-norm, weighted columns."""
-        return float(self.singular_values[0] / self.singular_values[-1])
+        """Condition number of the unit-norm, weighted columns, infinite if they are dependent."""
+        largest, smallest = self.singular_values[[0, -1]].tolist()
+        return largest / smallest if smallest else np.inf
 
     @cached_property
     def condition_numbers(self) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """Entries of `estimate.json` that every estimate has; docs/reading_a_report.md documents all."""
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 from ident.judgement.finding import Finding
@@ -39,7 +40,7 @@ def summary(
         "std": fit.std.tolist(),
         "covariance": fit.covariance.tolist(),
         "regrouping": dict(zip(names, expressions, strict=True)),
-        "condition_number": condition_number,
+        "condition_number": condition_number if isfinite(condition_number) else None,
         "part": verdict.part,
         "held_out": {channel: {"ratio": ratio} for channel, ratio in verdict.ratios.items()},
         "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in offsets.items()},
