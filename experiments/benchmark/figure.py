@@ -67,7 +67,8 @@ def _lines(ax: Axes, key: str, rows: Sequence[Row], style: str, labels: tuple[st
     ax.yaxis.set_major_locator(LogLocator(10))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:,g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())
-    low, high = ax.get_ylim()
-    ax.set_ylim(min(low, 0.09), max(high, 11))
+    # The limits of the axis would stay those of the first lines.
+    low, high = ax.dataLim.intervaly
+    ax.set_ylim(min(low / 1.3, 0.09), max(high * 1.3, 11))
     ax.set_xticks(x, labels=[f"{number:,}" for number in x])
     ax.xaxis.set_minor_locator(NullLocator())

@@ -157,7 +157,7 @@ def _finish(figure: Figure, axes: list[Axes], xlabel: str, extra: Sequence[Patch
     figures.align_ylabels(axes)
     # Spans have one entry, whichever panels they are in.
     lines = [line for line in axes[0].lines if not str(line.get_label()).startswith("_")]
-    figure.legend(handles=[*lines, *extra], loc="outside upper center", ncols=2 + len(extra))
+    figure.legend(handles=[*lines, *extra], loc="outside upper center", ncols=2)
 
 
 def _label(result: Estimate, k: int, per: str = "") -> str:

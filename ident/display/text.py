@@ -16,6 +16,9 @@ WIDTH = 120
 SHOWN = 30
 """Largest number of parameters of a kind that a summary shows."""
 
+LONGEST = 40
+"""Largest number of letters of a regrouping in a summary."""
+
 
 def decimals_of(std: float | None) -> int | None:
     """Decimals that leave a standard deviation two significant digits; None if it is zero or unknown.
@@ -69,10 +72,15 @@ def first_parameters(estimate: "Estimate") -> tuple[list[Parameter], str]:
     return out, f"… and {left} more; estimate.to_frame() has all" if left else ""
 
 
+def _short(regrouping: str) -> str:
+    """The regrouping, or its beginning if it is long."""
+    return regrouping if len(regrouping) <= LONGEST else f"{regrouping[: LONGEST - 2]} …"
+
+
 def estimate_summary(estimate: "Estimate") -> str:
     """Table of the parameters, prediction errors, verdict and findings of an estimate."""
     parameters, more = first_parameters(estimate)
-    rows = [(*row[:-1], f"{row[-1]:.40}") for row in parameter_rows(parameters)]
+    rows = [(*row[:-1], _short(row[-1])) for row in parameter_rows(parameters)]
     notes = [f"  {note}" for part in estimate.logs for note in part.log.notes]
     sentences = [
         f"Residual over signal: {ratios(estimate)}; condition number {estimate.condition_number:.3g}.",
