@@ -65,7 +65,10 @@ class Document:
 
     def text(self) -> str:
         """Text for the terminal."""
-        shown = [*(table.text() for table in self.tables.values()), *filter(None, [self.verdict]), *self.lines]
+        # The verdict counts doubts, so that they stand below it; the page has the other findings too.
+        doubts = [f"  ! {text}" for text, doubt in self.findings if doubt]
+        tables = [table.text() for table in self.tables.values()]
+        shown = [*tables, *filter(None, [self.verdict]), *doubts, *self.lines]
         return self.screen or wrapped("\n".join(shown))
 
     def loading(self, folder: Path) -> str:

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from experiments.document import tabular
+from experiments.document.document import Document
 from experiments.document.terminal import WIDTH, table, wrapped
 
 SUM = "m1" + "".join(f" + 0.0{k} m{k}rz{k} - Ixx{k}" for k in range(11, 60))
@@ -52,3 +53,16 @@ def test_columns_that_do_not_fit_stand_below_with_the_first():
 def test_tables_and_their_titles_fit(cells):
     wide = tabular.Table("title " * 40, ("a", "b" * 40, "c", "d"), ((*cells, SUM, SUM),), footnote="note " * 40)
     assert max(map(len, wide.text().splitlines())) <= WIDTH
+
+
+def test_doubts_stand_below_the_verdict_that_counts_them():
+    shown = Document(
+        verdict="Do not use it as it is: one finding below speaks against it.",
+        findings=[("Logs disagree.", True), ("A remark.", False)],
+        lines=["36 of 159."],
+    ).text()
+    assert shown.splitlines()[-3:] == [
+        "Do not use it as it is: one finding below speaks against it.",
+        "  ! Logs disagree.",
+        "36 of 159.",
+    ]
