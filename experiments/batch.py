@@ -8,6 +8,7 @@ import json
 import time
 import traceback
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     out = print_options.output_of(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder):
-        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args))
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args), partial(kept_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
     origin = provenance({**kept.identity, **out.choices})
     write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
@@ -86,6 +87,23 @@ def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: 
         # Outcomes are saved in order: the first that is missing is the one at which the worker died.
         number = len(kept.done()) if kept.file.exists() else 0
         raise InputError(f"{tasks[number].logs[0]}: {error}") from None
+
+
+def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> "list[Outcome]":
+    """Outcomes of the first tasks, from the JSON texts of an earlier run.
+
+    Raises:
+        InputError: They are damaged, or not of these tasks.
+    """
+    from experiments.data.batch import Outcome
+
+    if len(texts) > len(tasks):
+        raise InputError(f"it has {len(texts)} outcomes of {len(tasks)} logs")
+    outcomes = [Outcome.from_dict(json.loads(str(text))) for text in texts]
+    for task, outcome in zip(tasks, outcomes, strict=False):
+        if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):
+            raise InputError(f"where the outcome of {task.logs[0]} belongs is one of {outcome.log!r}")
+    return outcomes
 
 
 def check_shared(args: argparse.Namespace) -> None:

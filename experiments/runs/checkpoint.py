@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,11 +27,13 @@ class Checkpoint:
         what: Name of the outcomes, e.g. "trials".
         file: NPZ file with the outcomes, replaced atomically.
         identity: Settings that all outcomes of one run share, in JSON types.
+        check: Raises an `InputError` if the outcomes of an earlier run are not as they have to be.
     """
 
     what: str
     file: Path
     identity: Mapping[str, Any]
+    check: Callable[[Sequence[Any]], object] | None = None
 
     def done(self) -> list[np.ndarray]:
         """Outcomes of an interrupted run.
@@ -46,6 +48,8 @@ class Checkpoint:
                 raise InputError("damaged")
             wanted = json.loads(json.dumps(self.identity))
             different = [key for key in wanted if kept.get(key) != wanted[key]]
+            if self.check is not None and not different:
+                self.check(outcomes)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
         if different:

@@ -97,6 +97,35 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
     assert "are of another run: files differ" in capsys.readouterr().err
 
 
+DONE = Outcome("run0.csv", "run0", "usable", [], {"q": 0.5}, {"m1": 1.0}, {"m1": 0.1}, {"m1": "kg"}, 2.0).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("texts", "reason"),
+    [
+        ([json.dumps(DONE)[:-20]], "Unterminated string"),
+        (["[]"], "an outcome needs log, folder, verdict"),
+        ([json.dumps(DONE | {"more": 1})], "an outcome needs"),
+        ([json.dumps({"log": "run0.csv"})], "an outcome needs"),
+        ([json.dumps(DONE | {"values": [1]})], "'values' of an outcome cannot be [1]"),
+        ([json.dumps(DONE | {"std": {"m1": float("nan")}})], "'std' of an outcome cannot be {'m1': nan}"),
+        ([json.dumps(DONE | {"verdict": {}})], "'verdict' of an outcome cannot be {}"),
+        ([json.dumps(DONE | {"units": {}})], "need the same names"),
+        ([json.dumps(DONE | {"log": "run1.csv"})], "where the outcome of run0.csv belongs is one of 'run1.csv'"),
+        ([json.dumps(DONE), json.dumps(DONE | {"folder": "../run1"})], "where the outcome of run1.csv belongs"),
+        ([json.dumps(DONE)] * 3, "it has 3 outcomes of 2 logs"),
+    ],
+)
+def test_damaged_outcomes_are_not_resumed(folder, capsys, here, texts, reason):
+    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
+    identity = batch._identity(batch.parser().parse_args(command))
+    (folder / "out").mkdir()
+    np.savez(folder / "out" / batch.PROGRESS, identity=json.dumps(identity), outcomes=np.array(texts))
+    assert batch.main([*command, "--resume"]) == 2
+    shown = capsys.readouterr().err
+    assert "--resume needs the logs of an earlier run in " in shown and reason in shown
+
+
 def test_a_fault_of_the_program_is_a_row_as_well(folder, capsys, monkeypatch, here):
     plain = identify.identified_from
 
