@@ -8,6 +8,7 @@ import json
 import time
 import traceback
 from collections.abc import Sequence
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,7 +58,8 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     """The options of each log's identification, which writes into a folder of its own.
 
     Raises:
-        InputError: A log is given twice, or an input is in a folder of the results.
+        InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
+            of a file of the batch's own.
     """
     names = [own_model.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
@@ -68,9 +70,29 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         for log, name in zip(args.logs, unique, strict=True)
     ]
     own_model.check_different(args)
+    check_names(tasks)
     for task in tasks:
         own_model.folder(task)
     return tasks
+
+
+def check_names(tasks: Sequence[argparse.Namespace]) -> None:
+    """Refuses logs whose folders would stand where files of the batch's own go.
+
+    Raises:
+        InputError: There is one.
+    """
+    from experiments.document.writer import PAGE
+    from experiments.reports.batch_report import OUTPUTS
+
+    own = (*OUTPUTS, PAGE, "provenance.json", PROGRESS, f"{Path(PROGRESS).stem}_before.npz")
+    for task in tasks:
+        # Not all systems tell capital letters in names.
+        if any(fnmatchcase(task.name.lower(), pattern) for pattern in own):
+            raise InputError(
+                f"The folder of the log '{task.logs[0]}' would be '{task.name}', but that is kept for the batch's own "
+                f"files ({', '.join(own)}); rename the log."
+            )
 
 
 def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: "Workers") -> list[dict[str, Any]]:

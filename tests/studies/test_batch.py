@@ -213,6 +213,24 @@ def test_logs_of_one_name_have_folders_of_their_own_and_none_is_given_twice(fold
     assert "one of them is given twice" in capsys.readouterr().err and not (folder / "out").exists()
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "report.html",
+        "Table_logs.csv",
+        "batch.json",
+        "provenance.json",
+        "batch_outcomes.npz",
+        "batch_outcomes_before.npz",
+    ],
+)
+def test_a_log_with_the_name_of_a_file_of_the_batch_is_refused_at_first(folder, capsys, name):
+    (folder / f"{name}.csv").write_bytes((folder / "run0.csv").read_bytes())
+    assert batch.main(["arm.xml", "run1.csv", f"{name}.csv", "--out", "out"]) == 2
+    message = f"The folder of the log '{name}.csv' would be '{name}', but that is kept for the batch's own files"
+    assert message in capsys.readouterr().err and not (folder / "out").exists()
+
+
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():
     rng = np.random.default_rng(0)
     outcomes = [
