@@ -5,9 +5,11 @@ import contextlib
 import errno
 import io
 import json
+import sys
 import time
 import traceback
 from collections.abc import Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
@@ -19,6 +21,7 @@ from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.data.batch import Outcome
+    from experiments.document.writer import Output
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
 
@@ -43,15 +46,28 @@ def run(args: argparse.Namespace) -> None:
 
     tasks = tasks_of(args)
     check_shared(args)
-    out = print_options.output_of(args)
+    out = own_output(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args), partial(kept_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
     origin = provenance({**kept.identity, **out.choices})
     write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
+    if remarks := {each.remark: each.log for each in reversed(outcomes) if each.remark}:
+        print("".join(f"{log}: {remark}\n" for remark, log in remarks.items()), end="", file=sys.stderr)
     if failed := [each for each in outcomes if each.error]:
         raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {', '.join(each.log for each in failed)}.")
+    if remarks:
+        raise InputError("Captions or parameters of single logs are as by default, for the reasons above.")
+
+
+def own_output(args: argparse.Namespace) -> "Output":
+    """Where the tables of all logs belong; captions of other names and `--parameters` are for the single logs."""
+    from experiments.reports.batch_report import TABLES
+
+    out = print_options.output_of(args)
+    captions = {name: text for name, text in out.layout.captions.items() if name in TABLES}
+    return replace(out, layout=replace(out.layout, captions=captions, parameters=()), checked=True)
 
 
 def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
@@ -61,12 +77,15 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
             of a file of the batch's own.
     """
+    from experiments.reports.batch_report import TABLES
+
     names = [own_model.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
+    shared = {"workers": 1, "film": False, "caption": [each for each in args.caption if each[0] not in TABLES]}
     tasks = [
-        argparse.Namespace(**{**vars(args), "logs": [log], "name": name, "workers": 1, "film": False})
+        argparse.Namespace(**{**vars(args), **shared, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
     ]
     own_model.check_different(args)
@@ -167,7 +186,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder = own_model.folder(task)
         with contextlib.redirect_stderr(io.StringIO()), print_options.style_of(task):
             result, document, out = identify.identified_from(task, folder)
-            written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            _, remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in FULL:
             raise InputError(f"{name}: its results cannot be written: {error}.") from None
@@ -189,6 +208,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         std={each.name: each.std_setup for each in known},
         units={each.name: each.unit for each in known},
         seconds=time.process_time() - begun,
+        remark=remark,
     )
 
 

@@ -28,6 +28,7 @@ class Outcome:
         units: Their units, by name.
         seconds: CPU time, s.
         error: The sentence with which it failed; empty if it did not.
+        remark: The sentence on captions or parameters of its document that could not be chosen; empty if all could.
     """
 
     log: str
@@ -40,6 +41,7 @@ class Outcome:
     units: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     error: str = ""
+    remark: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """All of it in JSON's types."""
@@ -56,7 +58,7 @@ class Outcome:
             raise InputError(f"an outcome needs {', '.join(cls.__dataclass_fields__)}")
         failed, verdicts = bool(given["error"]), [each.value for each in Verdict]
         right = {
-            **{name: isinstance(given[name], str) for name in ("log", "folder", "error")},
+            **{name: isinstance(given[name], str) for name in ("log", "folder", "error", "remark")},
             "verdict": given["verdict"] in ([""] if failed else verdicts),
             "doubts": isinstance(given["doubts"], list) and _are_texts(given["doubts"]),
             "units": isinstance(given["units"], dict) and _are_texts(given["units"].values()),
