@@ -8,7 +8,7 @@ import json
 import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
@@ -123,11 +123,17 @@ def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: 
     from experiments.runs.workers import DeadWorkerError
 
     try:
-        return workers.collected(outcome_in_json, tasks, kept)
+        return workers.collected(outcome_in_json, tasks, kept, is_lost)
     except DeadWorkerError as error:
-        # Outcomes are saved in order: the first that is missing is the one at which the worker died.
-        number = len(kept.done()) if kept.file.exists() else 0
-        raise InputError(f"{tasks[number].logs[0]}: {error}") from None
+        # Outcomes come in order: the first that is missing is the one at which the worker died.
+        done = [json.loads(str(text)) for text in kept.done()] if kept.file.exists() else []
+        lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
+        raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
+
+
+def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
+    """True if the results of a log that did not fail are gone."""
+    return not outcome["error"] and not (own_model.folder(task) / "estimate.json").is_file()
 
 
 def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> "list[Outcome]":

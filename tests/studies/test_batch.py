@@ -2,6 +2,7 @@
 
 import errno
 import json
+import shutil
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
@@ -242,6 +243,24 @@ def test_captions_and_parameters_are_for_the_single_logs(folder, capsys, here):
     shown = capsys.readouterr().err
     assert shown.count("run0.csv: All is written, with captions and parameters as by default: --parameters needs") == 1
     assert "run1.csv: All is" not in shown and "are as by default, for the reasons above" in shown
+
+
+def test_logs_whose_results_are_gone_are_done_again(folder, capsys, monkeypatch, here):
+    command = ["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 2
+    shutil.rmtree("out/run0")
+    again, one = [], batch.outcome_of
+
+    def deadly(task):
+        raise DeadWorkerError("A worker process died.")
+
+    monkeypatch.setattr(batch, "outcome_of", deadly)
+    assert batch.main([*command, "--resume"]) == 2 and "error: run0.csv: A worker" in capsys.readouterr().err
+    monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
+    for _ in range(2):
+        assert batch.main([*command, "--resume"]) == 2
+        assert again == ["run0"] and [each["folder"] for each in logs()] == ["run0", "", "run1"]
+        assert (folder / "out" / "run0" / "estimate.json").is_file()
 
 
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():
