@@ -43,16 +43,17 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.writer import write
     from experiments.reports import batch_report
     from experiments.runs.checkpoint import Checkpoint
+    from ident.files.atomic import alone
 
     tasks = tasks_of(args)
     check_shared(args)
     out = own_output(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
-    with writable(out.folder):
+    with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args), partial(kept_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-    origin = provenance({**kept.identity, **out.choices})
-    write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
+        origin = provenance({**kept.identity, **out.choices})
+        write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
     if remarks := {each.remark: each.log for each in reversed(outcomes) if each.remark}:
         print("".join(f"{log}: {remark}\n" for remark, log in remarks.items()), end="", file=sys.stderr)
     if failed := [each for each in outcomes if each.error]:

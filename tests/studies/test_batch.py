@@ -2,7 +2,10 @@
 
 import errno
 import json
+import os
 import shutil
+import subprocess
+import sys
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +17,7 @@ import pytest
 from experiments import batch, identify
 from experiments.data.batch import Outcome, spreads
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
+from ident.files.atomic import PARTIAL
 
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
 
@@ -261,6 +265,22 @@ def test_logs_whose_results_are_gone_are_done_again(folder, capsys, monkeypatch,
         assert batch.main([*command, "--resume"]) == 2
         assert again == ["run0"] and [each["folder"] for each in logs()] == ["run0", "", "run1"]
         assert (folder / "out" / "run0" / "estimate.json").is_file()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs locks of files")
+def test_one_batch_at_a_time_writes_into_a_folder(folder, capsys, here):
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    hold = (
+        "import sys, pathlib, ident.files.atomic as a\nwith a.alone(pathlib.Path('out')): print(1, flush=True); input()"
+    )
+    (folder / "out").mkdir()
+    with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        assert batch.main(command) == 2
+        assert "Another run is writing into 'out'; wait until it has ended" in capsys.readouterr().err
+        assert [path.name for path in (folder / "out").iterdir()] == [f"{PARTIAL}running"]
+        other.kill()
+    assert batch.main(command) == 0 and not list((folder / "out").glob(f"{PARTIAL}*"))
 
 
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():
