@@ -99,7 +99,7 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
     assert "are of another run: options differ; leave out --resume" in capsys.readouterr().err
     driven_arm.log(4.0, 50.0, seed=5).save(folder / "run1.csv")
     assert batch.main([*command, "--resume"]) == 2
-    assert "are of another run: files differ" in capsys.readouterr().err
+    assert "are of another run: files (run1.csv) differ" in capsys.readouterr().err
 
 
 DONE = Outcome("run0.csv", "run0", "usable", [], {"q": 0.5}, {"m1": 1.0}, {"m1": 0.1}, {"m1": "kg"}, 2.0).to_dict()

@@ -204,7 +204,7 @@ def test_a_changed_recording_is_not_resumed(folder, tmp_path, capsys):
     text = (copies / "a.csv").read_text()
     (copies / "a.csv").write_text(text[:-3] + ("1" if text[-3] != "1" else "2") + text[-2:])
     message = refusal(main, arguments(copies, tmp_path / "out", "--resume"), capsys)
-    assert "is of another run: recordings differ" in message
+    assert "is of another run: recordings (" in message and "a.csv) differ" in message and "b.npz" not in message
 
 
 def test_a_reading_is_the_same_every_time_it_is_read(folder):
