@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from experiments.document.writer import Output
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
+    from ident.mechanism.mechanism import Mechanism
 
 PROGRESS = "batch_outcomes.npz"
 """File with the outcomes so far, by which an interrupted run is resumed."""
@@ -46,11 +47,11 @@ def run(args: argparse.Namespace) -> None:
     from ident.files.atomic import alone
 
     tasks = tasks_of(args)
-    check_shared(args)
+    arm = check_shared(args)
     out = own_output(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder), alone(out.folder):
-        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args), partial(kept_outcomes, tasks))
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(kept_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
         origin = provenance({**kept.identity, **out.choices})
         write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
@@ -154,8 +155,8 @@ def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> 
     return outcomes
 
 
-def check_shared(args: argparse.Namespace) -> None:
-    """Reads what all logs share, which is the model, the mapping of columns and the logs to judge by.
+def check_shared(args: argparse.Namespace) -> "Mechanism":
+    """The model, read as what all logs share is: the model, the mapping of columns and the logs to judge by.
 
     A fault of these would fail every log, and replace the tables of an earlier batch by one of failures.
 
@@ -171,6 +172,7 @@ def check_shared(args: argparse.Namespace) -> None:
         read_mapping(args.columns, arm.tree)
     for log in args.held_out:
         prepare(args.model, log, **read)
+    return arm
 
 
 def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
@@ -219,12 +221,13 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
     )
 
 
-def _identity(args: argparse.Namespace) -> dict[str, Any]:
-    """Options that all outcomes share, and the files' SHA-256 sums."""
+def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
+    """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
     left_out = ("out", "workers", "scheduler", "tls", "resume", "logs", "held_out", "model", "columns")
     given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
-    files = [args.model, *([args.columns] if args.columns else []), *args.logs, *args.held_out]
-    return {"options": given, "logs": list(map(str, args.logs)), "files": [_file_entry(file) for file in files]}
+    model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
+    files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]
+    return {"options": given, "logs": list(map(str, args.logs)), "files": [model, *files]}
 
 
 def _file_entry(file: Path) -> dict[str, Any]:

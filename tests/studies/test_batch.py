@@ -123,7 +123,8 @@ DONE = Outcome("run0.csv", "run0", "usable", [], {"q": 0.5}, {"m1": 1.0}, {"m1":
 )
 def test_damaged_outcomes_are_not_resumed(folder, capsys, here, texts, reason):
     command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
-    identity = batch._identity(batch.parser().parse_args(command))
+    args = batch.parser().parse_args(command)
+    identity = batch._identity(args, batch.check_shared(args))
     (folder / "out").mkdir()
     np.savez(folder / "out" / batch.PROGRESS, identity=json.dumps(identity), outcomes=np.array(texts))
     assert batch.main([*command, "--resume"]) == 2
@@ -281,6 +282,17 @@ def test_one_batch_at_a_time_writes_into_a_folder(folder, capsys, here):
         assert [path.name for path in (folder / "out").iterdir()] == [f"{PARTIAL}running"]
         other.kill()
     assert batch.main(command) == 0 and not list((folder / "out").glob(f"{PARTIAL}*"))
+
+
+def test_a_batch_is_not_resumed_with_another_included_file(folder, capsys, here):
+    (folder / "body.xml").write_text(driven_arm.text(), encoding="utf-8")
+    (folder / "arm.xml").write_text('<mujoco><include file="body.xml"/></mujoco>', encoding="utf-8")
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 0 == batch.main([*command, "--resume"])
+    text = driven_arm.text()
+    (folder / "body.xml").write_text(text.replace('pos="0.4 0 0"', 'pos="0.41 0 0"'), encoding="utf-8")
+    assert batch.main([*command, "--resume"]) == 2
+    assert "are of another run: files (arm.xml) differ" in capsys.readouterr().err
 
 
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():
