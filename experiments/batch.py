@@ -5,9 +5,13 @@ import contextlib
 import errno
 import io
 import json
+import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +21,10 @@ from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.data.batch import Outcome
+    from experiments.document.writer import Output
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
+    from ident.mechanism.mechanism import Mechanism
 
 PROGRESS = "batch_outcomes.npz"
 """File with the outcomes so far, by which an interrupted run is resumed."""
@@ -38,38 +44,76 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.writer import write
     from experiments.reports import batch_report
     from experiments.runs.checkpoint import Checkpoint
+    from ident.files.atomic import alone
 
     tasks = tasks_of(args)
-    check_shared(args)
-    out = print_options.output_of(args)
+    arm = check_shared(args)
+    out = own_output(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
-    with writable(out.folder):
-        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args))
+    with writable(out.folder), alone(out.folder):
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(kept_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-    origin = provenance({**kept.identity, **out.choices})
-    write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
+        origin = provenance({**kept.identity, **out.choices})
+        write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
+    if remarks := {each.remark: each.log for each in reversed(outcomes) if each.remark}:
+        print("".join(f"{log}: {remark}\n" for remark, log in remarks.items()), end="", file=sys.stderr)
     if failed := [each for each in outcomes if each.error]:
         raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {', '.join(each.log for each in failed)}.")
+    if remarks:
+        raise InputError("Captions or parameters of single logs are as by default, for the reasons above.")
+
+
+def own_output(args: argparse.Namespace) -> "Output":
+    """Where the tables of all logs belong; captions of other names and `--parameters` are for the single logs."""
+    from experiments.reports.batch_report import TABLES
+
+    out = print_options.output_of(args)
+    captions = {name: text for name, text in out.layout.captions.items() if name in TABLES}
+    return replace(out, layout=replace(out.layout, captions=captions, parameters=()), checked=True)
 
 
 def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     """The options of each log's identification, which writes into a folder of its own.
 
     Raises:
-        InputError: A log is given twice, or an input is in a folder of the results.
+        InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
+            of a file of the batch's own.
     """
+    from experiments.reports.batch_report import TABLES
+
     names = [own_model.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
+    shared = {"workers": 1, "film": False, "caption": [each for each in args.caption if each[0] not in TABLES]}
     tasks = [
-        argparse.Namespace(**{**vars(args), "logs": [log], "name": name, "workers": 1, "film": False})
+        argparse.Namespace(**{**vars(args), **shared, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
     ]
     own_model.check_different(args)
+    check_names(tasks)
     for task in tasks:
         own_model.folder(task)
     return tasks
+
+
+def check_names(tasks: Sequence[argparse.Namespace]) -> None:
+    """Refuses logs whose folders would stand where files of the batch's own go.
+
+    Raises:
+        InputError: There is one.
+    """
+    from experiments.document.writer import PAGE
+    from experiments.reports.batch_report import OUTPUTS
+
+    own = (*OUTPUTS, PAGE, "provenance.json", PROGRESS, f"{Path(PROGRESS).stem}_before.npz")
+    for task in tasks:
+        # Not all systems tell capital letters in names.
+        if any(fnmatchcase(task.name.lower(), pattern) for pattern in own):
+            raise InputError(
+                f"The folder of the log '{task.logs[0]}' would be '{task.name}', but that is kept for the batch's own "
+                f"files ({', '.join(own)}); rename the log."
+            )
 
 
 def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: "Workers") -> list[dict[str, Any]]:
@@ -81,15 +125,38 @@ def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: 
     from experiments.runs.workers import DeadWorkerError
 
     try:
-        return workers.collected(outcome_in_json, tasks, kept)
+        return workers.collected(outcome_in_json, tasks, kept, is_lost)
     except DeadWorkerError as error:
-        # Outcomes are saved in order: the first that is missing is the one at which the worker died.
-        number = len(kept.done()) if kept.file.exists() else 0
-        raise InputError(f"{tasks[number].logs[0]}: {error}") from None
+        # Outcomes come in order: the first that is missing is the one at which the worker died.
+        done = [json.loads(str(text)) for text in kept.done()] if kept.file.exists() else []
+        lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
+        raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
 
 
-def check_shared(args: argparse.Namespace) -> None:
-    """Reads what all logs share, which is the model, the mapping of columns and the logs to judge by.
+def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
+    """True if the results of a log that did not fail are gone."""
+    return not outcome["error"] and not (own_model.folder(task) / "estimate.json").is_file()
+
+
+def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> "list[Outcome]":
+    """Outcomes of the first tasks, from the JSON texts of an earlier run.
+
+    Raises:
+        InputError: They are damaged, or not of these tasks.
+    """
+    from experiments.data.batch import Outcome
+
+    if len(texts) > len(tasks):
+        raise InputError(f"it has {len(texts)} outcomes of {len(tasks)} logs")
+    outcomes = [Outcome.from_dict(json.loads(str(text))) for text in texts]
+    for task, outcome in zip(tasks, outcomes, strict=False):
+        if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):
+            raise InputError(f"where the outcome of {task.logs[0]} belongs is one of {outcome.log!r}")
+    return outcomes
+
+
+def check_shared(args: argparse.Namespace) -> "Mechanism":
+    """The model, read as what all logs share is: the model, the mapping of columns and the logs to judge by.
 
     A fault of these would fail every log, and replace the tables of an earlier batch by one of failures.
 
@@ -105,6 +172,7 @@ def check_shared(args: argparse.Namespace) -> None:
         read_mapping(args.columns, arm.tree)
     for log in args.held_out:
         prepare(args.model, log, **read)
+    return arm
 
 
 def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
@@ -127,7 +195,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder = own_model.folder(task)
         with contextlib.redirect_stderr(io.StringIO()), print_options.style_of(task):
             result, document, out = identify.identified_from(task, folder)
-            written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            _, remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in FULL:
             raise InputError(f"{name}: its results cannot be written: {error}.") from None
@@ -149,15 +217,17 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         std={each.name: each.std_setup for each in known},
         units={each.name: each.unit for each in known},
         seconds=time.process_time() - begun,
+        remark=remark,
     )
 
 
-def _identity(args: argparse.Namespace) -> dict[str, Any]:
-    """Options that all outcomes share, and the files' SHA-256 sums."""
+def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
+    """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
     left_out = ("out", "workers", "scheduler", "tls", "resume", "logs", "held_out", "model", "columns")
     given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
-    files = [args.model, *([args.columns] if args.columns else []), *args.logs, *args.held_out]
-    return {"options": given, "logs": list(map(str, args.logs)), "files": [_file_entry(file) for file in files]}
+    model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
+    files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]
+    return {"options": given, "logs": list(map(str, args.logs)), "files": [model, *files]}
 
 
 def _file_entry(file: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ residuals at once and several passes, and a held-out fraction needs the number o
 import argparse
 from pathlib import Path
 
-from experiments.cli import options, print_options, running
+from experiments.cli import options, own_model, print_options, running
 
 OUTPUTS = (
     "report.html",
@@ -27,11 +27,12 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies import stream, stream_progress
 
     inputs, out = _inputs(args), print_options.output_of(args, formats=())
-    settings = {key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without", "offsets")}
-    identity = stream.identity(args.model, args.columns, args.recordings, settings)
-    read = {key: getattr(args, key) for key in ("ignore", "packages", "columns")}
+    settings = {key: getattr(args, key) for key in ("base", "ignore", "fix", "piece", "contact", "without", "offsets")}
+    read = {key: getattr(args, key) for key in ("packages", "columns")}
     read |= settings | {"fix": options.fixed(args.fix), "limit": options.size_limit(args)}
     reading = stream.reading(args.model, args.recordings, **read)
+    settings["model_as_read"] = own_model.model_sum(reading.equations.mechanism)
+    identity = stream.identity(args.model, args.columns, args.recordings, settings)
     check_inputs((args.out / name for name in (stream_progress.FILE, *OUTPUTS)), inputs)
     with writable(args.out):
         progress = stream_progress.Progress(args.out / stream_progress.FILE, identity)
@@ -40,7 +41,7 @@ def run(args: argparse.Namespace) -> None:
         with options.workers_of(args).pool(args.workers) as pool:
             result = stream.streamed(progress, reading, pool, args.held_out)
     held = args.held_out and str(args.held_out)
-    origin = provenance({**identity, "ignore": args.ignore, "held_out": held, **out.choices})
+    origin = provenance({**identity, "held_out": held, **out.choices})
     write(stream_report.document(result, args.model, args.recordings, origin), out, stale=(), inputs=inputs)
 
 

@@ -2,15 +2,20 @@
 
 import argparse
 import hashlib
+import json
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ident.errors import InputError
 
 if TYPE_CHECKING:
     from ident.estimation.part import Part
+    from ident.mechanism.mechanism import Mechanism
 
 
 def folder(args: argparse.Namespace) -> Path:
@@ -95,6 +100,17 @@ def file_entry(path: Path) -> dict[str, Any]:
     files = [each for file in _files(path) for each in files_in(file)]
     sums = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]
     return {"files": sums} if path.is_dir() or len(sums) > 1 else sums[0]
+
+
+def model_sum(mechanism: "Mechanism") -> str:
+    """SHA-256 sum of what was read of a model, from whichever files; not of what is only shown, such as meshes."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        return {each.name: getattr(value, each.name) for each in fields(value) if each.name != "source"}
+
+    return hashlib.sha256(json.dumps(mechanism, default=plain).encode()).hexdigest()
 
 
 def as_text(value: Any) -> Any:

@@ -1,10 +1,16 @@
 """Outcomes of identifications of many logs, one by one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+
+from ident.errors import InputError
+from ident.judgement.verdict import Outcome as Verdict
+
+NUMBERS = "ratios", "values", "std"
+"""Fields of an outcome that are numbers by name."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +28,7 @@ class Outcome:
         units: Their units, by name.
         seconds: CPU time, s.
         error: The sentence with which it failed; empty if it did not.
+        remark: The sentence on captions or parameters of its document that could not be chosen; empty if all could.
     """
 
     log: str
@@ -34,10 +41,43 @@ class Outcome:
     units: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     error: str = ""
+    remark: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """All of it in JSON's types."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, given: Any) -> "Outcome":
+        """The outcome with these fields in JSON's types, as read from a file.
+
+        Raises:
+            InputError: A field is missing, unknown, or not what an identification leaves.
+        """
+        if not isinstance(given, dict) or given.keys() != cls.__dataclass_fields__.keys():
+            raise InputError(f"an outcome needs {', '.join(cls.__dataclass_fields__)}")
+        failed, verdicts = bool(given["error"]), [each.value for each in Verdict]
+        right = {
+            **{name: isinstance(given[name], str) for name in ("log", "folder", "error", "remark")},
+            "verdict": given["verdict"] in ([""] if failed else verdicts),
+            "doubts": isinstance(given["doubts"], list) and _are_texts(given["doubts"]),
+            "units": isinstance(given["units"], dict) and _are_texts(given["units"].values()),
+            **{name: isinstance(given[name], dict) and _are_numbers(given[name].values()) for name in NUMBERS},
+            "seconds": _are_numbers([given["seconds"]]),
+        }
+        if wrong := [name for name, holds in right.items() if not holds]:
+            raise InputError(f"'{wrong[0]}' of an outcome cannot be {given[wrong[0]]!r}")
+        if not given["values"].keys() == given["std"].keys() == given["units"].keys():
+            raise InputError("values, std and units of an outcome need the same names")
+        return cls(**given)
+
+
+def _are_texts(values: Iterable[object]) -> bool:
+    return all(isinstance(value, str) for value in values)
+
+
+def _are_numbers(values: Iterable[object]) -> bool:
+    return all(type(value) in (int, float) and np.isfinite(value) for value in values)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,9 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
 
+TABLES = "table_logs", "table_parameters"
+"""Its tables."""
+
 
 def logs_table(outcomes: Sequence[Outcome]) -> tabular.Table:
     """Verdict, doubts and residuals of every log, or the sentence with which it failed."""
@@ -75,7 +78,7 @@ def document(model: Path, outcomes: Sequence[Outcome], provenance: dict[str, Any
         findings=[(f"{each.log} failed: {each.error}", True) for each in failed],
         lines=[f"{len(outcomes)} logs: {usable} usable, {others} not, {len(failed)} failed."],
         heading="The logs",
-        tables={"table_logs": logs_table(outcomes)}
-        | ({"table_parameters": parameters_table(outcomes)} if len(failed) < len(outcomes) else {}),
+        tables={TABLES[0]: logs_table(outcomes)}
+        | ({TABLES[1]: parameters_table(outcomes)} if len(failed) < len(outcomes) else {}),
         numbers={"batch": {"logs": [each.to_dict() for each in outcomes]}, "provenance": provenance},
     )

@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,12 @@ from ident.files.atomic import save_arrays
 SAVE_EVERY = 5.0
 """Seconds between two saves."""
 
+SHOWN = 3
+"""Number of differing files that a message names."""
+
+LISTS = "files", "logs", "recordings"
+"""Settings that are lists of files."""
+
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
@@ -27,11 +33,13 @@ class Checkpoint:
         what: Name of the outcomes, e.g. "trials".
         file: NPZ file with the outcomes, replaced atomically.
         identity: Settings that all outcomes of one run share, in JSON types.
+        check: Raises an `InputError` if the outcomes of an earlier run are not as they have to be.
     """
 
     what: str
     file: Path
     identity: Mapping[str, Any]
+    check: Callable[[Sequence[Any]], object] | None = None
 
     def done(self) -> list[np.ndarray]:
         """Outcomes of an interrupted run.
@@ -45,7 +53,9 @@ class Checkpoint:
             if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
                 raise InputError("damaged")
             wanted = json.loads(json.dumps(self.identity))
-            different = [key for key in wanted if kept.get(key) != wanted[key]]
+            different = [named(key, kept.get(key), wanted[key]) for key in wanted if kept.get(key) != wanted[key]]
+            if self.check is not None and not different:
+                self.check(outcomes)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
         if different:
@@ -100,6 +110,25 @@ class Checkpoint:
 
     def _save(self, outcomes: Sequence[Any]) -> None:
         save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": np.array(outcomes)})
+
+
+def named(key: str, kept: Any, wanted: Any) -> str:
+    """The name of a setting that differs from an earlier run's, with its files that differ if it is a list of such."""
+    if key not in LISTS:
+        return key
+    before = kept if isinstance(kept, list) else []
+    files = [name for each in wanted if each not in before for name in _names(each)]
+    files = files or [name for each in before if each not in wanted for name in _names(each)]
+    shown, more = ", ".join(files[:SHOWN]), len(files) - SHOWN
+    return f"{key} ({shown}{f' and {more} more' if more > 0 else ''})" if files else key
+
+
+def _names(entry: Any) -> list[str]:
+    """Names of the files in an entry: text, the sum of a file, or those of several."""
+    if isinstance(entry, str):
+        return [entry]
+    files = entry.get("files", [entry]) if isinstance(entry, dict) else []
+    return [str(each["file"]) for each in files if isinstance(each, dict) and "file" in each]
 
 
 def _is_whole(outcome: np.ndarray) -> bool:

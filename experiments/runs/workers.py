@@ -53,20 +53,31 @@ class Workers:
         """Pool for a number of tasks, as from `worker_pool`."""
         return worker_pool(max(1, min(self.number, tasks)), self.scheduler, self.tls)
 
-    def collected(self, work: Callable[[Any], Sequence[str]], tasks: Sequence[Any], kept: Checkpoint) -> list[Any]:
+    def collected(
+        self,
+        work: Callable[[Any], Sequence[str]],
+        tasks: Sequence[Any],
+        kept: Checkpoint,
+        lost: Callable[[Any, Any], bool] = lambda task, outcome: False,
+    ) -> list[Any]:
         """Outcomes of all tasks in order, whoever does them, or of those that an interrupted run has left.
 
         Args:
             work: Function of a task that returns batches of outcomes as JSON; sent to the workers.
             tasks: The tasks.
             kept: File of the outcomes.
+            lost: True of a task and its outcome by an interrupted run if it has to be done again, as what it wrote
+                is gone; a task then has a single outcome.
         """
         done = kept.done()[: len(tasks)] if self.resume else []
-        with (
-            self.pool(len(tasks) - len(done)) as pool,
-            closing(in_order(pool.executor, work, tasks[len(done) :], ahead=pool.ahead)) as batches,
-        ):
-            outcomes = kept.collect(batches, len(tasks), done)
+        again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(str(outcome)))]
+        with self.pool(len(tasks) - len(done) + len(again)) as pool:
+            # The file's outcomes stay until all are saved: they would be the same again.
+            with closing(in_order(pool.executor, work, [tasks[k] for k in again], ahead=pool.ahead)) as batches:
+                for k, (outcome,) in zip(again, batches, strict=True):
+                    done[k] = outcome
+            with closing(in_order(pool.executor, work, tasks[len(done) :], ahead=pool.ahead)) as batches:
+                outcomes = kept.collect(batches, len(tasks), done)
         return [json.loads(str(outcome)) for outcome in outcomes]
 
 

@@ -230,7 +230,7 @@ def identity(
     return {
         "model": hashlib.sha256(model.read_bytes()).hexdigest(),
         "columns": columns and hashlib.sha256(columns.read_bytes()).hexdigest(),
-        "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
+        "recordings": [{"file": str(file), "bytes": x.st_size, "modified_ns": x.st_mtime_ns} for file, x in stats],
         **settings,
     }
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.runs.checkpoint import named
 from ident.errors import InputError
 from ident.estimation.accumulator import Accumulator
 from ident.estimation.equations import Equations
@@ -46,7 +47,7 @@ class Progress:
             if fields.keys() != Accumulator.__dataclass_fields__.keys():
                 raise InputError("another version of this package wrote it")
             accumulator = Accumulator(**fields)
-            different = [key for key, value in self.identity.items() if kept.get(key) != value]
+            different = [named(key, kept.get(key), x) for key, x in self.identity.items() if kept.get(key) != x]
             columns = (len(equations.names) + 1,) * 2
             whole = (accumulator.factor.shape, accumulator.grams.shape) == (columns, (6, *columns)) and done > 0
             whole = whole and bool(np.isfinite([*accumulator.factor, *accumulator.gram]).all())

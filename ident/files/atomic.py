@@ -87,6 +87,40 @@ def claimed(folder: Path, make: Callable[[], Path], remove: Callable[[Path], Non
 
 
 @contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Holds a folder for a block; a killed run does not hold it any more.
+
+    On systems without file locks nothing is held.
+
+    Raises:
+        InputError: Another process holds it.
+    """
+    if fcntl is None:
+        yield
+        return
+    file = folder / f"{PARTIAL}running"
+    with ExitStack() as stack:
+        # The folder is locked meanwhile, so that no other process removes the file before it is held.
+        with _locked(folder):
+            handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+            stack.callback(os.close, handle)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(
+                    f"Another run is writing into '{folder}'; wait until it has ended, or choose another --out."
+                ) from None
+            except OSError:
+                # A file system without locks.
+                pass
+        try:
+            yield
+        finally:
+            with _locked(folder):
+                file.unlink(missing_ok=True)
+
+
+@contextmanager
 def _locked(path: Path, *, wait: bool = True) -> Iterator[bool]:
     """Locks a file or folder for the duration of a block and yields True if that succeeded."""
     if fcntl is None:

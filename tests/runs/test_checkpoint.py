@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -77,6 +78,19 @@ def test_an_earlier_run_is_set_aside(run):
     np.testing.assert_array_equal(run.done(), OUTCOMES[:2])
     before = Checkpoint("runs", run.file.with_stem("runs_before"), run.identity)
     np.testing.assert_array_equal(before.done(), OUTCOMES)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [([3], "files (log3.csv) differ"), (range(1, 8), "files (log1.csv, log2.csv, log3.csv and 4 more) differ")],
+)
+def test_differing_files_are_named(tmp_path, changed, message):
+    files = [{"file": f"log{k}.csv", "sha256": "a"} for k in range(9)]
+    run = Checkpoint("logs", tmp_path / "logs.npz", {"files": files})
+    run.collect(batches(OUTCOMES), 6)
+    other = [each | {"sha256": "b"} if k in changed else each for k, each in enumerate(files)]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        Checkpoint("logs", run.file, {"files": other}).done()
 
 
 def test_another_run_is_not_resumed(run):

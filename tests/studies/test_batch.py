@@ -2,6 +2,10 @@
 
 import errno
 import json
+import os
+import shutil
+import subprocess
+import sys
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +17,7 @@ import pytest
 from experiments import batch, identify
 from experiments.data.batch import Outcome, spreads
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
+from ident.files.atomic import PARTIAL
 
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
 
@@ -94,7 +99,37 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
     assert "are of another run: options differ; leave out --resume" in capsys.readouterr().err
     driven_arm.log(4.0, 50.0, seed=5).save(folder / "run1.csv")
     assert batch.main([*command, "--resume"]) == 2
-    assert "are of another run: files differ" in capsys.readouterr().err
+    assert "are of another run: files (run1.csv) differ" in capsys.readouterr().err
+
+
+DONE = Outcome("run0.csv", "run0", "usable", [], {"q": 0.5}, {"m1": 1.0}, {"m1": 0.1}, {"m1": "kg"}, 2.0).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("texts", "reason"),
+    [
+        ([json.dumps(DONE)[:-20]], "Unterminated string"),
+        (["[]"], "an outcome needs log, folder, verdict"),
+        ([json.dumps(DONE | {"more": 1})], "an outcome needs"),
+        ([json.dumps({"log": "run0.csv"})], "an outcome needs"),
+        ([json.dumps(DONE | {"values": [1]})], "'values' of an outcome cannot be [1]"),
+        ([json.dumps(DONE | {"std": {"m1": float("nan")}})], "'std' of an outcome cannot be {'m1': nan}"),
+        ([json.dumps(DONE | {"verdict": {}})], "'verdict' of an outcome cannot be {}"),
+        ([json.dumps(DONE | {"units": {}})], "need the same names"),
+        ([json.dumps(DONE | {"log": "run1.csv"})], "where the outcome of run0.csv belongs is one of 'run1.csv'"),
+        ([json.dumps(DONE), json.dumps(DONE | {"folder": "../run1"})], "where the outcome of run1.csv belongs"),
+        ([json.dumps(DONE)] * 3, "it has 3 outcomes of 2 logs"),
+    ],
+)
+def test_damaged_outcomes_are_not_resumed(folder, capsys, here, texts, reason):
+    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
+    args = batch.parser().parse_args(command)
+    identity = batch._identity(args, batch.check_shared(args))
+    (folder / "out").mkdir()
+    np.savez(folder / "out" / batch.PROGRESS, identity=json.dumps(identity), outcomes=np.array(texts))
+    assert batch.main([*command, "--resume"]) == 2
+    shown = capsys.readouterr().err
+    assert "--resume needs the logs of an earlier run in " in shown and reason in shown
 
 
 def test_a_fault_of_the_program_is_a_row_as_well(folder, capsys, monkeypatch, here):
@@ -182,6 +217,82 @@ def test_logs_of_one_name_have_folders_of_their_own_and_none_is_given_twice(fold
     assert [task.name for task in batch.tasks_of(args)] == ["run0_1", "run0_2", "run1_3"]
     assert batch.main(["arm.xml", "run0.csv", "run0.csv", "--out", "out"]) == 2
     assert "one of them is given twice" in capsys.readouterr().err and not (folder / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "report.html",
+        "Table_logs.csv",
+        "batch.json",
+        "provenance.json",
+        "batch_outcomes.npz",
+        "batch_outcomes_before.npz",
+    ],
+)
+def test_a_log_with_the_name_of_a_file_of_the_batch_is_refused_at_first(folder, capsys, name):
+    (folder / f"{name}.csv").write_bytes((folder / "run0.csv").read_bytes())
+    assert batch.main(["arm.xml", "run1.csv", f"{name}.csv", "--out", "out"]) == 2
+    message = f"The folder of the log '{name}.csv' would be '{name}', but that is kept for the batch's own files"
+    assert message in capsys.readouterr().err and not (folder / "out").exists()
+
+
+def test_captions_and_parameters_are_for_the_single_logs(folder, capsys, here):
+    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
+    captions = ["--caption", "table_base_parameters", "Single.", "--caption", "table_logs", "All."]
+    assert batch.main([*command, *captions, "--parameters", "fore"]) == 0
+    assert "Single." in (folder / "out" / "run1" / "table_base_parameters.tex").read_text(encoding="utf-8")
+    assert "All." in (folder / "out" / "table_logs.tex").read_text(encoding="utf-8")
+    capsys.readouterr()
+    assert batch.main([*command, "--parameters", "nobody"]) == 2
+    shown = capsys.readouterr().err
+    assert shown.count("run0.csv: All is written, with captions and parameters as by default: --parameters needs") == 1
+    assert "run1.csv: All is" not in shown and "are as by default, for the reasons above" in shown
+
+
+def test_logs_whose_results_are_gone_are_done_again(folder, capsys, monkeypatch, here):
+    command = ["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 2
+    shutil.rmtree("out/run0")
+    again, one = [], batch.outcome_of
+
+    def deadly(task):
+        raise DeadWorkerError("A worker process died.")
+
+    monkeypatch.setattr(batch, "outcome_of", deadly)
+    assert batch.main([*command, "--resume"]) == 2 and "error: run0.csv: A worker" in capsys.readouterr().err
+    monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
+    for _ in range(2):
+        assert batch.main([*command, "--resume"]) == 2
+        assert again == ["run0"] and [each["folder"] for each in logs()] == ["run0", "", "run1"]
+        assert (folder / "out" / "run0" / "estimate.json").is_file()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs locks of files")
+def test_one_batch_at_a_time_writes_into_a_folder(folder, capsys, here):
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    hold = (
+        "import sys, pathlib, ident.files.atomic as a\nwith a.alone(pathlib.Path('out')): print(1, flush=True); input()"
+    )
+    (folder / "out").mkdir()
+    with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        assert batch.main(command) == 2
+        assert "Another run is writing into 'out'; wait until it has ended" in capsys.readouterr().err
+        assert [path.name for path in (folder / "out").iterdir()] == [f"{PARTIAL}running"]
+        other.kill()
+    assert batch.main(command) == 0 and not list((folder / "out").glob(f"{PARTIAL}*"))
+
+
+def test_a_batch_is_not_resumed_with_another_included_file(folder, capsys, here):
+    (folder / "body.xml").write_text(driven_arm.text(), encoding="utf-8")
+    (folder / "arm.xml").write_text('<mujoco><include file="body.xml"/></mujoco>', encoding="utf-8")
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 0 == batch.main([*command, "--resume"])
+    text = driven_arm.text()
+    (folder / "body.xml").write_text(text.replace('pos="0.4 0 0"', 'pos="0.41 0 0"'), encoding="utf-8")
+    assert batch.main([*command, "--resume"]) == 2
+    assert "are of another run: files (arm.xml) differ" in capsys.readouterr().err
 
 
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():

@@ -89,7 +89,7 @@ def test_an_interrupted_run_goes_on(folder, results, tmp_path, monkeypatch, caps
         assert main(arguments(folder, out, "--resume")) == 0
         assert "800 samples" in capsys.readouterr().out
         assert estimate(out) == estimate(results)
-    assert "is of another run: base differ" in refusal(
+    assert "is of another run: base, model_as_read differ" in refusal(
         main, [*arguments(folder, out, "--resume"), "--base", "link1"], capsys
     )
 
@@ -204,7 +204,21 @@ def test_a_changed_recording_is_not_resumed(folder, tmp_path, capsys):
     text = (copies / "a.csv").read_text()
     (copies / "a.csv").write_text(text[:-3] + ("1" if text[-3] != "1" else "2") + text[-2:])
     message = refusal(main, arguments(copies, tmp_path / "out", "--resume"), capsys)
-    assert "is of another run: recordings differ" in message
+    assert "is of another run: recordings (" in message and "a.csv) differ" in message and "b.npz" not in message
+
+
+@pytest.mark.usefixtures("here")
+def test_a_changed_model_is_not_resumed(folder, tmp_path, capsys):
+    copies = tmp_path / "copies"
+    shutil.copytree(folder, copies)
+    (copies / "model.xml").rename(copies / "body.xml")
+    (copies / "model.xml").write_text('<mujoco><include file="body.xml"/></mujoco>')
+    assert main(arguments(copies, tmp_path / "out")) == 0 == main(arguments(copies, tmp_path / "out", "--resume"))
+    with np.load(tmp_path / "out" / stream_progress.FILE) as data:
+        assert "ignore" in json.loads(str(data["identity"]))
+    text = (copies / "body.xml").read_text()
+    (copies / "body.xml").write_text(text.replace("0.425", "0.43"))
+    assert "model_as_read differ" in refusal(main, arguments(copies, tmp_path / "out", "--resume"), capsys)
 
 
 def test_a_reading_is_the_same_every_time_it_is_read(folder):
