@@ -44,10 +44,12 @@ class Overview:
     Attributes:
         statistics: Statistics of the channels.
         notes: Sentences on the files.
+        samples: Numbers of samples of the files, in order.
     """
 
     statistics: Statistics
     notes: list[str] = field(default_factory=list)
+    samples: list[int] = field(default_factory=list)
 
     @classmethod
     def of(cls, tree: Tree) -> "Overview":
@@ -94,9 +96,28 @@ class Reading:
         """
         return self._pieces(overview)
 
+    def again(self, overview: Overview) -> Iterator[Samples]:
+        """Yields the pieces once more, after an overview of all.
+
+        Raises:
+            LogError: A file has another number of samples by now.
+        """
+        for file, samples in zip(self.files, overview.samples, strict=True):
+            read = 0
+            for piece in replace(self, files=[file]):
+                read += len(piece)
+                yield piece
+            if read != samples:
+                raise LogError(
+                    f"{file}: it changed while it was read, from {samples} samples to {read}; run again when nothing "
+                    "writes to it any more.",
+                    file,
+                )
+
     def _pieces(self, overview: Overview | None) -> Iterator[Samples]:
         samples = partial(self._samples, Statistics.of(self.equations.mechanism.tree), overview)
         for file in self.files:
+            read = 0
             try:
                 if self.columns is None:
                     recordings = Recording.chunks(file, self.piece, limit=self.limit)
@@ -104,7 +125,11 @@ class Reading:
                     recordings = read_log_pieces(
                         file, self.equations.mechanism, self.columns, self.piece, limit=self.limit
                     )
-                yield from pieces(map(samples, recordings), self.equations)
+                for piece in pieces(map(samples, recordings), self.equations):
+                    read += len(piece)
+                    yield piece
+                if overview is not None:
+                    overview.samples.append(read)
             except InputError as error:
                 if isinstance(error, LogError) and error.file == file:
                     raise
@@ -253,7 +278,7 @@ def streamed(progress: Progress, reading: Reading, pool: WorkerPool, held_out: P
     first = solve(fitted, equations)
     other = None if held_out is None else _held_out(held_out, reading, equations, pool, overview.notes)
     judgement = judged(Passed(overview.statistics, fitted), first, other)
-    return Streamed(huber_white(first, reading, steady=True), judgement, overview.notes)
+    return Streamed(huber_white(first, reading.again(overview), steady=True), judgement, overview.notes)
 
 
 def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool, notes: list[str]) -> Passed:

@@ -221,6 +221,21 @@ def test_a_changed_model_is_not_resumed(folder, tmp_path, capsys):
     assert "model_as_read differ" in refusal(main, arguments(copies, tmp_path / "out", "--resume"), capsys)
 
 
+@pytest.mark.usefixtures("here")
+def test_a_file_that_changes_between_the_passes_is_named(folder, tmp_path, capsys, monkeypatch):
+    copies, whole = tmp_path / "copies", stream.solve
+    shutil.copytree(folder, copies)
+    lines = (copies / "a.csv").read_text().splitlines()
+
+    def cut(*args):
+        (copies / "a.csv").write_text("\n".join(lines[:-100]) + "\n")
+        return whole(*args)
+
+    monkeypatch.setattr(stream, "solve", cut)
+    message = refusal(main, arguments(copies, tmp_path / "out"), capsys)
+    assert "a.csv: it changed while it was read, from 400 samples to 300; run again when" in message
+
+
 def test_a_reading_is_the_same_every_time_it_is_read(folder):
     reading = stream.reading(folder / "model.xml", [folder / "a.csv"], base="base", piece=90)
     overview = stream.Overview.of(reading.equations.mechanism.tree)
