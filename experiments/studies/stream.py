@@ -23,7 +23,7 @@ from experiments.studies.one_pass import Passed, Statistics, judged, separated, 
 from experiments.studies.stream_progress import Progress
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.equations import Equations
+from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.in_order import in_order
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
@@ -157,9 +157,13 @@ class Reading:
                 "the base moves, and its poses take a filter over all of the log: `multicontact identify` has one"
             )
         empty.check(recording, names)
-        total = recording.total_wrench(tree, self.without).in_base
-        if np.isnan(total).any():
-            raise LogError("the ground's wrench needs all six components here; `multicontact identify` takes fewer.")
+        wrench = recording.total_wrench(tree, self.without)
+        if missing := [name for name, x in zip(COMPONENTS, wrench.values.T, strict=True) if np.isnan(x).any()]:
+            raise LogError(
+                f"the ground's wrench needs all six components here, but {', '.join(missing)} of it is missing; "
+                "`multicontact identify` takes fewer."
+            )
+        total = wrench.in_base
         if overview is not None:
             overview.add(recording, total)
         return Samples(Motion(*recording.joint_states(tree.joints)), total)
