@@ -77,7 +77,7 @@ def _are_texts(values: Iterable[object]) -> bool:
 
 
 def _are_numbers(values: Iterable[object]) -> bool:
-    return all(type(value) in (int, float) and np.isfinite(value) for value in values)
+    return all(isinstance(value, int | float) and type(value) is not bool and np.isfinite(value) for value in values)
 
 
 @dataclass(frozen=True)
