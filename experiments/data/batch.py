@@ -77,7 +77,7 @@ def _are_texts(values: Iterable[object]) -> bool:
 
 
 def _are_numbers(values: Iterable[object]) -> bool:
-    return all(isinstance(x, int | float) and not isinstance(x, bool) and np.isfinite(x) for x in values)
+    return all(isinstance(value, int | float) and type(value) is not bool and np.isfinite(value) for value in values)
 
 
 @dataclass(frozen=True)

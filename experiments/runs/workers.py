@@ -69,7 +69,7 @@ class Workers:
             lost: True of a task and its outcome by an interrupted run if it has to be done again, as what it wrote
                 is gone; a task then has a single outcome.
         """
-        done = list[Any](kept.done()[: len(tasks)] if self.resume else [])
+        done: list[Any] = [*kept.done()[: len(tasks)]] if self.resume else []
         again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(str(outcome)))]
         with self.pool(len(tasks) - len(done) + len(again)) as pool:
             # The file's outcomes stay until all are saved: they would be the same again.

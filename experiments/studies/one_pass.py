@@ -83,6 +83,8 @@ class Statistics:
             if recording[name].shape[1:] != components:
                 needed = "three numbers" if components else "one number"
                 raise LogError(f"channel '{name}' needs {needed} a sample, got shape {recording[name].shape}.")
+            if not components and not np.isfinite(recording[name]).all():
+                raise LogError(f"channel '{name}' needs numbers, but it is empty or NaN throughout.")
             if unit != "None" and UNITS[kind].get(unit) != 1:
                 raise LogError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
 

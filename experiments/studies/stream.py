@@ -23,7 +23,7 @@ from experiments.studies.one_pass import Passed, Statistics, judged, separated, 
 from experiments.studies.stream_progress import Progress
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.equations import Equations
+from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.in_order import in_order
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
@@ -44,10 +44,12 @@ class Overview:
     Attributes:
         statistics: Statistics of the channels.
         notes: Sentences on the files.
+        samples: Numbers of samples of the files, in order.
     """
 
     statistics: Statistics
     notes: list[str] = field(default_factory=list)
+    samples: list[int] = field(default_factory=list)
 
     @classmethod
     def of(cls, tree: Tree) -> "Overview":
@@ -94,9 +96,28 @@ class Reading:
         """
         return self._pieces(overview)
 
+    def again(self, overview: Overview) -> Iterator[Samples]:
+        """Yields the pieces once more, after an overview of all.
+
+        Raises:
+            LogError: A file has another number of samples by now.
+        """
+        for file, samples in zip(self.files, overview.samples, strict=True):
+            read = 0
+            for piece in replace(self, files=[file]):
+                read += len(piece)
+                yield piece
+            if read != samples:
+                raise LogError(
+                    f"{file}: it changed while it was read, from {samples} samples to {read}; run again when nothing "
+                    "writes to it any more.",
+                    file,
+                )
+
     def _pieces(self, overview: Overview | None) -> Iterator[Samples]:
         samples = partial(self._samples, Statistics.of(self.equations.mechanism.tree), overview)
         for file in self.files:
+            read = 0
             try:
                 if self.columns is None:
                     recordings = Recording.chunks(file, self.piece, limit=self.limit)
@@ -104,7 +125,11 @@ class Reading:
                     recordings = read_log_pieces(
                         file, self.equations.mechanism, self.columns, self.piece, limit=self.limit
                     )
-                yield from pieces(map(samples, recordings), self.equations)
+                for piece in pieces(map(samples, recordings), self.equations):
+                    read += len(piece)
+                    yield piece
+                if overview is not None:
+                    overview.samples.append(read)
             except InputError as error:
                 if isinstance(error, LogError) and error.file == file:
                     raise
@@ -132,9 +157,13 @@ class Reading:
                 "the base moves, and its poses take a filter over all of the log: `multicontact identify` has one"
             )
         empty.check(recording, names)
-        total = recording.total_wrench(tree, self.without).in_base
-        if np.isnan(total).any():
-            raise LogError("the ground's wrench needs all six components here; `multicontact identify` takes fewer.")
+        wrench = recording.total_wrench(tree, self.without)
+        if missing := [name for name, x in zip(COMPONENTS, wrench.values.T, strict=True) if np.isnan(x).any()]:
+            raise LogError(
+                f"the ground's wrench needs all six components here, but {', '.join(missing)} of it is missing; "
+                "`multicontact identify` takes fewer."
+            )
+        total = wrench.in_base
         if overview is not None:
             overview.add(recording, total)
         return Samples(Motion(*recording.joint_states(tree.joints)), total)
@@ -253,7 +282,7 @@ def streamed(progress: Progress, reading: Reading, pool: WorkerPool, held_out: P
     first = solve(fitted, equations)
     other = None if held_out is None else _held_out(held_out, reading, equations, pool, overview.notes)
     judgement = judged(Passed(overview.statistics, fitted), first, other)
-    return Streamed(huber_white(first, reading, steady=True), judgement, overview.notes)
+    return Streamed(huber_white(first, reading.again(overview), steady=True), judgement, overview.notes)
 
 
 def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool, notes: list[str]) -> Passed:

@@ -169,7 +169,7 @@ def test_a_mapping_of_columns_gives_what_the_channels_give(tmp_path, capsys):
     np.testing.assert_allclose(psi(tmp_path / "out"), expected, atol=1e-9)
     columns = COLUMNS.replace('force = ["ground_force.x"', 'force = [""')
     (tmp_path / "columns.toml").write_text(columns)
-    assert "log.csv: the ground's wrench needs all six components here" in refusal(main, given, capsys)
+    assert "log.csv: the ground's wrench needs all six components here, but Fx of it is" in refusal(main, given, capsys)
     assert "columns differ" in refusal(main, [*given, "--resume"], capsys)
     assert "besides the one at the base, got 'ground'" in refusal(main, [*given, "--contact", "ground"], capsys)
 
@@ -219,6 +219,30 @@ def test_a_changed_model_is_not_resumed(folder, tmp_path, capsys):
     text = (copies / "body.xml").read_text()
     (copies / "body.xml").write_text(text.replace("0.425", "0.43"))
     assert "model_as_read differ" in refusal(main, arguments(copies, tmp_path / "out", "--resume"), capsys)
+
+
+@pytest.mark.usefixtures("here")
+def test_a_file_that_changes_between_the_passes_is_named(folder, tmp_path, capsys, monkeypatch):
+    copies, whole = tmp_path / "copies", stream.solve
+    shutil.copytree(folder, copies)
+    lines = (copies / "a.csv").read_text().splitlines()
+
+    def cut(*args):
+        (copies / "a.csv").write_text("\n".join(lines[:-100]) + "\n")
+        return whole(*args)
+
+    monkeypatch.setattr(stream, "solve", cut)
+    message = refusal(main, arguments(copies, tmp_path / "out"), capsys)
+    assert "a.csv: it changed while it was read, from 400 samples to 300; run again when" in message
+
+
+@pytest.mark.usefixtures("here")
+def test_a_channel_without_numbers_is_named(folder, tmp_path, capsys):
+    recording = Recording.load(folder / "a.csv")
+    measured = dict(recording.measured) | {"joint2_position": np.full(len(recording.time), np.nan)}
+    Recording(recording.time, measured).save(tmp_path / "nan.csv")
+    given = [str(folder / "model.xml"), str(tmp_path / "nan.csv"), "--base", "base", "--out", str(tmp_path / "out")]
+    assert "nan.csv: channel 'joint2_position' needs numbers, but it is" in refusal(main, given, capsys)
 
 
 def test_a_reading_is_the_same_every_time_it_is_read(folder):
