@@ -9,8 +9,6 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ident.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,6 +102,7 @@ def file_entry(path: Path) -> dict[str, Any]:
 
 def model_sum(mechanism: "Mechanism") -> str:
     """SHA-256 sum of what was read of a model, from whichever files; not of what is only shown, such as meshes."""
+    import numpy as np
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray | np.generic):
