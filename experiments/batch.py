@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def own_output(args: argparse.Namespace) -> "Output":
-    """Where the tables of all logs belong; captions of other names and `--parameters` are for the single logs."""
+    """The folder and layout of the tables of all logs, without the captions and parameters meant for single logs."""
     from experiments.reports.batch_report import TABLES
 
     out = print_options.output_of(args)
@@ -198,7 +198,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
             _, remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in FULL:
-            raise InputError(f"{name}: its results cannot be written: {error}.") from None
+            raise InputError(f"{name}: {error}") from None
         return Outcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
     except Exception as error:
         # One log must not end the others; what is printed is for a report of the fault.

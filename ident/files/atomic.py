@@ -145,7 +145,7 @@ def unwritten(path: Path) -> Iterator[None]:
     reason of the innermost.
 
     Raises:
-        OSError: The block raised one.
+        OSError: The block raised one, of the same number.
     """
     try:
         yield
@@ -153,10 +153,12 @@ def unwritten(path: Path) -> Iterator[None]:
         reason = error
         while isinstance(reason.__cause__, OSError):
             reason = reason.__cause__
-        raise OSError(
+        sentence = OSError(
             f"'{path}' could not be written ({reason.strerror or reason}) and is as it was; "
             "make room or write elsewhere, and run again."
-        ) from reason
+        )
+        sentence.errno = reason.errno
+        raise sentence from reason
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ import pytest
 from experiments import batch, identify
 from experiments.data.batch import Outcome, spreads
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
-from ident.files.atomic import PARTIAL
+from ident.files.atomic import PARTIAL, unwritten
 
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
 
@@ -154,13 +154,15 @@ def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch
     def full(task, out):
         tries.append(task.name)
         if task.name == "run1" and len(tries) == 2:
-            raise OSError(errno.ENOSPC, "No space left on device")
+            with unwritten(out):
+                raise OSError(errno.ENOSPC, "No space left on device")
         return plain(task, out)
 
     monkeypatch.setattr(identify, "identified_from", full)
     command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     assert batch.main(command) == 2
-    assert "run1.csv: its results cannot be written: [Errno 28] No space left on device." in capsys.readouterr().err
+    shown = capsys.readouterr().err
+    assert "error: run1.csv: " in shown and "run1' could not be written (No space left on device)" in shown
     assert batch.main([*command, "--resume"]) == 0
     assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
 
