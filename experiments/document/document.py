@@ -13,6 +13,7 @@ from experiments.document.tabular import Table
 from experiments.document.terminal import wrapped
 from ident.errors import InputError
 from ident.geometry.inertia import body_of_parameter
+from ident.judgement.finding import line_of
 from ident.recordings.recording import Recording
 
 
@@ -66,7 +67,7 @@ class Document:
     def text(self) -> str:
         """Text for the terminal."""
         # The verdict counts doubts, so that they stand below it; the page has the other findings too.
-        doubts = [f"  ! {text}" for text, doubt in self.findings if doubt]
+        doubts = [line_of(text, doubt) for text, doubt in self.findings if doubt]
         tables = [table.text() for table in self.tables.values()]
         shown = [*tables, *filter(None, [self.verdict]), *doubts, *self.lines]
         return self.screen or wrapped("\n".join(shown))

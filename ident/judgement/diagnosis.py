@@ -7,6 +7,7 @@ from itertools import permutations, product
 import numpy as np
 from scipy import linalg
 
+from ident.estimation.accumulator import triangle_of
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.tree import Tree
 
@@ -107,7 +108,8 @@ def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarra
 
 def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:
     scale = _scale(predicted)
-    measured, predicted = np.hsplit(_triangle(np.hstack([measured, predicted])), 2)
+    # Combinations of few columns have the norms that those of their triangular factor have.
+    measured, predicted = np.hsplit(triangle_of(np.hstack([measured, predicted])), 2)
 
     def error(sign: int, R: np.ndarray) -> float:
         turn = sign * linalg.block_diag(R, R)
@@ -234,7 +236,7 @@ def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> Cont
     """
     force, moment = residual[:, :3], residual[:, 3:]
     R, p = T[:, :3, :3], T[:, :3, 3]
-    every = _triangle(np.column_stack([(-hat(force) @ R).reshape(-1, 3), (moment - np.cross(p, force)).ravel()]))
+    every = triangle_of(np.column_stack([(-hat(force) @ R).reshape(-1, 3), (moment - np.cross(p, force)).ravel()]))
     rows, target = every[:, :3], every[:, 3]
     point = _least_squares(rows, target)
     total, left = (moment**2).sum(), ((target - rows @ point) ** 2).sum()
@@ -243,11 +245,6 @@ def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> Cont
         near, aim = np.vstack([rows / pushed, np.eye(3) * CLOSE]), np.append(target / pushed, CLOSE * joint)
         distances.append(float(np.linalg.norm(aim - near @ _least_squares(near, aim))))
     return ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0, min(distances))
-
-
-def _triangle(columns: np.ndarray) -> np.ndarray:
-    """Few rows (≤ k, k) whose combinations of columns have the same norms as those of many rows (N, k)."""
-    return np.asarray(np.linalg.qr(columns, mode="r"))
 
 
 def _least_squares(rows: np.ndarray, target: np.ndarray) -> np.ndarray:

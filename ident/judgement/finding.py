@@ -53,7 +53,7 @@ class Finding:
     @property
     def line(self) -> str:
         """Line of a list in the terminal."""
-        return f"  {'!' if self.doubt else '-'} {self.text}"
+        return line_of(self.text, self.doubt)
 
     def to_dict(self) -> dict[str, Any]:
         """Code, values, doubt, place and sentence in JSON's types."""
@@ -82,3 +82,8 @@ def in_json(value: Any) -> Any:
 def doubts_first(findings: Iterable[Finding]) -> list[Finding]:
     """Findings with the doubts first, otherwise in their order."""
     return sorted(findings, key=lambda each: not each.doubt)
+
+
+def line_of(text: str, doubt: bool) -> str:
+    """Line of a finding's sentence in a list in the terminal."""
+    return f"  {'!' if doubt else '-'} {text}"
