@@ -185,7 +185,7 @@ class Study:
                 coefficients = fit.coefficients[k][: begun.spline.size]
                 at = coefficients, fit.theta, fit.noise
                 equations = normal_equations(joint.measurement, begun, *at, np.arange(len(fit.theta)))
-                self._begun[k, seconds] = equations.eliminated.schur
+                self._begun[k, seconds] = equations.eliminated.precision
         return self._begun[k, seconds]
 
     @cached_property

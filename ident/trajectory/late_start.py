@@ -69,8 +69,7 @@ def without_idle_delays(search: Search, refit: Refit, delays: Sequence[int]) -> 
 def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
     """Search with a delay, if the channels' noise is smaller with it."""
     fit, own = search.fit, np.arange(len(search.fit.theta)) == at
-    # Terms of the marginal likelihood are those of another motion, and pull without bound along what is hardly known.
-    start = replace(fit.end, theta=np.where(own, delay, fit.theta), marginal=None)
+    start = replace(fit.end, theta=np.where(own, delay, fit.theta))
     try:
         late = refit(start, fit.free | own, SEARCH_ROUNDS)
     except ExcitationError:

@@ -112,7 +112,6 @@ def _carried(stages: Stages, estimate: TrajectoryEstimate, values: Mapping[str, 
         shares=(),
         scatters=None,
         bounded=None,
-        marginal=None,
     )
     estimate = replace(estimate.with_fit(fit), measurement=stages.measured(estimate.reversals), setup=stages.setup)
     return replace(estimate, search=replace(estimate.search, deviations=stages.stated))

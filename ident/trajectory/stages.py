@@ -268,7 +268,7 @@ class Stages:
             rates = [speeds(self.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
             pieces = estimate.reversals.opened(pieces, rates)
         begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
-        begun = replace(begun, marginal=None, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
+        begun = replace(begun, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
         begun = replace(begun, free=begun.free | self._is_drive)
         return self._refitted(replace(estimate.with_fit(begun), counts=counts), coloured=estimate.coloured)
 

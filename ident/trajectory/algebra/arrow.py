@@ -1,8 +1,14 @@
 """Normal equations of a trajectory and of θ: block tridiagonal in time, with a border.
 
-    [A  B ] [δc]   [b]           A = L Lᵀ block tridiagonal
-    [Bᵀ D ] [δθ] = [d]           (D - Bᵀ A⁻¹ B) δθ = d - Bᵀ A⁻¹ b,     δc = A⁻¹ b - A⁻¹ B δθ
+    [A  B ] [δc]   [b]           A = Jᵀ W J + λP = L Lᵀ block tridiagonal
+    [Bᵀ D ] [δθ] = [d]           δc = A⁻¹ b - F δθ,      F = A⁻¹ B
 
+The trajectory minimises misfit plus penalty at every θ, and θ the misfit alone along these trajectories (generalised
+profiling: Ramsay, Hooker, Campbell and Cao, JRSS B 69, 2007, doi:10.1111/j.1467-9868.2007.00610.x):
+
+    (D - Bᵀ F - Fᵀ λP F) δθ = d - Bᵀ A⁻¹ b - Fᵀ λP (c + A⁻¹ b)
+
+With the penalty in both, a smaller motion of larger inertia costs less, and θ is biased by several standard deviations.
 Each row depends on a window of seven spline functions, so that A and B are sums over windows.
 """
 
@@ -23,17 +29,19 @@ class Eliminated(NamedTuple):
     """Normal equations of θ with the trajectory eliminated.
 
     Attributes:
-        schur: Precision of θ, `D - Bᵀ A⁻¹ B` (p, p).
-        gradient: Right side, `d - Bᵀ A⁻¹ b` (p,).
+        precision: Precision of θ, `D - Bᵀ F - Fᵀ λP F` (p, p).
+        gradient: Right side, `d - Bᵀ A⁻¹ b - Fᵀ λP (c + A⁻¹ b)` (p,).
         step: Step of the coefficients at fixed θ, `A⁻¹ b` (size n,).
-        by_theta: Decrease of that step by a step of θ, `A⁻¹ B` (size n, p).
+        by_theta: Decrease of that step by a step of θ, F (size n, p).
+        penalty: The penalty's part of the right side, `Fᵀ λP (c + A⁻¹ b)` (p,), and of the precision, `Fᵀ λP F` (p, p).
         factors: Cholesky factors of A for each component of the coordinates, with its coordinates.
     """
 
-    schur: np.ndarray
+    precision: np.ndarray
     gradient: np.ndarray
     step: np.ndarray
     by_theta: np.ndarray
+    penalty: tuple[np.ndarray, np.ndarray]
     factors: tuple[tuple[np.ndarray, Factor], ...]
 
     def solved(self, right: np.ndarray) -> np.ndarray:
@@ -48,11 +56,6 @@ class Eliminated(NamedTuple):
             out[:, coordinates] = solution[1 : len(right) + 1]
         return out.reshape(-1, k)
 
-    @property
-    def log_determinant(self) -> float:
-        """log det A."""
-        return sum(factor.log_determinant for _, factor in self.factors)
-
 
 def joined(parts: Sequence[tuple[np.ndarray, np.ndarray, Eliminated]], coordinates: int, parameters: int) -> Eliminated:
     """Normal equations of several components of the coordinates.
@@ -66,14 +69,17 @@ def joined(parts: Sequence[tuple[np.ndarray, np.ndarray, Eliminated]], coordinat
     if len(parts) == 1 and len(parts[0][1]) == p:
         return parts[0][2]
     size = len(parts[0][2].step) // len(parts[0][0])
-    schur, gradient, step, by_theta = np.zeros((p, p)), np.zeros(p), np.zeros((size, n)), np.zeros((size, n, p))
+    precision, gradient, step, by_theta = np.zeros((p, p)), np.zeros(p), np.zeros((size, n)), np.zeros((size, n, p))
+    pull, bend = np.zeros(p), np.zeros((p, p))
     for own, columns, part in parts:
-        schur[np.ix_(columns, columns)] += part.schur
+        precision[np.ix_(columns, columns)] += part.precision
         gradient[columns] += part.gradient
         step[:, own] = part.step.reshape(size, -1)
         by_theta[:, own[:, None], columns] = part.by_theta.reshape(size, len(own), -1)
+        pull[columns] += part.penalty[0]
+        bend[np.ix_(columns, columns)] += part.penalty[1]
     factors = tuple((own[inner], factor) for own, _, part in parts for inner, factor in part.factors)
-    return Eliminated(schur, gradient, step.ravel(), by_theta.reshape(size * n, p), factors)
+    return Eliminated(precision, gradient, step.ravel(), by_theta.reshape(size * n, p), (pull, bend), factors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,20 +251,21 @@ class Arrow:
                 self._corner[at, at] += (t**2).sum()
                 self._below[at] += (t * y).sum()
 
-    def add_penalty(self, jerk: np.ndarray, coefficients: np.ndarray) -> None:
-        """Adds the prior `Σ_j λ_j ∫ x⃛_j² dt` with λ (n,) at coefficients (size, n)."""
+    def eliminated(self, jerk: np.ndarray, coefficients: np.ndarray) -> Eliminated:
+        """Normal equations of θ with the trajectory eliminated.
+
+        Args:
+            jerk: λ of each coordinate in the penalty `Σ_j λ_j ∫ x⃛_j² dt` (n,).
+            coefficients: Spline coefficients c (size, n).
+
+        Raises:
+            numpy.linalg.LinAlgError: Rows and penalty together do not determine the trajectory.
+        """
+        intervals, _, n = self._right.shape
         P = self.spline.penalty
         for j, weight in enumerate(jerk):
             self._normal[:, 1:, j, 1:, j] += weight * P
         self._right[:, 1:] -= jerk * (P @ self.spline.windows(coefficients))
-
-    def eliminated(self) -> Eliminated:
-        """Normal equations of θ with the trajectory eliminated.
-
-        Raises:
-            numpy.linalg.LinAlgError: Rows and prior together do not determine the trajectory.
-        """
-        intervals, _, n = self._right.shape
         factor = BlockTridiagonal.of_windows(self._normal.reshape(intervals, WINDOW * n, WINDOW * n)).factored()
         blocks = len(factor.diagonal)
         right = np.zeros((blocks * LOCAL, n, self._border.shape[2] + 1))
@@ -268,11 +275,15 @@ class Arrow:
         gram = stacked(half).T @ stacked(half)
         # The first function and those that pad the last block belong to no window.
         whole = stacked(factor.solve_transposed(half))[n : n + self.spline.size * n]
+        step, by_theta = whole[:, -1].copy(), whole[:, :-1]
+        stiff = self.spline.penalised(by_theta, jerk)
+        pull, bend = stiff.T @ (coefficients.ravel() + step), stiff.T @ by_theta
         return Eliminated(
-            schur=self._corner - gram[:-1, :-1],
-            gradient=self._below - gram[:-1, -1],
-            step=whole[:, -1].copy(),
-            by_theta=whole[:, :-1],
+            precision=self._corner - gram[:-1, :-1] - bend,
+            gradient=self._below - gram[:-1, -1] - pull,
+            step=step,
+            by_theta=by_theta,
+            penalty=(pull, bend),
             factors=((np.arange(n), factor),),
         )
 

@@ -128,8 +128,3 @@ class Factor:
             inside = slice(offset * n, (offset + WINDOW) * n)
             windows[offset::LOCAL] = pairs[: len(windows[offset::LOCAL]), inside, inside]
         return windows
-
-    @property
-    def log_determinant(self) -> float:
-        """log det A."""
-        return 2 * float(np.log(np.einsum("kii->ki", self.diagonal)).sum())

@@ -11,6 +11,7 @@ from math import comb, factorial
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 DEGREE = 5
 LOCAL = DEGREE + 1
@@ -126,6 +127,20 @@ class Spline:
     def penalty(self) -> np.ndarray:
         """P of one interval such that `∫ x⃛² dt = cᵀ P c` (6, 6)."""
         return self.penalty_root.T @ self.penalty_root
+
+    @cached_property
+    def _penalty_of_all(self) -> sparse.csr_matrix:
+        """P of all intervals (size, size)."""
+        out = np.zeros((2 * LOCAL - 1, self.size))
+        for a in range(LOCAL):
+            for b in range(LOCAL):
+                out[LOCAL - 1 + b - a, b : b + self.intervals] += self.penalty[a, b]
+        return sparse.dia_matrix((out, np.arange(1 - LOCAL, LOCAL)), shape=(self.size, self.size)).tocsr()
+
+    def penalised(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
+        """`λ P c`, half the gradient of the penalty `Σ_j λ_j ∫ x⃛_j² dt`, of coefficients c with λ (n,) (size n, k)."""
+        scaled = coefficients.reshape(self.size, len(jerk), -1) * jerk[:, None]
+        return np.asarray(self._penalty_of_all @ scaled.reshape(self.size, -1)).reshape(coefficients.shape)
 
     def squared_jerk(self, coefficients: np.ndarray) -> np.ndarray:
         """`∫ x⃛² dt` (n,) of splines with coefficients (size, n)."""

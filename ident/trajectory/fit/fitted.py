@@ -43,34 +43,11 @@ class Start:
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
         coefficients: Spline coefficients of every piece (size, n).
-        marginal: Terms of θ's marginal likelihood, None if not computed yet.
     """
 
     theta: np.ndarray
     noise: Noise
     coefficients: Sequence[np.ndarray]
-    marginal: "Marginal | None" = None
-
-    @property
-    def pulls(self) -> Sequence[np.ndarray]:
-        """Terms of the marginal likelihood of every piece, empty if not computed yet."""
-        return self.marginal.pulls if self.marginal else ()
-
-
-class Marginal(NamedTuple):
-    """Terms that the marginal likelihood of θ adds to the gradient.
-
-    Attributes:
-        pulls: Term of every piece, subtracted from its right side (p,).
-        theta: Parameters at which they were computed (p,).
-        noise: Noise with which they were computed.
-        whole: False if they went only part of the way from the previous terms.
-    """
-
-    pulls: Sequence[np.ndarray]
-    theta: np.ndarray
-    noise: Noise
-    whole: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +70,6 @@ class TrajectoryFit:
         scatters: Covariance of every piece's right side under the estimated noise (p, p); None for that of the working
             model, which is its precision.
         bounded: Mask of the parameters at a bound (p,), None for none.
-        marginal: Terms of the marginal likelihood of θ, which the shares include.
     """
 
     names: Sequence[str]
@@ -109,12 +85,11 @@ class TrajectoryFit:
     status: str
     scatters: Sequence[np.ndarray] | None = None
     bounded: np.ndarray | None = None
-    marginal: Marginal | None = None
 
     @property
     def end(self) -> Start:
         """End point, as a warm start for another fit of the same pieces."""
-        return Start(self.theta, self.noise, self.coefficients, self.marginal)
+        return Start(self.theta, self.noise, self.coefficients)
 
     @property
     def counted(self) -> np.ndarray:

@@ -2,10 +2,10 @@
 
 minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
 
-over spline coefficients c and parameters θ by Gauss-Newton steps; the gradient of θ includes the terms of its marginal
-likelihood (`ident.trajectory.fit.marginal_likelihood`). After each step, noise and smoothness are updated by
-restricted maximum likelihood (`ident.trajectory.fit.restricted_likelihood`). Ordered by time the curvature is banded,
-with a border for θ; pieces share only θ, so that their Schur complements add.
+over spline coefficients c by Gauss-Newton steps, and over parameters θ the same without the third term, along the
+trajectories that minimise all (generalised profiling, `ident.trajectory.algebra.arrow`). After each step, noise and
+smoothness are updated by restricted maximum likelihood (`ident.trajectory.fit.restricted_likelihood`). Ordered by time
+the curvature is banded, with a border for θ; pieces share only θ, so that their precisions add.
 """
 
 import pickle
@@ -17,13 +17,11 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from ident.trajectory.fit.fitted import Marginal, Prior, Start, TrajectoryFit
-from ident.trajectory.fit.marginal_likelihood import pull
+from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
-from ident.trajectory.fit.piece_equations import Linearised, Misfit, NormalEquations, misfit, normal_equations
+from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
-from ident.trajectory.fit.response import Response
-from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened_noise, renewed, strides
+from ident.trajectory.fit.restricted_likelihood import Stride, hastened_noise, renewed, strides
 
 ROUNDS = 60
 """Largest number of rounds of the iteration."""
@@ -52,18 +50,6 @@ SETTLED_NOISE = 0.02
 SETTLED_EXPLORING = 0.005
 """Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
 by which knots are chosen."""
-
-DRIFTED, DRIFTED_NOISE = 0.5, 0.1
-"""Changes of θ, in its standard deviations, and of the log of the noise's standard deviations, from which the terms of
-the marginal likelihood are computed again."""
-
-DRAWN = 2000
-"""Samples of random trajectories that give the terms of the marginal likelihood: to a tenth of a standard deviation for
-a pendulum, to half of one for a person of 45 coordinates."""
-
-FARTHEST = 1.0
-"""Largest step of θ, in its standard deviations, that a change of these terms may cause at once: they are not
-linear."""
 
 COLOURED = 3
 """Round after which noise that was white at the start may be correlated, earlier if θ has nearly converged: while the
@@ -125,27 +111,24 @@ def fit(
     """
     every = [np.arange(len(free))] * len(pieces)
     run = map if executor is None else executor.map
-    shared = measurement if executor is None else cast(Predictor, _Sent(measurement))
-    problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
+    sent = measurement if executor is None else cast(Predictor, _Sent(measurement))
+    problem = _Problem(sent, pieces, prior, free, names or measurement.names, selections or every, run)
     iteration = _Iteration(problem, coloured, kept, explore, settled, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
-    shares = list[tuple[np.ndarray, np.ndarray]]()
-    if len(free) and not (explore and status != "interrupted"):
-        at, shares = problem.shared(at)
+    shared = bool(len(free)) and not (explore and status != "interrupted")
     return TrajectoryFit(
         problem.names,
         problem.selections,
         prior,
         at.theta,
-        shares,
+        problem.shares(at) if shared else [],
         free,
         at.noise,
         at.coefficients,
         pieces,
         tuple(iteration.trace),
         status,
-        marginal=at.marginal,
     )
 
 
@@ -178,12 +161,8 @@ class _Iteration:
         fitted, root = np.flatnonzero(self._problem.free), None
         try:
             for _ in range(rounds):
-                drifted = not self._explore and self._problem.drifted(self.at, root)
-                parts, pulls = self._problem.linearised(self.at, fitted, root, drawn=drifted)
+                parts = self._problem.linearised(self.at, fitted, root)
                 root = self._problem.root(parts)
-                if drifted:
-                    part = 0.5 if self._leads_back else 1.0
-                    self.at = replace(self.at, marginal=self._problem.marginal(self.at, root, pulls, part))
                 status = self._round(parts, root)
                 if report:
                     report(len(self.trace) - 1, self.trace[-1])
@@ -254,53 +233,29 @@ class _Problem:
     selections: Sequence[np.ndarray]
     run: Callable[..., Iterable[Any]]
 
-    def linearised(
-        self, at: Start, wanted: np.ndarray, root: np.ndarray | None, *, drawn: bool
-    ) -> tuple[list[Linearised], list[np.ndarray]]:
+    def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None) -> list[Linearised]:
         """Normal equations of every piece for some entries of θ, trajectories eliminated, other entries fixed.
 
         Args:
             at: Point of linearisation.
             wanted: Indices of these entries (k,).
             root: Root of their covariance (k, k), if known.
-            drawn: True to compute the terms of the marginal likelihood as well.
         """
-        work = partial(_linearised, self.measurement, at.noise, wanted, root, self._draws if drawn else 0)
-        parts, pulls = zip(*self._run(work, at, self.selections, range(len(self.pieces))), strict=True)
-        return list(parts), list(pulls)
+        return list(self._run(partial(_linearised, self.measurement, at.noise, wanted, root), at, self.selections))
 
-    def shared(self, at: Start) -> tuple[Start, list[tuple[np.ndarray, np.ndarray]]]:
-        """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them.
-
-        Returns:
-            The point with the marginal likelihood's terms of fixed parameters as well, and the shares.
-        """
-        work = partial(_share, self.measurement, at.noise, self._draws if at.marginal else 0)
-        every = list(self._run(work, at, range(len(self.pieces))))
-        if at.marginal:
-            kept = zip(self.selections, at.pulls, every, strict=True)
-            pulls = [np.where(self.free[place], old, new[2]) for place, old, new in kept]
-            at = replace(at, marginal=at.marginal._replace(pulls=pulls))
+    def shares(self, at: Start) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them."""
         out, p = [], len(self.free)
-        for (schur, gradient, _), place, pulled in zip(every, self.selections, self.spread(at.pulls), strict=True):
-            precision, right = np.zeros((p, p)), -pulled
-            precision[np.ix_(place, place)] = schur
-            right[place] += gradient
+        every = self._run(partial(_share, self.measurement, at.noise), at)
+        for (own, gradient), place in zip(every, self.selections, strict=True):
+            precision, right = np.zeros((p, p)), np.zeros(p)
+            precision[np.ix_(place, place)], right[place] = own, gradient
             out.append((precision, right))
-        return at, out
+        return out
 
     def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
         """Results of a function of each piece, its coefficients and parameters, and more."""
-        return self.run(work, self.pieces, at.coefficients, self._own(at.theta), *more)
-
-    @property
-    def _draws(self) -> int:
-        """Number of random trajectories of each piece."""
-        return -(-DRAWN // sum(len(piece.when) for piece in self.pieces))
-
-    def _own(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Parameters of each piece."""
-        return [theta[own] for own in self.selections]
+        return self.run(work, self.pieces, at.coefficients, [at.theta[own] for own in self.selections], *more)
 
     def root(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Root of the covariance of the fitted parameters (k, k)."""
@@ -309,7 +264,7 @@ class _Problem:
 
     def step(self, at: Start, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
         """Gauss-Newton step of θ (p,), from a root of the covariance of the fitted parameters (k, k)."""
-        pulled = -self.prior.precision @ (at.theta - self.prior.mean) - sum(self.spread(at.pulls))
+        pulled = -self.prior.precision @ (at.theta - self.prior.mean)
         gradient = sum((part.gradient for part in parts), start=pulled[self.free])
         step = np.zeros_like(at.theta)
         step[self.free] = root @ (root.T @ gradient)
@@ -317,7 +272,7 @@ class _Problem:
 
     def precision(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Precision of the fitted parameters, prior included (k, k)."""
-        return sum((part.schur for part in parts), start=self.prior.precision[np.ix_(self.free, self.free)])
+        return sum((part.precision for part in parts), start=self.prior.precision[np.ix_(self.free, self.free)])
 
     def smoothest(self, noise: Noise) -> np.ndarray:
         """Largest λ with which the equations can be solved (n,): that of a resting coordinate would be infinite."""
@@ -329,14 +284,16 @@ class _Problem:
     ) -> tuple[Start, list[Misfit]]:
         """Point after a step that lowers the cost, halved as often as needed, and misfits there.
 
-        The point is `at` itself if no step length lowers the cost.
+        Of the penalty, the part that θ leaves out counts for the motion alone: it is taken from the cost to second
+        order in θ. The point is `at` itself if no step length lowers the cost.
         """
-        before = self._whole(parts, at)
-        size = 1.0
+        before, size, own = self._whole(parts, at), 1.0, step[self.free]
+        pull = sum(float(part.penalty[0] @ own) for part in parts)
+        bend = sum(float(own @ part.penalty[1] @ own) for part in parts)
         while size >= SMALLEST_STEP:
             moved = _moved(at, size, step, moves)
             misfits = self._misfits(moved)
-            if self._whole(misfits, moved) <= before * (1 + 1e-12):
+            if self._whole(misfits, moved) + size * (2 * pull - size * bend) <= before * (1 + 1e-12):
                 return moved, misfits
             size /= 2
         return at, self._misfits(at)
@@ -348,48 +305,7 @@ class _Problem:
     def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
         """Cost of all pieces and of θ."""
         off = at.theta - self.prior.mean
-        of_theta = off @ self.prior.precision @ off + 2 * off @ sum(self.spread(at.pulls))
-        return sum(each.cost for each in parts) + float(of_theta)
-
-    def drifted(self, at: Start, root: np.ndarray | None) -> bool:
-        """True if the marginal likelihood's terms are missing, or θ or the noise has moved since they were computed.
-
-        Args:
-            at: Current point.
-            root: Root of the covariance of the fitted parameters (k, k), None in the first round.
-        """
-        if not len(self.free) or not len(at.noise.channels):
-            return False
-        if at.marginal is None or not at.marginal.whole or at.noise.change(at.marginal.noise) > DRIFTED_NOISE:
-            return True
-        if root is None:
-            return False
-        moved = np.abs(at.theta - at.marginal.theta)[self.free] / np.linalg.norm(root, axis=1)
-        return bool(moved.max(initial=0) > DRIFTED)
-
-    def marginal(self, at: Start, root: np.ndarray, pulls: Sequence[np.ndarray], part: float) -> Marginal:
-        """Terms that the marginal likelihood of θ adds to the gradient.
-
-        Args:
-            at: Point at which they were computed.
-            root: Root of the covariance of the fitted parameters (k, k).
-            pulls: Term of every piece.
-            part: Step length from the previous terms to the new ones, shortened where θ would move too far.
-        """
-        old = at.pulls or [np.zeros(len(own)) for own in self.selections]
-        changes = [new - was for new, was in zip(pulls, old, strict=True)]
-        change = np.sum(self.spread(changes), axis=0)[self.free]
-        far = np.abs(root @ (root.T @ change)) / np.linalg.norm(root, axis=1)
-        part *= min(1.0, FARTHEST / max(far.max(initial=0), TINIEST))
-        pulls = [was + part * each for was, each in zip(old, changes, strict=True)]
-        return Marginal(pulls, at.theta, at.noise, part == 1)
-
-    def spread(self, pulls: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Terms of every piece at the indices of its parameters in θ, zero if not computed yet (p,)."""
-        out = [np.zeros(len(self.free)) for _ in self.pieces]
-        for whole, own, pulled in zip(out, self.selections, pulls, strict=False):
-            whole[own] = pulled
-        return out
+        return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
 
 
 def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
@@ -397,39 +313,11 @@ def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np
 
 
 def _share(
-    measurement: Predictor,
-    noise: Noise,
-    draws: int,
-    piece: Piece,
-    coefficients: np.ndarray,
-    theta: np.ndarray,
-    seed: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Precision, right side and term of the marginal likelihood, zero without draws, of all of a piece's θ."""
-    every = np.arange(len(theta))
-    equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
-    pulled = _pull(equations, measurement, noise, draws, piece, coefficients, theta, seed, every)
-    return equations.eliminated.schur, equations.eliminated.gradient, pulled
-
-
-def _pull(
-    equations: NormalEquations,
-    measurement: Predictor,
-    noise: Noise,
-    draws: int,
-    piece: Piece,
-    coefficients: np.ndarray,
-    theta: np.ndarray,
-    seed: int,
-    columns: np.ndarray,
-) -> np.ndarray:
-    """Term of the marginal likelihood from the equations for some entries of θ, zero for others or without draws."""
-    out = np.zeros(len(theta))
-    if draws:
-        here = Response.of(equations, measurement.zeros, columns, piece, noise)
-        random = np.random.default_rng(seed)
-        out[columns] = pull(here, measurement, noise, piece, coefficients, theta, columns, draws, random)
-    return out
+    measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Precision and right side of all of a piece's θ."""
+    equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
+    return equations.eliminated.precision, equations.eliminated.gradient
 
 
 def _linearised(
@@ -437,26 +325,24 @@ def _linearised(
     noise: Noise,
     wanted: np.ndarray,
     root: np.ndarray | None,
-    draws: int,
     piece: Piece,
     coefficients: np.ndarray,
     theta: np.ndarray,
     own: np.ndarray,
-    seed: int,
-) -> tuple[Linearised, np.ndarray]:
-    """Linearised piece, derivatives by its own θ placed among the wanted entries, and its term of `_pull`."""
+) -> Linearised:
+    """Linearised piece, derivatives by its own θ placed among the wanted entries."""
     columns = np.flatnonzero(np.isin(own, wanted))
     place = np.searchsorted(wanted, own[columns])
-    equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
     mine = np.zeros((len(columns), 0)) if root is None else root[place]
-    part = equations.linearised(piece.spline, coefficients, noise, mine)
-    pulled = _pull(equations, measurement, noise, draws, piece, coefficients, theta, seed, columns)
+    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns, root=mine)
     if len(columns) == len(wanted):
-        return part, pulled
-    schur, gradient = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
-    by_theta = np.zeros((len(part.by_theta), len(wanted)))
-    schur[np.ix_(place, place)], gradient[place], by_theta[:, place] = part.schur, part.gradient, part.by_theta
-    return part._replace(schur=schur, gradient=gradient, by_theta=by_theta), pulled
+        return part
+    k, both = len(wanted), np.ix_(place, place)
+    precision, gradient, by_theta = np.zeros((k, k)), np.zeros(k), np.zeros((len(part.by_theta), k))
+    pull, bend = np.zeros(k), np.zeros((k, k))
+    precision[both], gradient[place], by_theta[:, place] = part.precision, part.gradient, part.by_theta
+    pull[place], bend[both] = part.penalty
+    return part._replace(precision=precision, gradient=gradient, by_theta=by_theta, penalty=(pull, bend))
 
 
 def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:

@@ -138,19 +138,21 @@ class _Draws:
         fit, rng = self.fit, np.random.default_rng(SEED)
         number = (2 * len(self.times) + 1) * DRAWS
         right = np.zeros((len(fit.theta), number))
-        pulls, drawn = [], []
+        steps, drawn = [], []
         for k, here in zip(self.chosen, self.responses, strict=True):
             noise = [self._noise(rng, stream) for stream in here.streams]
             c, theta = here.adjoint([stream.weights(x) for stream, x in zip(here.streams, noise, strict=True)])
-            c[:, -DRAWS:] -= fit.pieces[k].spline.penalty_scores(rng, fit.noise.jerk, DRAWS)
             right[fit.selections[k]] += theta - here.follows.T @ c
-            pulls.append(c)
+            c[:, -DRAWS:] -= fit.pieces[k].spline.penalty_scores(rng, fit.noise.jerk, DRAWS)
+            c = here.solved(c)
+            right[fit.selections[k]] -= here.stiff.T @ c
+            steps.append(c)
             drawn.append(noise)
         inverse = embedded(inverse_of_precision(fit.precision[np.ix_(fit.free, fit.free)]), fit.free)
         step, out = inverse @ right, []
-        for k, here, noise, c in zip(self.chosen, self.responses, drawn, pulls, strict=True):
+        for k, here, noise, c in zip(self.chosen, self.responses, drawn, steps, strict=True):
             own = step[fit.selections[k]]
-            moved = here.signals(here.solved(c) - here.follows @ own, own)
+            moved = here.signals(c - here.follows @ own, own)
             out.append([x - y for x, y in zip(noise, moved, strict=True)])
         return out
 

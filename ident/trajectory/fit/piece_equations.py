@@ -44,19 +44,21 @@ class Linearised(NamedTuple):
 
     Attributes:
         cost: Cost at the point of linearisation, as in `Misfit`.
-        schur: Precision of θ (p, p).
+        precision: Precision of θ (p, p).
         gradient: Right side (p,).
         step: Step of the coefficients at fixed θ (size n,).
         by_theta: Change with a step of θ, `step - by_theta @ δθ` (size n, p).
+        penalty: The penalty's parts of right side (p,) and precision (p, p), which θ leaves out, as in `Eliminated`.
         taken: Absorbed degrees of freedom of innovations and of their halves; zero for halves where ρ is zero (3, s).
         held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
     """
 
     cost: float
-    schur: np.ndarray
+    precision: np.ndarray
     gradient: np.ndarray
     step: np.ndarray
     by_theta: np.ndarray
+    penalty: tuple[np.ndarray, np.ndarray]
     taken: np.ndarray
     held: np.ndarray
 
@@ -228,10 +230,11 @@ class NormalEquations(NamedTuple):
         taken, held = self.taken(root, spline)
         return Linearised(
             cost=_cost(self.innovations, noise, spline.squared_jerk(coefficients)),
-            schur=self.eliminated.schur,
+            precision=self.eliminated.precision,
             gradient=self.eliminated.gradient,
             step=self.eliminated.step,
             by_theta=self.eliminated.by_theta,
+            penalty=self.eliminated.penalty,
             taken=taken,
             held=noise.jerk * held,
         )
@@ -287,8 +290,8 @@ def normal_equations(
             of_group.add_to(arrow)
         for of_kind in state_rows.values():
             of_kind.add_to(arrow)
-        arrow.add_penalty(noise.jerk[coordinates], coefficients[:, coordinates])
-        parts.append(ComponentEquations(component, arrow.eliminated(), rows, state_rows))
+        eliminated = arrow.eliminated(noise.jerk[coordinates], coefficients[:, coordinates])
+        parts.append(ComponentEquations(component, eliminated, rows, state_rows))
     whole = joined([(*part.component[:2], part.eliminated) for part in parts], coefficients.shape[1], len(columns))
     return NormalEquations(whole, parts, channels, states)
 

@@ -1,10 +1,15 @@
 """Linear response of a piece of the trajectory estimate to noise: changes of the estimate, and residuals.
 
-    [A  B ] [δc]   [Jᵀ W ε]
-    [Bᵀ D ] [δθ] = [Tᵀ W ε]                  r = ε - J δc - T δθ,        R = T - J A⁻¹ B
+    δc = A⁻¹ (Jᵀ W ε - λP c) - F δθ,         r = ε - J δc - T δθ,        F = A⁻¹ B
 
 J and T are the derivatives of all streams by the spline coefficients c and by θ, W the weights, which may be those of
-autocorrelated noise. R are the rows of θ with the trajectory eliminated: δθ = P⁻¹ Rᵀ W ε.
+autocorrelated noise. θ minimises the misfit along the trajectories c(θ):
+
+    δθ = P⁻¹ (Rᵀ W ε + Mᵀ λP c),             R = T - J (F + M),          M = A⁻¹ λP F
+
+R are the rows of θ with the trajectory eliminated, and M is what the smoothness takes of the motion c. With the penalty
+in the cost of θ as well, it would take F: the correction is of second order (twicing; Newey, Hsieh and Robins,
+Econometrica 72, 2004, doi:10.1111/j.1468-0262.2004.00518.x).
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,6 +21,7 @@ from scipy import sparse
 
 from ident.trajectory.algebra.arrow import Eliminated, stacked, transposed
 from ident.trajectory.algebra.nodes import Nodes
+from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import NormalEquations, normal_equations
@@ -125,13 +131,15 @@ class Response:
         streams: Coordinates by order of the derivative, then channels.
         zeros: Columns of the coordinates' zeros, by coordinate.
         eliminated: Normal equations with the trajectory eliminated.
-        coordinates: Number of coordinates n.
+        spline: Spline space of the trajectory.
+        jerk: λ of each coordinate (n,).
     """
 
     streams: Sequence[Stream]
     zeros: dict[int, int]
     eliminated: Eliminated
-    coordinates: int
+    spline: Spline
+    jerk: np.ndarray
 
     @classmethod
     def of(
@@ -158,17 +166,32 @@ class Response:
             bases = sampling.matrices
             streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, *by))
         own = {j: int(np.searchsorted(columns, at)) for j, at in zeros.items() if at in columns}
-        coordinates = piece.states[0].shape[1]
-        return cls(streams, own if 0 in equations.states else {}, equations.eliminated, coordinates)
+        zeros = own if 0 in equations.states else {}
+        return cls(streams, zeros, equations.eliminated, piece.spline, noise.jerk)
 
     @property
     def follows(self) -> np.ndarray:
-        """A⁻¹ B (size n, p)."""
+        """F (size n, p)."""
         return self.eliminated.by_theta
+
+    @cached_property
+    def stiff(self) -> np.ndarray:
+        """λP F (size n, p)."""
+        return self.spline.penalised(self.follows, self.jerk)
+
+    @cached_property
+    def smoothed(self) -> np.ndarray:
+        """M (size n, p)."""
+        return self.solved(self.stiff)
+
+    @property
+    def scatter_of_motion(self) -> np.ndarray:
+        """Covariance `Mᵀ λP M` of the right side of θ due to a motion of covariance `(λP)⁻¹` (p, p)."""
+        return self.smoothed.T @ self.spline.penalised(self.smoothed, self.jerk)
 
     def rows(self) -> list[np.ndarray]:
         """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""
-        return self.signals(-self.follows, None)
+        return self.signals(-self.follows - self.smoothed, None)
 
     def signals(self, coefficients: np.ndarray, theta: np.ndarray | None) -> list[np.ndarray]:
         """`J c + T θ` of every stream (N, s, k).
@@ -177,7 +200,7 @@ class Response:
             coefficients: Coefficients c (size n, k).
             theta: Parameters θ (p, k); None for the unit matrix.
         """
-        n, k = self.coordinates, coefficients.shape[1]
+        n, k = len(self.jerk), coefficients.shape[1]
         flat, out = coefficients.reshape(-1, n * k), []
         for stream in self.streams:
             moved = [(basis @ flat).reshape(-1, n, k) for basis in stream.bases]
@@ -195,8 +218,8 @@ class Response:
 
     def adjoint(self, signals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """`Jᵀ y` (size n, k) and `Tᵀ y` (p, k) for signals y (N, s, k) of every stream."""
-        n, k = self.coordinates, signals[0].shape[2]
-        size = len(self.follows) // n
+        n, k = len(self.jerk), signals[0].shape[2]
+        size = self.spline.size
         c, theta = np.zeros((size, n * k)), np.zeros((self.follows.shape[1], k))
         for stream, y in zip(self.streams, signals, strict=True):
             pulled = y

@@ -1,8 +1,9 @@
 """Sandwich covariance of the trajectory estimate, valid if the fit's noise model is wrong.
 
-    cov θ = P⁻¹ M P⁻¹,        M = P - Σ Rᵀ W R + Σ (W R)ᵀ Γ (W R)
+    cov θ = P⁻¹ M P⁻¹,        M = prior + Σ Mᵀ λP M + Σ (W R)ᵀ Γ (W R)
 
-P is the precision of θ under the working model, W its weights, R the rows of θ with the trajectory eliminated, and Γ
+P is the precision of θ, W the weights of the working model, R the rows of θ and M what the smoothness takes of the
+motion (`ident.trajectory.fit.response`), and Γ
 the covariance of the noise estimated independently of the weights (`ident.trajectory.fit.noise_colours`). Working
 weights with such a covariance are those of generalised estimating equations (Liang and Zeger, Biometrika 73, 1986,
 doi:10.1093/biomet/73.1.13).
@@ -33,7 +34,7 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
         if k and not _goes_on(fit, k):
             tails = _Tails()
         here = responses.pop(k, None) or response(measurement, piece, fit.coefficients[k], fit.theta[own], fit.noise)
-        scatter = np.zeros((len(own), len(own)))
+        scatter = here.scatter_of_motion
         for which, (stream, rows) in enumerate(zip(here.streams, here.rows(), strict=True)):
             pulls = stream.weights(rows)
             if stream.slack is not None:
@@ -46,11 +47,10 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
                 ],
                 axis=1,
             )
-            halves -= 0.5 * rows
             across = stacked(pulls).T @ stacked(halves)
             scatter += across + across.T
-        whole = fit.shares[k][0].copy()
-        whole[np.ix_(own, own)] += scatter
+        whole = np.zeros_like(fit.shares[k][0])
+        whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
     return replace(fit, scatters=scatters)
 
