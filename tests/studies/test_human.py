@@ -94,7 +94,7 @@ def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured(
         states = np.where(there[:, None], piece.states[0], np.nan), None, None
         unmeasured = replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
         whole = linearised(joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
-        study._begun[k, 1.2] = whole.schur
+        study._begun[k, 1.2] = whole.precision
         assert beginning(piece, 1.2).spline.intervals < piece.spline.intervals
     np.testing.assert_allclose(variances, np.diag(study._covariance([1.2, 1.2])), rtol=1e-3)
 

@@ -16,7 +16,7 @@ from ident.estimation.setup import SetupParameter
 from ident.model.regressor import base_wrench_regressor
 from ident.setup import PRIORS
 from ident.trajectory import late_start
-from ident.trajectory.fit.fitted import Marginal, Prior, Start
+from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.pieces import cut
@@ -119,17 +119,17 @@ def test_a_fit_that_diverges_is_refused_in_a_sentence():
         root_of_inverse(np.diag([1.0, np.nan]))
 
 
-def test_a_long_delay_is_tried_without_terms_of_another_motion_and_not_taken_if_the_fit_diverges(monkeypatch):
+def test_a_long_delay_is_not_taken_if_the_fit_diverges(monkeypatch):
     at, begun = 1, []
-    end = Start(np.zeros(2), None, [], Marginal([np.full(2, 1e6)], np.zeros(2), None, True))
+    end = Start(np.zeros(2), None, [])
     search = SimpleNamespace(
         fit=SimpleNamespace(theta=end.theta, free=np.array([True, False]), end=end, status="converged")
     )
 
     def refit(start, free, rounds):
-        begun.append((start.marginal, start.theta.tolist(), free.tolist()))
+        begun.append((start.theta.tolist(), free.tolist()))
         raise ExcitationError("The fit diverges.")
 
     monkeypatch.setattr(late_start, "likely_delay", lambda *_: 0.1)
     assert late_start.with_long_delays(search, refit, None, [at]) is search
-    assert begun == [(None, [0.0, 0.1], [True, True])]
+    assert begun == [([0.0, 0.1], [True, True])]

@@ -33,7 +33,8 @@ class Eliminated(NamedTuple):
         gradient: Right side, `d - Bᵀ A⁻¹ b - Fᵀ λP (c + A⁻¹ b)` (p,).
         step: Step of the coefficients at fixed θ, `A⁻¹ b` (size n,).
         by_theta: Decrease of that step by a step of θ, F (size n, p).
-        penalty: The penalty's part of the right side, `Fᵀ λP (c + A⁻¹ b)` (p,), and of the precision, `Fᵀ λP F` (p, p).
+        pull: Part of the penalty that the right side leaves out, `Fᵀ λP (c + A⁻¹ b)` (p,).
+        bend: The same of the precision, `Fᵀ λP F` (p, p).
         factors: Cholesky factors of A for each component of the coordinates, with its coordinates.
     """
 
@@ -41,7 +42,8 @@ class Eliminated(NamedTuple):
     gradient: np.ndarray
     step: np.ndarray
     by_theta: np.ndarray
-    penalty: tuple[np.ndarray, np.ndarray]
+    pull: np.ndarray
+    bend: np.ndarray
     factors: tuple[tuple[np.ndarray, Factor], ...]
 
     def solved(self, right: np.ndarray) -> np.ndarray:
@@ -76,10 +78,10 @@ def joined(parts: Sequence[tuple[np.ndarray, np.ndarray, Eliminated]], coordinat
         gradient[columns] += part.gradient
         step[:, own] = part.step.reshape(size, -1)
         by_theta[:, own[:, None], columns] = part.by_theta.reshape(size, len(own), -1)
-        pull[columns] += part.penalty[0]
-        bend[np.ix_(columns, columns)] += part.penalty[1]
+        pull[columns] += part.pull
+        bend[np.ix_(columns, columns)] += part.bend
     factors = tuple((own[inner], factor) for own, _, part in parts for inner, factor in part.factors)
-    return Eliminated(precision, gradient, step.ravel(), by_theta.reshape(size * n, p), (pull, bend), factors)
+    return Eliminated(precision, gradient, step.ravel(), by_theta.reshape(size * n, p), pull, bend, factors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +285,8 @@ class Arrow:
             gradient=self._below - gram[:-1, -1] - pull,
             step=step,
             by_theta=by_theta,
-            penalty=(pull, bend),
+            pull=pull,
+            bend=bend,
             factors=((np.arange(n), factor),),
         )
 

@@ -288,8 +288,8 @@ class _Problem:
         order in θ. The point is `at` itself if no step length lowers the cost.
         """
         before, size, own = self._whole(parts, at), 1.0, step[self.free]
-        pull = sum(float(part.penalty[0] @ own) for part in parts)
-        bend = sum(float(own @ part.penalty[1] @ own) for part in parts)
+        pull = sum(float(part.pull @ own) for part in parts)
+        bend = sum(float(own @ part.bend @ own) for part in parts)
         while size >= SMALLEST_STEP:
             moved = _moved(at, size, step, moves)
             misfits = self._misfits(moved)
@@ -341,8 +341,8 @@ def _linearised(
     precision, gradient, by_theta = np.zeros((k, k)), np.zeros(k), np.zeros((len(part.by_theta), k))
     pull, bend = np.zeros(k), np.zeros((k, k))
     precision[both], gradient[place], by_theta[:, place] = part.precision, part.gradient, part.by_theta
-    pull[place], bend[both] = part.penalty
-    return part._replace(precision=precision, gradient=gradient, by_theta=by_theta, penalty=(pull, bend))
+    pull[place], bend[both] = part.pull, part.bend
+    return part._replace(precision=precision, gradient=gradient, by_theta=by_theta, pull=pull, bend=bend)
 
 
 def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:

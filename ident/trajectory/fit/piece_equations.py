@@ -48,7 +48,8 @@ class Linearised(NamedTuple):
         gradient: Right side (p,).
         step: Step of the coefficients at fixed θ (size n,).
         by_theta: Change with a step of θ, `step - by_theta @ δθ` (size n, p).
-        penalty: The penalty's parts of right side (p,) and precision (p, p), which θ leaves out, as in `Eliminated`.
+        pull: Part of the penalty that the right side leaves out (p,).
+        bend: The same of the precision (p, p).
         taken: Absorbed degrees of freedom of innovations and of their halves; zero for halves where ρ is zero (3, s).
         held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
     """
@@ -58,7 +59,8 @@ class Linearised(NamedTuple):
     gradient: np.ndarray
     step: np.ndarray
     by_theta: np.ndarray
-    penalty: tuple[np.ndarray, np.ndarray]
+    pull: np.ndarray
+    bend: np.ndarray
     taken: np.ndarray
     held: np.ndarray
 
@@ -234,7 +236,8 @@ class NormalEquations(NamedTuple):
             gradient=self.eliminated.gradient,
             step=self.eliminated.step,
             by_theta=self.eliminated.by_theta,
-            penalty=self.eliminated.penalty,
+            pull=self.eliminated.pull,
+            bend=self.eliminated.bend,
             taken=taken,
             held=noise.jerk * held,
         )

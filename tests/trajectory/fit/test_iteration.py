@@ -71,7 +71,8 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
 
     def interrupted(*at, **how):
         last = how["free"].any() and how["settled"] is SETTLED
-        return plain(*at, **how | ({"report": stop} if last else {}))
+        # Fits that decide end far from convergence, so that a last one is needed.
+        return plain(*at, **how | ({"report": stop} if last else {"settled": Tolerance(1.0, 5.0)}))
 
     monkeypatch.setattr(iteration, "fit", interrupted)
     other = estimated()

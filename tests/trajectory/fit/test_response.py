@@ -20,13 +20,22 @@ def close(a, b):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_rows_of_theta_give_its_precision(seed):
-    p, here = problem(seed), own(seed)
-    rows = here.rows()
-    pulls = [stream.weights(x) for stream, x in zip(here.streams, rows, strict=True)]
-    precision = sum(np.einsum("nsp,nsq->pq", x, y) for x, y in zip(rows, pulls, strict=True))
+def test_rows_and_motion_give_the_right_side_of_theta(seed):
+    """The right side after the trajectory's step, for any residuals and any motion from which the penalty pulls."""
+    p, here, rng = problem(seed), own(seed), np.random.default_rng(seed)
     penalty, _ = p.penalty
-    close(precision + here.follows.T @ penalty @ here.follows, p.linearised.schur)
+    noise, motion = [rng.normal(size=stream.residual.shape) for stream in here.streams], rng.normal(size=p.size)
+    of_c, of_theta = here.adjoint(here.weighted([x[..., None] for x in noise]))
+    step = here.solved(of_c - (penalty @ motion)[:, None])
+    # Misfit's gradient along c(θ) at the motion after the step: `dc/dθ = -F`.
+    moved = here.signals(step, np.zeros((len(of_theta), 1)))
+    left = [x[..., None] - y for x, y in zip(noise, moved, strict=True)]
+    c, theta = here.adjoint(here.weighted(left))
+    expected = theta - here.follows.T @ c
+    rows = here.weighted(here.rows())
+    right = sum(np.einsum("ns,nsp->p", x, y) for x, y in zip(noise, rows, strict=True))
+    close(right + here.smoothed.T @ penalty @ motion, expected[:, 0])
+    close(here.scatter_of_motion, here.smoothed.T @ penalty @ here.smoothed)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -49,7 +58,7 @@ def test_residuals_pull_as_the_gradient_says(seed):
     c, theta = here.adjoint(pulls)
     penalty, _ = p.penalty
     right = c[:, 0] - penalty @ p.coefficients.ravel()
-    close(theta[:, 0] - here.follows.T @ right, p.linearised.gradient)
+    close(theta[:, 0] - here.follows.T @ right - p.linearised.pull, p.linearised.gradient)
     close(here.solved(right[:, None])[:, 0], p.linearised.step)
 
 

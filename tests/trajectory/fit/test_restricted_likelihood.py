@@ -94,7 +94,7 @@ def noise_of(sigma, rho):
 def renewal(piece, noise, c, theta, coloured=True):
     """A step of c and θ, and the updated noise."""
     part = linearised(Linear(), piece, c, theta=theta, noise=noise)
-    root = np.linalg.cholesky(np.linalg.inv(part.schur))
+    root = np.linalg.cholesky(np.linalg.inv(part.precision))
     part = linearised(Linear(), piece, c, theta=theta, noise=noise, root=root)
     step = root @ root.T @ part.gradient
     c, theta = c + (part.step - part.by_theta @ step)[:, None], theta + step
@@ -177,7 +177,7 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
 
 @pytest.mark.parametrize(("rho", "sigma"), [(0.0, 0.1), (0.9, 0.02)])
 def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeypatch):
-    """Without its marginal likelihood, θ is two to four standard deviations too large, with a coverage of one half."""
+    """With the penalty in its own cost, θ is two to four standard deviations too large, with a coverage of one half."""
     monkeypatch.setattr(
         iteration, "renewed", lambda noise, *at, **how: replace(noise, jerk=renewed(noise, *at, **how).jerk)
     )

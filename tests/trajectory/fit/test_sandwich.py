@@ -63,25 +63,26 @@ def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, go
 
 
 @pytest.mark.parametrize("start", [1.0, 3.0])
-def test_the_scatter_is_that_of_the_noise_in_place_of_the_working_models(monkeypatch, start):
-    """For unit white weights: `P - RᵀR + Rᵀ Γ R`, over two adjacent pieces as over one."""
-    rows, share = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
+def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
+    """For unit white weights: `Mᵀ λP M + Rᵀ Γ R`, over two adjacent pieces as over one."""
+    rows, of_motion = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
     streams = [SimpleNamespace(weights=lambda x: x, slack=None, std=np.array([2.0]), step=STEP)]
     places = iter(rows)
 
     def response(*at):
         own = next(places)
-        return SimpleNamespace(streams=streams, rows=lambda: [own])
+        return SimpleNamespace(streams=streams, rows=lambda: [own], scatter_of_motion=of_motion.copy())
 
     monkeypatch.setattr(sandwich, "drawn_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
     monkeypatch.setattr(sandwich, "response", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
+    shares = [(np.zeros((2, 2)), None)] * 2
     fit = SimpleNamespace(
-        pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), noise=None, shares=[(share, None)] * 2
+        pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), noise=None, shares=shares
     )
     every = np.concatenate(rows)[:, 0]
     parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
-    expected = 2 * share - every.T @ every + 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    expected = 2 * of_motion + 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
     np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
