@@ -283,7 +283,7 @@ class Estimate:
         if joint is None or joint.reversals is None:
             return np.zeros(self.held_out.residual.shape, bool)
         speed = axis_speeds(joint.measurement.equations, self.held_out.samples.motion.dq)
-        return np.asarray(joint.reversals.slack(speed) > joint.fit.noise.channels)
+        return np.asarray(joint.reversals.slack(speed) > joint.fit.channel_noise)
 
     @property
     def moving_ratio(self) -> np.ndarray:

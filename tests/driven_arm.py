@@ -75,15 +75,17 @@ def torques(q, dq, ddq, **drives):
 
 
 @cache
-def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0):
-    """Angles and torques of the true arm under sums of sinusoids of a size, with white noise."""
+def log(seconds=12.0, rate=100.0, seed=0, noise=1.0, size=1.0, pace=1.0):
+    """Angles and torques of the true arm under sums of sinusoids of a size and a pace, with white noise."""
     rng = np.random.default_rng(seed)
-    t, q, dq, ddq = motion(rng, seconds, rate, size)
+    t, *states = motion(rng, seconds * pace, rate / pace, size)
+    q, dq, ddq = (pace**k * x for k, x in enumerate(states))
     torque = torques(q, dq, ddq) + np.array(TRUE["frictionloss"]) * np.tanh(dq / 0.003)
     torque += noise * 0.02 * rng.normal(size=q.shape)
     q = q + noise * 1e-4 * rng.normal(size=q.shape)
     channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
-    return ident.Recording(t, channels | {f"{joint}_torque": x for joint, x in zip(JOINTS, torque.T, strict=True)})
+    channels |= {f"{joint}_torque": x for joint, x in zip(JOINTS, torque.T, strict=True)}
+    return ident.Recording(t / pace, channels)
 
 
 @cache

@@ -77,7 +77,7 @@ def test_rotors_and_friction_of_coupled_motors_are_identified():
     assert not {"Fv(lift)", "Fv(bend)", "Ia(bend)"} & set(std) and {"Fv(turn)", "Fc(turn)"} <= set(std)
     # The residual is the noise of the motors, as the joints have it.
     noise = NOISE * np.sqrt((MATRIX**2).sum(axis=0))
-    assert estimate().trajectory.fit.noise.channels[1:] == pytest.approx(noise, rel=0.05)
+    assert estimate().trajectory.fit.channel_noise[1:] == pytest.approx(noise, rel=0.05)
     assert [estimate()[f"{column}(wrist 1)"].unit for column in MOTOR_DRIVES] == ["kg m²", "N m s", "N m"]
 
 

@@ -124,7 +124,7 @@ class Study:
             [np.zeros(joint.measurement.of_base, bool)]
             + [np.full(body.coordinates, not body.is_ball) for body in self.true.tree.bodies]
         )
-        return float(np.degrees(np.median(joint.fit.noise.states[0, hinges])))
+        return float(np.degrees(np.median(joint.fit.coordinate_noise[hinges])))
 
     def information(self, seconds: Sequence[float]) -> np.ndarray:
         """Standard deviations of φ after the first seconds of each recording, with the noise of all of them (b, 10)."""
@@ -183,7 +183,7 @@ class Study:
             # A trajectory through too few samples to be determined adds no information.
             with suppress(np.linalg.LinAlgError):
                 coefficients = fit.coefficients[k][: begun.spline.size]
-                at = coefficients, fit.theta, fit.noise
+                at = coefficients, fit.theta, fit.noises[begun.log]
                 equations = normal_equations(joint.measurement, begun, *at, np.arange(len(fit.theta)))
                 self._begun[k, seconds] = equations.eliminated.precision
         return self._begun[k, seconds]

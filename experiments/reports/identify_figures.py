@@ -57,9 +57,8 @@ def held_out_caption(result: Estimate) -> str:
     if result.near_reversals.any():
         caption += " Grey: joints so slow that friction makes their torques uncertain."
     if result.trajectory:
-        caption += (
-            f" The splines of the fitted motion have a knot every {1e3 * result.trajectory.step:.3g} ms throughout."
-        )
+        step = min(result.trajectory.steps)
+        caption += f" The splines of the fitted motion have a knot every {1e3 * step:.3g} ms throughout."
     return caption
 
 

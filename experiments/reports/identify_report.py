@@ -155,8 +155,8 @@ def data_lines(result: Estimate) -> list[str]:
         fit = result.trajectory.fit
         noise = "correlated" if result.trajectory.coloured else "white"
         filtered = (
-            f"trajectory by splines with knots {result.trajectory.step:.2g} s apart, {noise} noise in the weights, "
-            f"{fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
+            f"trajectory by splines with knots {min(result.trajectory.steps):.2g} s apart, {noise} noise "
+            f"in the weights, {fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
         )
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "

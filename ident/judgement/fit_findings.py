@@ -90,9 +90,9 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
     if evidence.trajectory is None:
         return
     fit, large = evidence.trajectory.fit, dict[str, float]()
-    for c, (channel, noise) in enumerate(zip(evidence.channels, fit.noise.channels, strict=True)):
+    for c, (channel, noise) in enumerate(zip(evidence.channels, fit.channel_noise, strict=True)):
         fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
-        if noise > FAR_ABOVE * max(fast, float(fit.noise.floor_channels[c])):
+        if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
             large[channel] = float(noise / max(fast, TINIEST))
     if large:
         every = 1 < len(large) == len(evidence.channels)

@@ -45,9 +45,9 @@ def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
     log, joint = evidence.logs[0], evidence.trajectory
     noise = dict(evidence.scale)
     if joint is not None:
-        noise = dict(zip(evidence.channels, joint.fit.noise.channels.tolist(), strict=True))
+        noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=True))
         names = [f"{joint_}_position" for joint_ in log.mechanism.joints for _ in range(_coordinates(log, joint_))]
-        own = joint.fit.noise.states[0][-len(names) :] if names else np.zeros(0)
+        own = joint.fit.coordinate_noise[-len(names) :] if names else np.zeros(0)
         noise |= dict(zip(names, own.tolist(), strict=True))
     least = {name: UNIFORM * step / np.sqrt(MOST) for name, step in log.steps.items()}
     coarse = {name: log.steps[name] for name, x in least.items() if x > noise.get(name, np.inf)}

@@ -41,7 +41,7 @@ def reversal_findings(evidence: Evidence) -> Iterator[Finding]:
     joint = evidence.trajectory
     if joint is None or joint.reversals is None or evidence.moving_ratio is None:
         return
-    reversals, equations, noise = joint.reversals, joint.measurement.equations, joint.fit.noise.channels
+    reversals, equations, noise = joint.reversals, joint.measurement.equations, joint.fit.channel_noise
     axes, rubs = equations.axes, rubbing(equations)
     slack = reversals.size[:, None] * np.abs(reversals.shares)
     open_ = {axes.names[a]: float(reversals.velocity[a]) for a in rubs if (slack[a] > noise).any()}

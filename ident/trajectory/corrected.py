@@ -37,18 +37,22 @@ def corrected(
         smoothing: Time constant with which angles alone are smoothed, s, from `chosen_smoothing`.
         part: Part of the recording that was fitted, where the motion was estimated from the wrenches as well.
     """
-    measurement, theta = estimate.measurement, estimate.parameters_of(which or 0)
+    measurement, theta = estimate.measurement, estimate.parameters_of(which)
     places = _on_one_clock(measurement, _places(prepared, estimate, which, smoothing, part), theta)
     states = [trajectory(_times(measurement, piece, theta))[:3] for piece, trajectory in places]
     motion = joined([measurement.motion(x) for x in states])
     channels = [piece_channels(measurement, piece, x, theta) for (piece, _), x in zip(places, states, strict=True)]
-    measured = np.concatenate(channels) + estimate.offsets_beside_first(which or 0)
+    measured = np.concatenate(channels)
     if measurement.in_world_axes and motion.base is not None:
         # Channels of `Equations` are in the base's axes.
         in_base = measured[:, :6].reshape(-1, 2, 3) @ motion.base.T[:, :3, :3]
         measured = np.hstack([in_base.reshape(-1, 6), measured[:, 6:]])
-    samples = Samples(motion, measured)
     equations = _equations(measurement, theta, prepared.mechanism)
+    # A recording's own offsets and friction are replaced by those of the first.
+    if (own := (estimate.parameters_of(0) - theta)[: len(equations.names)]).any():
+        columns = equations.rows(equations.checked(Samples(motion, np.zeros_like(measured))))
+        measured += np.concatenate([np.tensordot(rows[:-1], own, (0, 0)).T for rows in columns])
+    samples = Samples(motion, measured)
     frame = prepared.frame @ measurement.displacement(GROUND, theta).astype(float)
     return replace(
         prepared, mechanism=equations.mechanism, equations=equations, samples=samples, frame=frame, cutoff=None
@@ -60,10 +64,11 @@ def _places(
 ) -> list[Place]:
     """Pieces of a recording at its common times, each with its trajectory as a function of time."""
     measurement, common = estimate.measurement, replace(prepared, recording=prepared.recording.without_streams)
-    theta, whole = estimate.parameters_of(which or 0), slice(0, len(prepared.samples))
+    theta, whole = estimate.parameters_of(which), slice(0, len(prepared.samples))
 
     def pieces_of(own: slice, least: int = 1) -> list[Piece]:
-        return cut(common, measurement, own, estimate.step, least=least) if own.stop - own.start > 1 else []
+        step = estimate.steps[which or 0]
+        return cut(common, measurement, own, step, least=least) if own.stop - own.start > 1 else []
 
     angles = without_zeros(coordinates(prepared.recording, prepared.mechanism.joints), measurement, theta)
     alone = smoothed(angles, smoothing).evaluate

@@ -77,10 +77,10 @@ def trajectory_estimate(
 
     stages = stages_of(known, equations)
     share = max(1, round(length(recordings) / ENOUGH))
-    finest = KNOTS_PER_SAMPLE / min(log.recording.rate for log in logs)
     widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
-    step = knots or min(knot_distance(log.recording, joints, widest) for log in logs)
-    explored = stages.explored(step, share, knots or max(finest, FINEST))
+    steps = [knots or knot_distance(log.recording, joints, widest) for log in logs]
+    finest = [knots or max(KNOTS_PER_SAMPLE / log.recording.rate, FINEST) for log in logs]
+    explored = stages.explored(steps, share, finest)
     used = min(sum(len(piece.time) for piece in explored.fit.pieces) / length(recordings), 1.0)
     if fallback is not None and far_less_precise(stages.shared(explored).fit, equations, fallback, used=used):
         known, stages = fallback, stages_of(fallback, equations)

@@ -74,7 +74,7 @@ def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
         late = refit(start, fit.free | own, SEARCH_ROUNDS)
     except ExcitationError:
         return search
-    better = np.log(late.noise.channels / fit.noise.channels).mean() < np.log(BETTER)
+    better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
     if not better and late.status != "interrupted":
         return search
     return replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))

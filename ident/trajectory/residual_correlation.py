@@ -18,32 +18,32 @@ def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, t
     return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)
 
 
-def correlated(estimate: TrajectoryEstimate) -> bool:
-    """True if a channel's residual is correlated from one sample to the next."""
-    return bool((correlation(estimate, 0.0) > CORRELATED).any())
+def correlated(estimate: TrajectoryEstimate, *, knots: bool) -> np.ndarray:
+    """Mask of the recordings in which a channel's residual is correlated (L,), with `knots` as for `correlation`."""
+    return np.asarray((correlation(estimate, knots=knots) > CORRELATED).any(axis=1))
 
 
-def jumps(estimate: TrajectoryEstimate) -> bool:
-    """True if a channel's residual is correlated, but not over the knot spacing."""
-    near, far = correlation(estimate, 0.0), correlation(estimate, estimate.step)
-    return bool(((near > CORRELATED) & (far < CORRELATED)).any())
+def jumps(estimate: TrajectoryEstimate) -> np.ndarray:
+    """Mask of the recordings in which a channel's residual is correlated, but not over the knot spacing (L,)."""
+    near, far = (correlation(estimate, knots=knots) > CORRELATED for knots in (False, True))
+    return np.asarray((near & ~far).any(axis=1))
 
 
-def correlation(estimate: TrajectoryEstimate, time: float) -> np.ndarray:
-    """Autocorrelation of the channels' residuals at a lag of at least one sample, without samples with slack (C,).
+def correlation(estimate: TrajectoryEstimate, *, knots: bool) -> np.ndarray:
+    """Autocorrelation of the channels' residuals in every recording, without samples with slack (L, C).
 
     Args:
         estimate: The estimate.
-        time: Lag, s.
+        knots: True for a lag of the knot spacing, False for one sample.
     """
     fit = estimate.fit
-    squares = np.full((2, len(fit.noise.channels)), [[0.0], [TINIEST]])
+    squares = np.full((2, len(fit.noises), len(fit.channel_noise)), [[[0.0]], [[TINIEST]]])
     for piece, c, own in zip(fit.pieces, fit.coefficients, fit.selections, strict=True):
         left = residual(estimate.measurement, piece, c, fit.theta[own])
         clear = np.isfinite(left)
         if piece.slack is not None:
-            clear &= piece.slack < fit.noise.channels
+            clear &= piece.slack < fit.noises[piece.log].channels
         left = np.where(clear, left, 0.0)
-        lag = max(1, round(time / float(np.median(np.diff(piece.when)))))
-        squares += [(left[lag:] * left[:-lag]).sum(axis=0), (left**2).sum(axis=0)]
+        lag = max(1, round(piece.spline.step / float(np.median(np.diff(piece.when))))) if knots else 1
+        squares[:, piece.log] += [(left[lag:] * left[:-lag]).sum(axis=0), (left**2).sum(axis=0)]
     return np.asarray(squares[0] / squares[1])

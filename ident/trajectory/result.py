@@ -30,7 +30,7 @@ class TrajectoryEstimate:
         measurement: Channels, and the parameters of one recording.
         search: Trajectories, parameters and noise, and the set-up parameters that are not as stated.
         counts: Number of pieces of each recording.
-        step: Largest knot spacing, s.
+        steps: Largest knot spacing of each recording, s.
         known: True if a prior of the model's parameters was used.
         coloured: True if the fit's weights assume noise correlated over time.
         reversals: Slack of the torques at low velocity, None if no joint has friction.
@@ -41,7 +41,7 @@ class TrajectoryEstimate:
     measurement: Measurement
     search: Search
     counts: tuple[int, ...]
-    step: float
+    steps: tuple[float, ...]
     known: bool
     coloured: bool = False
     reversals: Reversals | None = None
@@ -117,19 +117,16 @@ class TrajectoryEstimate:
         first = sum(self.counts[:which])
         return slice(first, first + self.counts[which])
 
-    def parameters_of(self, which: int) -> np.ndarray:
-        """Parameters of one recording."""
-        return self.fit.theta[self.fit.selections[self.pieces_of(which).start]]
+    def parameters_of(self, which: int | None) -> np.ndarray:
+        """Parameters of one recording, or, for another one, their means over the recordings."""
+        firsts = np.cumsum([0, *self.counts[:-1]])
+        chosen = [self.fit.theta[self.fit.selections[k]] for k in firsts]
+        return chosen[0] + np.mean(np.subtract(chosen, chosen[0]), axis=0) if which is None else chosen[which]
 
     def places_of(self, which: int) -> list[tuple[Piece, np.ndarray]]:
         """Pieces and spline coefficients of one recording."""
         own = self.pieces_of(which)
         return list(zip(self.fit.pieces[own], self.fit.coefficients[own], strict=True))
-
-    def offsets_beside_first(self, which: int) -> np.ndarray:
-        """Constant offsets of the first recording less those of another one (C,)."""
-        constants = self.measurement.constants
-        return constants(self.parameters_of(0)) - constants(self.parameters_of(which))
 
 
 def is_drive(measurement: Measurement, parameters: int) -> np.ndarray:

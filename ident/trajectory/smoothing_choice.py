@@ -32,7 +32,8 @@ def chosen_smoothing(fitted: Sequence[Part[slice]], estimate: TrajectoryEstimate
     """
     measurement = estimate.measurement
     thetas = [estimate.parameters_of(k) for k in range(len(fitted))]
-    cuts = [cut(part.log, measurement, part.samples, estimate.step, least=1) for part in fitted]
+    every = zip(fitted, estimate.steps, strict=True)
+    cuts = [cut(part.log, measurement, part.samples, step, least=1) for part, step in every]
     parts = [(piece, theta) for own, theta in zip(cuts, thetas, strict=True) for piece in own]
     parts = parts[:: -(-sum(len(piece.time) for piece, _ in parts) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in parts) // COMPARED)

@@ -31,7 +31,7 @@ from ident.trajectory.late_start import with_long_delays, without_idle_delays
 from ident.trajectory.left_out import prediction_errors, preferred
 from ident.trajectory.physical import physical_fit
 from ident.trajectory.pieces import cut
-from ident.trajectory.residual_correlation import CORRELATED, correlated, correlation, jumps, residual
+from ident.trajectory.residual_correlation import correlated, jumps, residual
 from ident.trajectory.result import TrajectoryEstimate, is_drive
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Deviation, Refit, Search, searched
@@ -111,32 +111,35 @@ class Stages:
         """Set-up errors that are estimated without a search."""
         return tuple(Deviation(int(k), ()) for k in np.flatnonzero(self.is_stated))
 
-    def explored(self, step: float, share: int, finest: float) -> TrajectoryEstimate:
-        """Exploring fit with white noise and the densest knots that still decrease the noise notably.
+    def explored(self, steps: Sequence[float], share: int, finest: Sequence[float]) -> TrajectoryEstimate:
+        """Exploring fit with white noise and the densest knots that still decrease the noise of a recording notably.
 
         Args:
-            step: Initial knot spacing, s.
+            steps: Initial knot spacing of each recording, s.
             share: Step k: every k-th piece of each recording is used.
-            finest: Smallest knot spacing, s.
+            finest: Smallest knot spacing of each, s.
         """
-        best = last = self._begun(step, share)
-        parts = 2
-        patience = TRIES if jumps(best) else 1
-        tries = patience if correlated(best) else 0
+        best = last = self._begun(steps, share)
+        patience = np.where(jumps(best), TRIES, 1)
+        tries, parts = np.where(correlated(best, knots=False), patience, 0), np.full(len(patience), 2)
+        chosen, noise = np.array(steps), _log_noise(best)
         try:
-            while tries and last.step > finest and last.fit.status != "interrupted":
-                last = self._denser(last, _next(last.step / parts, finest), share)
-                if last.fit.status == "interrupted":
-                    return last
-                ratio = np.exp(np.log(last.fit.noise.channels / best.fit.noise.channels).mean())
-                parts, better = 4 if ratio < MUCH else 2, ratio < SMALLER
-                best, tries = (last, patience) if better else (best, tries - 1)
+            while (tried := (tries > 0) & (np.array(last.steps) > finest)).any() and last.fit.status != "interrupted":
+                denser = [_next(*own) for own in zip(last.steps / parts, finest, strict=True)]
+                last = self._denser(last, np.where(tried, denser, chosen).tolist(), share)
+                ratio = np.exp((_log_noise(last) - noise).mean(axis=1))
+                better, parts = tried & (ratio < SMALLER), np.where(ratio < MUCH, 4, 2)
+                chosen, noise = np.where(better, last.steps, chosen), np.where(better[:, None], _log_noise(last), noise)
+                tries = np.where(better, patience, tries - tried)
+                best = last if (chosen == last.steps).all() else best
+            if (chosen != best.steps).any() and last.fit.status != "interrupted":
+                return self._denser(last, chosen.tolist(), share)
         except (ExcitationError, np.linalg.LinAlgError):
             pass
-        return best
+        return last if last.fit.status == "interrupted" else best
 
-    def _begun(self, step: float, share: int) -> TrajectoryEstimate:
-        pieces, selected, counts = self._cut(step, share)
+    def _begun(self, steps: Sequence[float], share: int) -> TrajectoryEstimate:
+        pieces, selected, counts = self._cut(steps, share)
         alone = smoothed(pieces, executor=self.executor)
         theta = self.prior.mean[: len(self.measurement.names)]
         reversals = None
@@ -146,8 +149,8 @@ class Stages:
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
         fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_stated, EXPLORED)
-        search, setup = Search(fit, self.stated), self.setup
-        return TrajectoryEstimate(self.measurement, search, counts, step, self.known, reversals=reversals, setup=setup)
+        how = Search(fit, self.stated), counts, tuple(steps), self.known
+        return TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup)
 
     def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:
         """Starting point: coordinates smoothed alone, and parameters by least squares, equal in all recordings."""
@@ -157,23 +160,26 @@ class Stages:
         theta = self.prior.mean.copy()
         for chosen in selected:
             theta[chosen] = begin.theta
-        return Start(theta, begin.noise, begin.coefficients)
+        return Start(theta, begin.noises, begin.coefficients)
 
-    def _denser(self, coarse: TrajectoryEstimate, step: float, share: int) -> TrajectoryEstimate:
-        """Exploring fit with other knots, warm-started from a coarser one."""
-        pieces, selected, _ = self._cut(step, share)
+    def _denser(self, coarse: TrajectoryEstimate, steps: Sequence[float], share: int) -> TrajectoryEstimate:
+        """Exploring fit with other knots, warm-started from another one."""
+        pieces, selected, _ = self._cut(steps, share)
         was = coarse.fit
         places = [
             old.spline.refined(c, new.spline) for old, new, c in zip(was.pieces, pieces, was.coefficients, strict=True)
         ]
         pieces = [replace(new, slack=old.slack) for new, old in zip(pieces, was.pieces, strict=True)]
-        at = Start(was.theta, was.noise, places)
+        at = Start(was.theta, was.noises, places)
         fit = self._refit(pieces, selected, explore=True)(at, was.free, EXPLORED)
-        return replace(coarse.with_fit(fit), step=step)
+        return replace(coarse.with_fit(fit), steps=tuple(steps))
 
-    def _cut(self, step: float, share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
+    def _cut(self, steps: Sequence[float], share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
         """Pieces of all recordings, the indices in θ of each piece's parameters, and numbers of pieces by recording."""
-        cuts = [self._cut_one(part, step)[::share] for part in self.recordings]
+        cuts = [
+            [replace(piece, log=k) for piece in self._cut_one(part, step)[::share]]
+            for k, (part, step) in enumerate(zip(self.recordings, steps, strict=True))
+        ]
         selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
         return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
 
@@ -212,7 +218,7 @@ class Stages:
         free = estimate.fit.free | self._is_drive
         white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False, rounds=WEIGHED)
         # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
-        slow = (correlation(white, white.step) > CORRELATED).any()
+        slow = correlated(white, knots=True).any()
         if white.fit.status == "interrupted" or not slow or len(white.fit.pieces) < 2:
             return self._continued(white)
         try:
@@ -222,7 +228,7 @@ class Stages:
         if coloured.fit.status == "interrupted":
             return coloured
         both = {"white": white, "coloured": coloured}
-        least = np.minimum(white.fit.noise.channels, coloured.fit.noise.channels)
+        least = np.minimum(white.fit.channel_noise, coloured.fit.channel_noise)
         errors = {name: prediction_errors(each.measurement, each.fit, least) for name, each in both.items()}
         return self._continued(replace(both[preferred(errors, "white")], errors=errors))
 
@@ -261,8 +267,8 @@ class Stages:
 
     def whole(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate from all pieces, started with knots, noise and set-up of one from fewer pieces."""
-        pieces, selected, counts = self._cut(estimate.step, 1)
-        alone = smoothed(pieces, estimate.fit.noise, executor=self.executor)
+        pieces, selected, counts = self._cut(estimate.steps, 1)
+        alone = smoothed(pieces, estimate.fit.noises, executor=self.executor)
         if estimate.reversals is not None:
             theta = [estimate.fit.theta[own] for own in selected]
             rates = [speeds(self.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
@@ -289,12 +295,13 @@ class Stages:
     def _unfollowed(self, estimate: TrajectoryEstimate) -> np.ndarray:
         """Apparent delays and clock errors due to jumps, zero unless knots are as dense as samples allow (p,)."""
         pieces, out = estimate.fit.pieces, np.zeros(len(self.names))
-        between = min(float(np.median(np.diff(piece.when))) for piece in pieces)
-        if estimate.step <= KNOTS_PER_SAMPLE * between * (1 + ROUNDING):
-            half = np.array(max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2)
-            for at, each in self.setup.items():
-                if each.row.shift is not None:
-                    out[at] = UNFOLLOWED * estimate.step / abs(each.row.shift(half))
+        half = np.array(max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2)
+        between = [float(np.median(np.diff(piece.when))) for piece in pieces]
+        pairs = zip((estimate.steps[piece.log] for piece in pieces), between, strict=True)
+        step = max((own for own, each in pairs if own <= KNOTS_PER_SAMPLE * each * (1 + ROUNDING)), default=0.0)
+        for at, each in self.setup.items():
+            if each.row.shift is not None:
+                out[at] = UNFOLLOWED * step / abs(each.row.shift(half))
         return out
 
     def scattered(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
@@ -388,6 +395,11 @@ class Stages:
 def _next(step: float, finest: float) -> float:
     """Knot spacing, rounded down to the smallest one if nearly as small."""
     return finest if step < np.sqrt(2) * finest else step
+
+
+def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
+    """Logarithms of the standard deviations of the channels' noise in every recording (L, C)."""
+    return np.log([noise.channels for noise in estimate.fit.noises])
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:

@@ -104,45 +104,45 @@ def start(
     """
     theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
     floor = least_noise([piece.signal for piece in pieces], measurement.equations.channels)
-    rho = np.zeros(len(channels))
-    channels = np.maximum(channels, floor)
-    noise = replace(alone.noise, channels=channels, channels_rho=rho, floor_channels=floor, alike=_alike(measurement))
-    return Start(theta, noise, alone.coefficients)
+    own = {"channels": np.maximum(channels, floor), "channels_rho": np.zeros(len(channels)), "floor_channels": floor}
+    own |= {"alike": _alike(measurement)}
+    return Start(theta, [replace(noise, **own) for noise in alone.noises], alone.coefficients)
 
 
-def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: Executor | None = None) -> Start:
+OF_STATES = "states", "states_rho", "floor_states", "jerk"
+"""Parts of the noise that belong to coordinates."""
+
+
+def smoothed(
+    pieces: Sequence[Piece], noises: Sequence[Noise] | None = None, *, executor: Executor | None = None
+) -> Start:
     """Every coordinate smoothed alone, with smoothness, and noise unless given, by restricted likelihood.
 
     Args:
         pieces: Measured samples.
-        noise: The noise, if known.
+        noises: The noise of every recording, if known.
         executor: Executor for the pieces; by default they are computed here.
     """
     none = np.zeros(0)
-    own = _first_noise(pieces) if noise is None else noise
-    own = replace(own, channels=none, channels_rho=none, floor_channels=none, alike=())
-    n = len(own.jerk)
-    groups = [slice(first, first + TOGETHER) for first in range(0, n, TOGETHER)]
-    starts = [_smoothed(pieces, own, some, executor, known=noise is not None) for some in groups]
-    of_states = "states", "states_rho", "floor_states", "jerk"
-    joined: dict[str, Any] = {
-        k: np.concatenate([getattr(each.noise, k) for each in starts], axis=-1) for k in of_states
-    }
+    own = _first_noises(pieces) if noises is None else noises
+    own = [replace(noise, channels=none, channels_rho=none, floor_channels=none, alike=()) for noise in own]
+    groups = [slice(first, first + TOGETHER) for first in range(0, len(own[0].jerk), TOGETHER)]
+    starts = [_smoothed(pieces, own, some, executor, known=noises is not None) for some in groups]
+    joined = list[Noise]()
+    for noise, *groups_of in zip(own, *(each.noises for each in starts), strict=True):
+        parts: dict[str, Any] = {k: np.concatenate([getattr(x, k) for x in groups_of], axis=-1) for k in OF_STATES}
+        joined.append(replace(noise, **parts))
     places = [np.hstack(parts) for parts in zip(*(each.coefficients for each in starts), strict=True)]
-    return Start(none, replace(own, **joined), places)
+    return Start(none, joined, places)
 
 
-def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Executor | None, *, known: bool) -> Start:
+def _smoothed(
+    pieces: Sequence[Piece], noises: Sequence[Noise], some: slice, executor: Executor | None, *, known: bool
+) -> Start:
     """Some of the coordinates, each smoothed alone, with estimated or known noise."""
     none = np.zeros(0)
     bare = [_bare(piece, some) for piece in pieces]
-    own = replace(
-        noise,
-        states=noise.states[:, some],
-        states_rho=noise.states_rho[:, some],
-        floor_states=noise.floor_states[:, some],
-        jerk=noise.jerk[some],
-    )
+    own = [replace(noise, **{k: getattr(noise, k)[..., some] for k in OF_STATES}) for noise in noises]
     begin = Start(none, own, [_interpolated(piece) for piece in bare])
     at_first = [] if known else [(FIRST_FITS, ("states", "jerk"))]
     for rounds, kept in [*at_first, (FITS, ("states",) if known else ())]:
@@ -169,8 +169,14 @@ def _bare(piece: Piece, some: slice) -> Piece:
     return replace(piece, states=states, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
 
 
+def _first_noises(pieces: Sequence[Piece]) -> list[Noise]:
+    """First guesses of the coordinates' noise and smoothness of every recording, without channels."""
+    last = max(piece.log for piece in pieces)
+    return [_first_noise([piece for piece in pieces if piece.log == log]) for log in range(last + 1)]
+
+
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
-    """First guess of the coordinates' noise and smoothness, without channels."""
+    """First guess of a recording's, from its pieces."""
     spread = np.maximum(np.nanstd(np.concatenate([piece.states[0] for piece in pieces]), axis=0), TINY[1])
     n, none = len(spread), np.zeros(0)
     std = np.ones((3, n))

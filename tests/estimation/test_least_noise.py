@@ -39,7 +39,7 @@ def test_noise_is_no_less_than_that_of_rounding():
     """For slow motions in coarse steps, the fit's residuals are far smaller than the steps."""
     steps = {"forces": 0.3, "moments": 0.03, "angles": 2 * np.pi / 4096}
     estimate = ident.identify(PENDULUM, recorded(speed=0.1, jitter=0, **steps))
-    noise, floor = estimate.trajectory.fit.noise, np.array([0.3, 0.3, 0.3, 0.03, 0.03, 0.03]) / np.sqrt(12)
+    noise, floor = estimate.trajectory.fit.noises[0], np.array([0.3, 0.3, 0.3, 0.03, 0.03, 0.03]) / np.sqrt(12)
     components = [ident.estimation.equations.COMPONENTS.index(name) for name in estimate.channels]
     assert (noise.channels > 0.99 * floor[components]).all()
     assert (noise.states[0] > 0.99 * steps["angles"] / np.sqrt(12)).all()

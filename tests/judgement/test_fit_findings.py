@@ -62,8 +62,11 @@ def test_a_set_up_that_explains_nothing_is_a_doubt_beside_what_was_found(setup):
 def slow(times, floor=0.0):
     """Findings on two channels with a given ratio of total to fast noise."""
     fast = np.random.default_rng(0).normal(size=(4000, 2))
-    noise = SimpleNamespace(channels=np.array(times, float), floor_channels=np.full(2, floor))
-    result = joint(noise=noise, pieces=[SimpleNamespace(measured=fast[:2000]), SimpleNamespace(measured=fast[2000:])])
+    noise, pieces = (
+        SimpleNamespace(floor_channels=np.full(2, floor)),
+        [SimpleNamespace(measured=x) for x in np.split(fast, 2)],
+    )
+    result = joint(channel_noise=np.array(times, float), noises=[noise], pieces=pieces)
     result.channels = ("Fx", "Fz")
     return list(slow_residual_findings(result))
 

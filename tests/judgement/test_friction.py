@@ -122,7 +122,7 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4, **motors):
     result.trajectory = SimpleNamespace(
         reversals=SimpleNamespace(size=sizes, velocity=velocities, slip=slips, shares=equations.axes.matrix),
         measurement=SimpleNamespace(equations=equations),
-        fit=SimpleNamespace(noise=SimpleNamespace(channels=np.array([0.5, 0.5]))),
+        fit=SimpleNamespace(channel_noise=np.array([0.5, 0.5])),
     )
     result.moving_ratio = np.array([np.nan, moving])
     return list(torque_findings.reversal_findings(result))

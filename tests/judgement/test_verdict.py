@@ -198,8 +198,8 @@ def test_what_is_left_beyond_fast_noise_is_listed_unless_it_is_everywhere(estima
     fit = estimate.trajectory.fit
 
     def slow(*factors):
-        noise = replace(fit.noise, channels=fit.noise.channels * factors)
-        trajectory = estimate.trajectory.with_fit(replace(fit, noise=noise))
+        noise = replace(fit.noises[0], channels=fit.noises[0].channels * factors)
+        trajectory = estimate.trajectory.with_fit(replace(fit, noises=[noise]))
         (finding,) = slow_residual_findings(replace(estimate, trajectory=trajectory).evidence)
         return finding
 

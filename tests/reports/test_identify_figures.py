@@ -72,7 +72,7 @@ def test_ticks_that_labels_are_aligned_beside_do_not_depend_on_the_layout(estima
 
 
 def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
-    sentence = f"a knot every {1e3 * estimate.trajectory.step:.3g} ms"
+    sentence = f"a knot every {1e3 * min(estimate.trajectory.steps):.3g} ms"
     assert sentence in held_out_caption(estimate)
     assert "knot" not in held_out_caption(replace(estimate, trajectory=None))
 

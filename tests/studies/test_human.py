@@ -93,7 +93,9 @@ def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured(
         there, felt = (x < piece.origin + 1.2 for x in (piece.time, piece.when))
         states = np.where(there[:, None], piece.states[0], np.nan), None, None
         unmeasured = replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
-        whole = linearised(joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
+        whole = linearised(
+            joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noises[piece.log]
+        )
         study._begun[k, 1.2] = whole.precision
         assert beginning(piece, 1.2).spline.intervals < piece.spline.intervals
     np.testing.assert_allclose(variances, np.diag(study._covariance([1.2, 1.2])), rtol=1e-3)

@@ -26,7 +26,7 @@ def quadratic(seed, pieces=4, p=5):
     none = np.zeros(0)
     noise = Noise(np.zeros((3, 0)), none, none, np.zeros((3, 0)), none, np.zeros((3, 0)), none)
     names = [f"x{k}" for k in range(p)]
-    fit = TrajectoryFit(names, [], Prior(np.zeros(p), prior), theta, shares, free, noise, [], [], (), "converged")
+    fit = TrajectoryFit(names, [], Prior(np.zeros(p), prior), theta, shares, free, [noise], [], [], (), "converged")
     return fit, rows, y
 
 

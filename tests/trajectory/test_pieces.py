@@ -28,7 +28,7 @@ def test_parameters_are_found_from_streams_with_times_of_their_own(case):
     estimate = identified(own)
     z = z_of(estimate.psi, estimate.covariance)
     assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
-    noise = estimate.trajectory.fit.noise
+    noise = estimate.trajectory.fit.noises[0]
     np.testing.assert_allclose(noise.states[0], [NOISE[f"{joint}_position"] for joint in JOINTS], rtol=0.1)
     np.testing.assert_allclose(noise.channels, [0.5] * 3 + [0.05] * 3, rtol=0.1)
     # Reports have them at common times.

@@ -33,7 +33,7 @@ def piece(rng, missing=0.0):
 def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
     own = piece(np.random.default_rng(seed), missing)
     result = smoothed([own])
-    np.testing.assert_allclose(result.noise.states[0], SIGMA, rtol=0.1)
+    np.testing.assert_allclose(result.noises[0].states[0], SIGMA, rtol=0.1)
     x = own.spline.evaluate(result.coefficients[0], own.time)
     inner = slice(50, -50)
     error = np.sqrt(np.mean((x[0] - curves(own.time))[inner] ** 2, axis=0))
@@ -58,13 +58,13 @@ def test_pieces_share_their_noise_and_known_noise_is_kept():
     rng = np.random.default_rng(0)
     pieces = [piece(rng), piece(rng, 0.1)]
     result = smoothed(pieces)
-    np.testing.assert_allclose(result.noise.states[0], SIGMA, rtol=0.06)
+    np.testing.assert_allclose(result.noises[0].states[0], SIGMA, rtol=0.06)
     with ThreadPoolExecutor(2) as executor:
         shared = smoothed(pieces, executor=executor)
     np.testing.assert_array_equal(shared.coefficients[1], result.coefficients[1])
-    known = replace(result.noise, states=2 * result.noise.states)
-    again = smoothed(pieces, known)
-    np.testing.assert_array_equal(again.noise.states, known.states)
+    known = replace(result.noises[0], states=2 * result.noises[0].states)
+    again = smoothed(pieces, [known])
+    np.testing.assert_array_equal(again.noises[0].states, known.states)
     assert len(again.coefficients) == 2 and len(again.theta) == 0
     assert not np.array_equal(again.coefficients[0], result.coefficients[0])
 
@@ -90,8 +90,8 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     p = len(m.names)
     result = start(m, [own], smoothed([own]), np.zeros(p), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
     assert not result.theta[r:].any()
-    np.testing.assert_allclose(result.noise.channels, std, rtol=0.15)
-    np.testing.assert_allclose(result.noise.floor_channels, 1e-3 * np.nanstd(measured, axis=0))
-    assert isinstance(result.noise, Noise) and not result.noise.channels_rho.any()
+    np.testing.assert_allclose(result.noises[0].channels, std, rtol=0.15)
+    np.testing.assert_allclose(result.noises[0].floor_channels, 1e-3 * np.nanstd(measured, axis=0))
+    assert isinstance(result.noises[0], Noise) and not result.noises[0].channels_rho.any()
     fitted = m.values(x[:3], nothing, result.theta).T
     assert (np.sqrt(np.mean((fitted - clean) ** 2, axis=0)) < 0.25 * std).all()

@@ -47,7 +47,7 @@ def test_the_wrench_alone_is_late(fault, name, value):
     estimate = ident.identify(swinging.pendulum(), recorded(0, **fault), held_out=recorded(1, **fault))
     (finding,) = estimate.setup
     assert finding.name == name and abs(finding.value - value) < 1e-4 + 2 * finding.std < 5e-4
-    np.testing.assert_allclose(estimate.trajectory.fit.noise.channels, NOISE, rtol=0.1)
+    np.testing.assert_allclose(estimate.trajectory.fit.channel_noise, NOISE, rtol=0.1)
     assert (np.abs(estimate.psi - on_time().psi) < 2 * estimate.std).all()
     # The delay does not affect predictions of other recordings' torques and wrenches.
     truth = estimate.base.regroup(swinging.pendulum().known)

@@ -278,8 +278,9 @@ class Arrow:
         # The first function and those that pad the last block belong to no window.
         whole = stacked(factor.solve_transposed(half))[n : n + self.spline.size * n]
         step, by_theta = whole[:, -1].copy(), whole[:, :-1]
-        stiff = self.spline.penalised(by_theta, jerk)
-        pull, bend = stiff.T @ (coefficients.ravel() + step), stiff.T @ by_theta
+        # Squares of jerks: products with P would lose all digits where a resting coordinate's λ is large.
+        bent = self.spline.bent(np.column_stack([by_theta, coefficients.ravel() + step]), jerk)
+        bend, pull = bent[:, :-1].T @ bent[:, :-1], bent[:, :-1].T @ bent[:, -1]
         return Eliminated(
             precision=self._corner - gram[:-1, :-1] - bend,
             gradient=self._below - gram[:-1, -1] - pull,

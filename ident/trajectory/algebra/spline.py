@@ -129,31 +129,32 @@ class Spline:
         return self.penalty_root.T @ self.penalty_root
 
     @cached_property
-    def _penalty_of_all(self) -> sparse.csr_matrix:
-        """P of all intervals (size, size)."""
-        out = np.zeros((2 * LOCAL - 1, self.size))
-        for a in range(LOCAL):
-            for b in range(LOCAL):
-                out[LOCAL - 1 + b - a, b : b + self.intervals] += self.penalty[a, b]
-        return sparse.dia_matrix((out, np.arange(1 - LOCAL, LOCAL)), shape=(self.size, self.size)).tocsr()
+    def _roots(self) -> sparse.csr_matrix:
+        """R of all intervals, `∫ x⃛² dt = |R c|²` (3 intervals, size)."""
+        rows, columns = (x.ravel() for x in np.indices((len(self.penalty_root), LOCAL)))
+        first = np.arange(self.intervals)[:, None]
+        at = (first * len(self.penalty_root) + rows).ravel(), (first + columns).ravel()
+        values = np.tile(self.penalty_root.ravel(), self.intervals)
+        return sparse.csr_matrix((values, at), (self.intervals * len(self.penalty_root), self.size))
+
+    def bent(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
+        """`√λ R c` of coefficients c (size n, k) with λ (n,), whose squares add up to `Σ_j λ_j ∫ x⃛_j² dt` (m n, k)."""
+        scaled = coefficients.reshape(self.size, len(jerk), -1) * np.sqrt(jerk)[:, None]
+        return np.asarray(self._roots @ scaled.reshape(self.size, -1)).reshape(-1, coefficients.shape[-1])
 
     def penalised(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
-        """`λ P c`, half the gradient of the penalty `Σ_j λ_j ∫ x⃛_j² dt`, of coefficients c with λ (n,) (size n, k)."""
-        scaled = coefficients.reshape(self.size, len(jerk), -1) * jerk[:, None]
-        return np.asarray(self._penalty_of_all @ scaled.reshape(self.size, -1)).reshape(coefficients.shape)
+        """`λ P c`, half the gradient of that sum, of coefficients c (size n, k)."""
+        return self._unbent(self.bent(coefficients, jerk), jerk)
+
+    def _unbent(self, bent: np.ndarray, jerk: np.ndarray) -> np.ndarray:
+        """`√λ Rᵀ u` of vectors u like `bent` (size n, k)."""
+        out = np.asarray(self._roots.T @ bent.reshape(self._roots.shape[0], -1)).reshape(self.size, len(jerk), -1)
+        return (out * np.sqrt(jerk)[:, None]).reshape(-1, bent.shape[-1])
 
     def squared_jerk(self, coefficients: np.ndarray) -> np.ndarray:
         """`∫ x⃛² dt` (n,) of splines with coefficients (size, n)."""
-        return ((self.penalty_root @ self.windows(coefficients)) ** 2).sum(axis=(0, 1))
+        return np.asarray(((self._roots @ coefficients) ** 2).sum(axis=0))
 
     def penalty_scores(self, rng: np.random.Generator, jerk: np.ndarray, draws: int) -> np.ndarray:
-        """Random gradients of the penalties `λ_j ∫ x⃛² dt` at motions of the prior, of covariance `λ_j P`.
-
-        Returns:
-            Gradients by the coefficients (size n, draws).
-        """
-        out = np.zeros((self.size, len(jerk), draws))
-        u = rng.normal(size=(self.intervals, len(self.penalty_root), len(jerk), draws))
-        for k, own in enumerate(np.einsum("ra,srjd->asjd", self.penalty_root, u)):
-            out[k : k + self.intervals] += own
-        return (out * np.sqrt(jerk)[:, None]).reshape(-1, draws)
+        """Random gradients of the penalties at motions of the prior, of covariance `λ_j P` (size n, draws)."""
+        return self._unbent(rng.normal(size=(self._roots.shape[0] * len(jerk), draws)), jerk)

@@ -41,12 +41,12 @@ class Start:
 
     Attributes:
         theta: Parameters (p,).
-        noise: Standard deviations, correlation and smoothness.
+        noises: Standard deviations, correlation and smoothness, of every recording.
         coefficients: Spline coefficients of every piece (size, n).
     """
 
     theta: np.ndarray
-    noise: Noise
+    noises: Sequence[Noise]
     coefficients: Sequence[np.ndarray]
 
 
@@ -61,7 +61,7 @@ class TrajectoryFit:
         theta: Parameters θ = [ψ, drives, offsets, set-up] (p,).
         shares: Precision and right side of θ from every piece, trajectory eliminated: (p, p) and (p,).
         free: Mask of the fitted parameters (p,).
-        noise: Standard deviations, correlation and smoothness.
+        noises: Standard deviations, correlation and smoothness, of every recording.
         coefficients: Spline coefficients of every piece (size, n).
         pieces: Measured samples.
         trace: Largest step of θ of every round, in standard deviations.
@@ -78,7 +78,7 @@ class TrajectoryFit:
     theta: np.ndarray
     shares: Sequence[tuple[np.ndarray, np.ndarray]]
     free: np.ndarray
-    noise: Noise
+    noises: Sequence[Noise]
     coefficients: Sequence[np.ndarray]
     pieces: Sequence[Piece]
     trace: tuple[float, ...]
@@ -89,7 +89,21 @@ class TrajectoryFit:
     @property
     def end(self) -> Start:
         """End point, as a warm start for another fit of the same pieces."""
-        return Start(self.theta, self.noise, self.coefficients)
+        return Start(self.theta, self.noises, self.coefficients)
+
+    @cached_property
+    def channel_noise(self) -> np.ndarray:
+        """Standard deviations of the channels' noise, root mean square over all samples (C,)."""
+        return self._overall([noise.channels for noise in self.noises])
+
+    @cached_property
+    def coordinate_noise(self) -> np.ndarray:
+        """Standard deviations of the coordinates' noise, root mean square over all samples (n,)."""
+        return self._overall([noise.states[0] for noise in self.noises])
+
+    def _overall(self, each: Sequence[np.ndarray]) -> np.ndarray:
+        squares = [each[piece.log] ** 2 for piece in self.pieces]
+        return np.sqrt(np.average(squares, axis=0, weights=[len(piece.time) for piece in self.pieces]))
 
     @property
     def counted(self) -> np.ndarray:

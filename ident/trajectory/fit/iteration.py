@@ -124,7 +124,7 @@ def fit(
         at.theta,
         problem.shares(at) if shared else [],
         free,
-        at.noise,
+        at.noises,
         at.coefficients,
         pieces,
         tuple(iteration.trace),
@@ -152,8 +152,8 @@ class _Iteration:
         self.at, self.trace = start, list[float]()
         self._problem, self._coloured, self._kept = problem, coloured, kept
         self._explore, self._settled = explore, settled
-        self._was_coloured, self._now_coloured = False, bool(start.noise.channels_rho.any())
-        self._step, self._strides = np.zeros_like(start.theta), cast("dict[str, Stride] | None", None)
+        self._was_coloured, self._now_coloured = False, any(noise.channels_rho.any() for noise in start.noises)
+        self._step, self._strides = np.zeros_like(start.theta), list[dict[str, Stride]]()
         self._leads_back, self._stalled = False, 0
 
     def ended(self, rounds: int, report: Report | None) -> str:
@@ -179,28 +179,34 @@ class _Iteration:
         moves = [part.step - part.by_theta @ step[free] for part in parts]
         self.trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
         moved, misfits = problem.lower(at, step, moves, parts)
-        noise = self._noise(at.noise, parts, misfits)
+        noises = self._renewed(at.noises, parts, misfits)
         self._stalled = 0 if moved is not at else self._stalled + 1
         self._leads_back = _leads_back(step[free], self._step[free], problem.precision(parts))
-        self.at, self._step = replace(moved, noise=noise.midway(at.noise) if self._leads_back else noise), step
-        if self._explore and len(self.trace) > 1 and _noise_converged(noise, at.noise):
+        both = list(zip(noises, at.noises, strict=True))
+        kept = [new.midway(old) for new, old in both] if self._leads_back else noises
+        self.at, self._step = replace(moved, noises=kept), step
+        if self._explore and len(self.trace) > 1 and all(_noise_converged(*pair) for pair in both):
             return "near"
-        if (self._coloured and not self._was_coloured) or not noise.change(at.noise) < SETTLED_NOISE:
+        if (self._coloured and not self._was_coloured) or not max(new.change(old) for new, old in both) < SETTLED_NOISE:
             return ""
         last = self.trace[-1], _motion(problem.pieces, at, moves)
         if not self._settled.holds(*last):
             return ""
         return "converged" if SETTLED.holds(*last) else "near"
 
-    def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
-        """Noise updated after a step, by longer steps where it converges slowly."""
+    def _renewed(self, before: Sequence[Noise], parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> list[Noise]:
+        """Noise of every recording updated after a step, by longer steps where it converges slowly."""
         near, self._was_coloured = self.trace[-1] < NEAR.theta, self._now_coloured
         self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
-        noise = renewed(before, parts, misfits, coloured=self._now_coloured)
-        last, self._strides = self._strides, strides(before, noise)
-        noise = hastened_noise(noise, last, self._strides, self.trace[-1])
-        noise = replace(noise, jerk=np.minimum(noise.jerk, self._problem.smoothest(noise)))
-        return replace(noise, **{name: getattr(before, name) for name in self._kept})
+        out, last, self._strides = list[Noise](), self._strides, []
+        for log, old in enumerate(before):
+            own = [k for k, piece in enumerate(self._problem.pieces) if piece.log == log]
+            new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._now_coloured)
+            self._strides.append(strides(old, new))
+            new = hastened_noise(new, last[log] if last else None, self._strides[log], self.trace[-1])
+            new = replace(new, jerk=np.minimum(new.jerk, self._problem.smoothest(new, log)))
+            out.append(replace(new, **{name: getattr(old, name) for name in self._kept}))
+        return out
 
 
 class _Sent:
@@ -241,12 +247,12 @@ class _Problem:
             wanted: Indices of these entries (k,).
             root: Root of their covariance (k, k), if known.
         """
-        return list(self._run(partial(_linearised, self.measurement, at.noise, wanted, root), at, self.selections))
+        return list(self._run(partial(_linearised, self.measurement, wanted, root), at, self.selections))
 
     def shares(self, at: Start) -> list[tuple[np.ndarray, np.ndarray]]:
         """Precision and right side of θ from every piece, of fixed parameters as well: score tests need them."""
         out, p = [], len(self.free)
-        every = self._run(partial(_share, self.measurement, at.noise), at)
+        every = self._run(partial(_share, self.measurement), at)
         for (own, gradient), place in zip(every, self.selections, strict=True):
             precision, right = np.zeros((p, p)), np.zeros(p)
             precision[np.ix_(place, place)], right[place] = own, gradient
@@ -254,8 +260,9 @@ class _Problem:
         return out
 
     def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
-        """Results of a function of each piece, its coefficients and parameters, and more."""
-        return self.run(work, self.pieces, at.coefficients, [at.theta[own] for own in self.selections], *more)
+        """Results of a function of each piece, its noise, coefficients and parameters, and more."""
+        noises, thetas = [at.noises[piece.log] for piece in self.pieces], [at.theta[own] for own in self.selections]
+        return self.run(work, self.pieces, noises, at.coefficients, thetas, *more)
 
     def root(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Root of the covariance of the fitted parameters (k, k)."""
@@ -274,9 +281,10 @@ class _Problem:
         """Precision of the fitted parameters, prior included (k, k)."""
         return sum((part.precision for part in parts), start=self.prior.precision[np.ix_(self.free, self.free)])
 
-    def smoothest(self, noise: Noise) -> np.ndarray:
-        """Largest λ with which the equations can be solved (n,): that of a resting coordinate would be infinite."""
-        scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
+    def smoothest(self, noise: Noise, log: int) -> np.ndarray:
+        """Largest λ of a recording for which the equations can be solved (n,): at rest it would be infinite."""
+        own = [piece for piece in self.pieces if piece.log == log]
+        scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in own]
         return SMOOTHEST * min(scales) / noise.states[0] ** 2
 
     def lower(
@@ -300,7 +308,7 @@ class _Problem:
 
     def _misfits(self, at: Start) -> list[Misfit]:
         """Misfits of all pieces."""
-        return list(self._run(partial(_misfit, self.measurement, at.noise), at))
+        return list(self._run(partial(_misfit, self.measurement), at))
 
     def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
         """Cost of all pieces and of θ."""
@@ -308,12 +316,12 @@ class _Problem:
         return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
 
 
-def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
+def _misfit(measurement: Predictor, piece: Piece, noise: Noise, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
     return misfit(measurement, piece, coefficients, theta=theta, noise=noise)
 
 
 def _share(
-    measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray
+    measurement: Predictor, piece: Piece, noise: Noise, coefficients: np.ndarray, theta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Precision and right side of all of a piece's θ."""
     equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
@@ -322,10 +330,10 @@ def _share(
 
 def _linearised(
     measurement: Predictor,
-    noise: Noise,
     wanted: np.ndarray,
     root: np.ndarray | None,
     piece: Piece,
+    noise: Noise,
     coefficients: np.ndarray,
     theta: np.ndarray,
     own: np.ndarray,
@@ -352,8 +360,9 @@ def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]
 
 def _motion(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray]) -> float:
     """Largest step of coefficients between the first and last samples, in standard deviations of the coordinates."""
-    std, motion = at.noise.states[0], 0.0
+    motion = 0.0
     for piece, move in zip(pieces, moves, strict=True):
+        std = at.noises[piece.log].states[0]
         inside = piece.spline.within(piece.time[0], piece.time[-1])
         motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))
     return motion

@@ -74,10 +74,13 @@ def drawn_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Res
         fit: The fit.
     """
     total = sum(len(piece.when) for piece in fit.pieces)
-    return {
-        k: response(measurement, fit.pieces[k], fit.coefficients[k], fit.theta[fit.selections[k]], fit.noise)
-        for k in range(0, len(fit.pieces), max(1, round(total / ENOUGH)))
-    }
+    return {k: response_of(measurement, fit, k) for k in range(0, len(fit.pieces), max(1, round(total / ENOUGH)))}
+
+
+def response_of(measurement: Predictor, fit: TrajectoryFit, k: int) -> Response:
+    """Linear response of one piece of a fit."""
+    piece, theta = fit.pieces[k], fit.theta[fit.selections[k]]
+    return response(measurement, piece, fit.coefficients[k], theta, fit.noises[piece.log])
 
 
 def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> NoiseColours:
@@ -102,7 +105,8 @@ def _at_floor(fit: TrajectoryFit, stream: Stream) -> np.ndarray:
     """Mask of the coordinates whose noise is at its floor (s,)."""
     if not isinstance(stream.which, int):
         return np.zeros(len(stream.std), bool)
-    return np.asarray(stream.std <= AT_FLOOR * fit.noise.floor_states[stream.which])
+    floors = [noise.floor_states[stream.which] for noise in fit.noises]
+    return np.asarray(stream.std <= AT_FLOOR * np.max(floors, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +147,7 @@ class _Draws:
             noise = [self._noise(rng, stream) for stream in here.streams]
             c, theta = here.adjoint([stream.weights(x) for stream, x in zip(here.streams, noise, strict=True)])
             right[fit.selections[k]] += theta - here.follows.T @ c
-            c[:, -DRAWS:] -= fit.pieces[k].spline.penalty_scores(rng, fit.noise.jerk, DRAWS)
+            c[:, -DRAWS:] -= here.spline.penalty_scores(rng, here.jerk, DRAWS)
             c = here.solved(c)
             right[fit.selections[k]] -= here.stiff.T @ c
             steps.append(c)
@@ -170,7 +174,7 @@ class _Draws:
         return np.concatenate([out.reshape(N, s, -1), np.zeros((N, s, DRAWS))], axis=2)
 
     def spectra(self, which: int, left: Sequence[Sequence[np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Power of residuals in bands (B, s), of those of draws (B, s, draws), and numbers of frequencies (B,)."""
+        """Relative power of residuals in bands (B, s), of draws (B, s, draws), and numbers of frequencies (B,)."""
         streams = [here.streams[which] for here in self.responses]
         longest = max(float(np.ptp(stream.time)) for stream in streams)
         edges = np.geomspace(0.5 / longest, 0.5 / streams[0].step, BANDS + 1)
@@ -182,7 +186,7 @@ class _Draws:
             sums = np.zeros((BANDS, len(band)))
             sums[band, np.arange(len(band))] = 1 / N
             counts += np.bincount(band, minlength=BANDS)
-            signals = np.concatenate([stream.residual[..., None], own[which]], axis=2) * clear
+            signals = np.concatenate([stream.residual[..., None], own[which]], axis=2) * clear / stream.std[:, None]
             powers.append(np.tensordot(sums, np.abs(np.fft.rfft(signals, axis=0)) ** 2, axes=1))
         power = np.sum(powers, axis=0)
         return power[..., 0], power[..., 1:], counts

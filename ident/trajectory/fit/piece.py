@@ -32,6 +32,7 @@ class Piece:
         held: Time by which the channels act later than they are stamped, in addition to estimated shifts, s: half a
             sample of commands that are held.
         echo: What the measured coordinates make of commands, `kp q`, zero for other channels (M, C); None for none.
+        log: Index of the recording, whose pieces share their noise.
     """
 
     spline: Spline
@@ -45,6 +46,7 @@ class Piece:
     slack: np.ndarray | None = None
     held: float = 0.0
     echo: np.ndarray | None = None
+    log: int = 0
 
     @property
     def signal(self) -> np.ndarray:
@@ -108,7 +110,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise of all streams and of the jerk.
+    """Noise of all streams of a recording, and of the jerk.
 
     Attributes:
         states: Standard deviations of coordinates and of their derivatives (3, n).

@@ -187,7 +187,8 @@ class Response:
     @property
     def scatter_of_motion(self) -> np.ndarray:
         """Covariance `Mᵀ λP M` of the right side of θ due to a motion of covariance `(λP)⁻¹` (p, p)."""
-        return self.smoothed.T @ self.spline.penalised(self.smoothed, self.jerk)
+        bent = self.spline.bent(self.smoothed, self.jerk)
+        return bent.T @ bent
 
     def rows(self) -> list[np.ndarray]:
         """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""

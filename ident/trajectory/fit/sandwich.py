@@ -16,9 +16,8 @@ import numpy as np
 from ident.estimation.noise import autoregressive
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.noise_colours import NoiseColours, drawn_responses, noise_colours
+from ident.trajectory.fit.noise_colours import NoiseColours, drawn_responses, noise_colours, response_of
 from ident.trajectory.fit.piece import Predictor
-from ident.trajectory.fit.response import response
 
 
 def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
@@ -30,10 +29,10 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
     """
     responses = drawn_responses(measurement, fit)
     colours, scatters, tails = noise_colours(fit, responses), list[np.ndarray](), _Tails()
-    for k, (piece, own) in enumerate(zip(fit.pieces, fit.selections, strict=True)):
+    for k, own in enumerate(fit.selections):
         if k and not _goes_on(fit, k):
             tails = _Tails()
-        here = responses.pop(k, None) or response(measurement, piece, fit.coefficients[k], fit.theta[own], fit.noise)
+        here = responses.pop(k, None) or response_of(measurement, fit, k)
         scatter = here.scatter_of_motion
         for which, (stream, rows) in enumerate(zip(here.streams, here.rows(), strict=True)):
             pulls = stream.weights(rows)

@@ -29,7 +29,7 @@ def refitted(settled, away=3.0):
     """The estimate's fit from a point some standard deviations away."""
     known = estimate()
     fit = known.fit
-    start = iteration.Start(fit.theta + away * np.sqrt(np.diag(fit.covariance)), fit.noise, fit.coefficients)
+    start = iteration.Start(fit.theta + away * np.sqrt(np.diag(fit.covariance)), fit.noises, fit.coefficients)
     return iteration.fit(
         known.measurement,
         fit.pieces,

@@ -23,7 +23,7 @@ def solver(A, y):
         share = A.T @ A, A.T @ (y - A @ theta)
         names = [f"x{k}" for k in range(P)]
         prior = Prior(np.zeros(P), np.zeros((P, P)))
-        return TrajectoryFit(names, [], prior, theta, [share], free, NOISE, [], [], (), "converged")
+        return TrajectoryFit(names, [], prior, theta, [share], free, [NOISE], [], [], (), "converged")
 
     return solve
 
@@ -38,7 +38,7 @@ def problem(seed):
 def fitted(seed):
     A, y = problem(seed)
     every = np.ones(P, bool)
-    fit = with_positive(solver(A, y), DRIVES, Start(np.zeros(P), NOISE, []), every, 10)
+    fit = with_positive(solver(A, y), DRIVES, Start(np.zeros(P), [NOISE], []), every, 10)
     best = lsq_linear(A, y, bounds=(np.where(DRIVES, 0.0, -np.inf), np.inf), tol=1e-12)
     return fit, best, lambda x: np.linalg.norm(A @ x - y)
 

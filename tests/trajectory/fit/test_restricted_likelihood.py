@@ -170,7 +170,7 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
         np.zeros((number, 2, 0)),
     )
     noise = replace(noise_of(sigma, rho), channels=np.array([0.1]))
-    start = Start(np.array([inertia]), noise, smoothed([piece], noise).coefficients)
+    start = Start(np.array([inertia]), [noise], smoothed([piece], [noise]).coefficients)
     fitted = fit(Turned(), [piece], start, prior=Prior(np.zeros(1), np.zeros((1, 1))), free=np.array([True]))
     return (fitted.theta[0] - inertia) / np.sqrt(fitted.covariance[0, 0])
 

@@ -75,13 +75,11 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
 
     monkeypatch.setattr(sandwich, "drawn_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
-    monkeypatch.setattr(sandwich, "response", response)
+    monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
     shares = [(np.zeros((2, 2)), None)] * 2
-    fit = SimpleNamespace(
-        pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), noise=None, shares=shares
-    )
+    fit = SimpleNamespace(pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), shares=shares)
     every = np.concatenate(rows)[:, 0]
     parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
     expected = 2 * of_motion + 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
