@@ -291,7 +291,7 @@ class Estimate:
         held, moves = self.held_out, ~self.near_reversals
         number = np.where(moves.any(axis=0), moves.sum(axis=0), np.nan)
         squares = np.where(moves, held.residual**2, 0).sum(axis=0) / number
-        return np.asarray(np.sqrt(squares) / np.maximum(held.samples.measured.std(axis=0), 1e-300))
+        return np.asarray(np.sqrt(squares) / held.scales)
 
     @property
     def unexplained(self) -> tuple[str, ...]:

@@ -11,6 +11,8 @@ from scipy import linalg
 from experiments.data.errors import HALF_WIDTH
 from experiments.data.laboratory import Laboratory
 from ident.estimate import Estimate
+from ident.estimation.channel_scales import channel_scales
+from ident.estimation.equations import COMPONENTS
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import conditioned, known_covariance
 from ident.recordings.recording import Recording
@@ -100,10 +102,10 @@ class Study:
 
     @cached_property
     def errors(self) -> dict[str, np.ndarray]:
-        """RMS errors of the wrench of motions that were not recorded over its deviation, by estimator (6,)."""
-        signal = (self.held_out @ self.psi).std(axis=0)
+        """RMS errors of the wrench of motions that were not recorded over its scale, by estimator (6,)."""
+        scales = channel_scales([self.held_out @ self.psi], COMPONENTS)
         off = {name: self.held_out @ (psi - self.psi) for name, psi in self.candidates.items()}
-        return {name: np.sqrt((x**2).mean(axis=0)) / signal for name, x in off.items()}
+        return {name: np.sqrt((x**2).mean(axis=0)) / scales for name, x in off.items()}
 
     @cached_property
     def segments(self) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 from experiments.studies.competitors import USUAL
 from ident.errors import InputError
 from ident.estimate import Estimate
+from ident.estimation.channel_scales import channel_scales
 from ident.estimation.preparation import prepared
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
@@ -83,9 +84,10 @@ class Study:
 
     @property
     def ratios(self) -> dict[str, np.ndarray]:
-        """Standard deviation of the prediction errors on the held-out part over that of the signal (C,)."""
+        """Standard deviation of the prediction errors on the held-out part over the scale of the signal (C,)."""
         _, measured, predicted = self.held_out
-        return {name: (measured - x).std(axis=0) / measured.std(axis=0) for name, x in predicted.items()}
+        scales = channel_scales([measured], self.trajectory.channels)
+        return {name: (measured - x).std(axis=0) / scales for name, x in predicted.items()}
 
 
 def study(folder: Path, report: Report | None = None) -> Study:

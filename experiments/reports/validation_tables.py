@@ -38,7 +38,7 @@ def table_recordings(study: Study) -> tabular.Table:
     columns = ("recording", "fitted", "held_out", "verdict", "channels", "best", "worse", "halves", "halves_inside")
     columns_of_all = (*columns, "trials_inside", "identical_inside", "seconds")
     notes = (
-        "RMS z of halves in standard deviations from the noise; beyond 2 these are widened by as much, and halves "
+        "RMS z of halves in standard deviations from the noise; beyond 1 these are widened by as much, and halves "
         "inside 95 % are of the widened ones.",
     )
     return tabular.Table("Recordings of real systems", columns_of_all, rows, decimals=1, heads=heads, notes=notes)

@@ -9,6 +9,7 @@ import numpy as np
 from experiments.data.outcomes import Judged
 from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
+from ident.estimation.channel_scales import beside_others
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.samples import Samples
 from ident.estimation.separable import independent, separable
@@ -157,7 +158,7 @@ class Passed:
     accumulated: Accumulator
 
     def ratio(self, fit: Fit) -> dict[str, float]:
-        """RMS residual over the signal's standard deviation, for each channel that changes.
+        """RMS residual over the scale of the signal, for each channel that changes.
 
         Raises:
             LogError: No channel of the wrench changes.
@@ -166,8 +167,8 @@ class Passed:
         if not changes.any():
             raise LogError("Every channel of the total wrench is constant; there is nothing to fit.")
         signal = self.squares(np.zeros(len(fit.values)), 1)
-        std = np.sqrt(np.maximum(signal / statistics.samples - (statistics.total / statistics.samples) ** 2, 1e-300))
-        ratio = np.sqrt(self.squares(-fit.values, 1) / statistics.samples) / std
+        std = np.sqrt(np.maximum(signal / statistics.samples - (statistics.total / statistics.samples) ** 2, 0))
+        ratio = np.sqrt(self.squares(-fit.values, 1) / statistics.samples) / beside_others(std, COMPONENTS)
         return {c: float(r) for c, r, changing in zip(COMPONENTS, ratio, changes, strict=True) if changing}
 
     def squares(self, values: np.ndarray, sign: float) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation.accumulator import accumulate, triangle_of
+from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
@@ -92,12 +93,12 @@ def _clearly_separate(unit: np.ndarray) -> bool:
 
 
 def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:
-    """Singular values of the unit-norm columns, each channel divided by its signal, and an error if some are too small.
+    """Singular values of the unit-norm columns, each channel divided by its scale, and an error if some are too small.
 
     The error names the parameters in combinations that the motion does not separate.
     """
-    signal = np.maximum(samples.measured.std(axis=0), 1e-300)
-    weights = np.broadcast_to(1 / signal, samples.measured.shape)
+    scales = channel_scales([samples.measured], equations.channels)
+    weights = np.broadcast_to(1 / scales, samples.measured.shape)
     columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
     norms = np.linalg.norm(columns, axis=0)
     # A decomposition of the triangle is faster than one of all rows, and less likely to fail to converge.

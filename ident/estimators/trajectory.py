@@ -14,7 +14,7 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.separable import separable
 from ident.estimators.least_squares import model_as_it_came
 from ident.judgement.checks import wrench_checks
-from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
+from ident.judgement.halves import disagreement, disagreements, widening, without
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
 from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares
@@ -58,10 +58,10 @@ def trajectory(problem: Problem) -> Estimate:
     )
     result = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
     rms = disagreement(result)
-    widening = rms if rms is not None and rms > DISAGREE else 1.0
+    wider = widening(rms)
     problem = replace(problem, smoothing=chosen_smoothing(problem.fitted, result))
     mended = _corrected(problem, result)
-    fit = as_fit(result, mended.samples, mended.equations, widening)
+    fit = as_fit(result, mended.samples, mended.equations, wider)
     fits = [fit]
     if not problem.apart and len(problem.fitted) > 2:
         values = (without(result, k) for k in range(len(problem.fitted)))
@@ -80,7 +80,7 @@ def trajectory(problem: Problem) -> Estimate:
         filtered_values=_with_zeros(filtered.values[0], with_offsets, fit.equations),
         disagreement=rms,
         disagreements=disagreements(result),
-        widening=widening,
+        widening=wider,
         bounded=result.bounds,
     )
 

@@ -54,7 +54,7 @@ def course_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def halves_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on halves and logs that disagree."""
-    if evidence.widening > 1:
+    if evidence.disagreement is not None and evidence.disagreement > DISAGREE:
         yield Finding.of("halves_disagree", rms_z=evidence.disagreement)
     if apart := {log: z for log, z in enumerate(evidence.disagreements, start=1) if z > DISAGREE}:
         far = max(apart.values()) > FAR_APART

@@ -11,6 +11,7 @@ import numpy as np
 from ident.estimation.accumulator import accumulate
 from ident.estimation.drive_choice import drives_of
 from ident.estimation.equations import Equations
+from ident.estimation.least_noise import least_noise
 from ident.estimation.loads import SLIP
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
@@ -239,7 +240,7 @@ def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
 
 def _least_residual(fit: Fit, equations: Equations, samples: Samples) -> np.ndarray:
     """Residual of least squares, each channel weighted by its residual of the fit (N, C)."""
-    scale = np.maximum(fit.residual(samples).std(axis=0), 1e-300)
+    scale = np.maximum(fit.residual(samples).std(axis=0), least_noise([samples.measured], equations.channels))
     root = accumulate(equations, samples, factors=np.broadcast_to(1 / scale, samples.measured.shape)).root
     size = np.maximum(np.linalg.norm(root[:, :-1], axis=0), 1e-300)
     values = np.linalg.lstsq(root[:, :-1] / size, root[:, -1], rcond=SINGULAR)[0] / size

@@ -14,6 +14,7 @@ from operator import add
 import numpy as np
 
 from ident.errors import InputError
+from ident.estimation.channel_scales import beside_others
 from ident.estimation.equations import Equations
 from ident.estimation.part import Part, length
 from ident.estimation.preparation import Filtered, Prepared, filtered
@@ -36,7 +37,10 @@ REWEIGHTED = 5
 """Number of fits, each with the channels weighted by the residuals of the one before."""
 
 LEAST_NOISE = 1e-4
-"""Least standard deviation of a channel's residual in its weight, relative to that of its signal."""
+"""Least standard deviation of a channel's residual in its weight, relative to the scale of its signal."""
+
+ROUNDED = 1e-12
+"""Variance over mean square below which a signal is flat: it is computed as a difference, with rounding errors."""
 
 SLOW = 0.1
 """Velocity, over its root mean square, below which the torque of a joint with friction is left out: at rest friction
@@ -73,20 +77,23 @@ class _Sums:
         grams: Gram matrices (C, m + 2, m + 2).
         count: Number of samples used in each channel (C,).
         total: Sums of the raw channels (C,).
+        channels: Names of the channels.
     """
 
     grams: np.ndarray
     count: np.ndarray
     total: np.ndarray
+    channels: tuple[str, ...]
 
     def __add__(self, other: "_Sums") -> "_Sums":
-        return _Sums(self.grams + other.grams, self.count + other.count, self.total + other.total)
+        return _Sums(self.grams + other.grams, self.count + other.count, self.total + other.total, self.channels)
 
     @property
-    def signal(self) -> np.ndarray:
-        """Standard deviation of the raw channels (C,)."""
-        variance = self.grams[:, -1, -1] / self.count - (self.total / self.count) ** 2
-        return np.sqrt(np.maximum(variance, 1e-300))
+    def scales(self) -> np.ndarray:
+        """Standard deviation of the raw channels, of flat ones that of their kind (C,)."""
+        square = self.grams[:, -1, -1] / self.count
+        variance = square - (self.total / self.count) ** 2
+        return beside_others(np.sqrt(np.where(variance > ROUNDED * square, variance, 0)), self.channels)
 
     def residual(self, x: np.ndarray, measured: int) -> np.ndarray:
         """Root mean square of measured less predicted channels (C,).
@@ -177,7 +184,7 @@ def _sums(own: Filtered, taken: np.ndarray, equations: Equations) -> _Sums:
             nonzero = np.flatnonzero(every.any(axis=1))
             gram[np.ix_(nonzero, nonzero)] += every[nonzero] @ every[nonzero].T
         first = part.stop
-    return _Sums(grams, np.maximum(counts.sum(axis=0), 1), (counts * raw).sum(axis=0))
+    return _Sums(grams, np.maximum(counts.sum(axis=0), 1), (counts * raw).sum(axis=0), equations.channels)
 
 
 def _counting(samples: Samples, equations: Equations) -> np.ndarray:
@@ -192,9 +199,9 @@ def _counting(samples: Samples, equations: Equations) -> np.ndarray:
 
 
 def _error(halves: Sequence[_Sums], prior: tuple[np.ndarray, np.ndarray]) -> float:
-    """Mean log of residual over signal over the channels, each half predicted from the other."""
+    """Mean log of residual over scale over the channels, each half predicted from the other."""
     a, b = halves
-    left = [other.residual(_solved(own, prior), -1) / other.signal for own, other in ((a, b), (b, a))]
+    left = [other.residual(_solved(own, prior), -1) / other.scales for own, other in ((a, b), (b, a))]
     return float(np.log(np.maximum(left, 1e-300)).mean())
 
 
@@ -204,7 +211,7 @@ def _solved(sums: _Sums, prior: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     mean, precision = np.zeros(m), np.zeros((m, m))
     r = len(prior[0])
     mean[:r], precision[:r, :r] = prior
-    x, std = np.zeros(m), sums.signal
+    x, std = np.zeros(m), sums.scales
     for _ in range(REWEIGHTED):
         normal = np.tensordot(std**-2, sums.grams[:, :m, :m], axes=1) + precision
         right = std**-2 @ sums.grams[:, :m, m] + precision @ mean
@@ -212,5 +219,5 @@ def _solved(sums: _Sums, prior: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         values, axes = np.linalg.eigh(normal / np.outer(scale, scale))
         inverse = np.where(values > UNDETERMINED * values[-1], 1 / np.maximum(values, 1e-300), 0)
         x = axes @ (inverse * (axes.T @ (right / scale))) / scale
-        std = np.maximum(sums.residual(x, -2), LEAST_NOISE * sums.signal)
+        std = np.maximum(sums.residual(x, -2), LEAST_NOISE * sums.scales)
     return x

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.estimation.channel_scales import channel_scales
 from ident.estimation.samples import Samples
 from ident.regression.ordinary import Fit
 
@@ -28,8 +29,13 @@ class HeldOut:
 
     @property
     def ratio(self) -> np.ndarray:
-        """RMS residual over the signal's standard deviation, of each channel (C,)."""
+        """RMS residual over the scale of the signal, of each channel (C,)."""
         return self._ratio(self.residual)
+
+    @property
+    def scales(self) -> np.ndarray:
+        """The signal's standard deviation, in a flat channel that of its kind (C,)."""
+        return channel_scales([self.samples.measured], self.fit.equations.channels)
 
     def interrupted(self, x: np.ndarray, by: float = np.nan) -> np.ndarray:
         """An array of the samples with another row before each recording or gap, where curves are interrupted.
@@ -55,4 +61,4 @@ class HeldOut:
         return self.fit.with_psi(psi).residual(self.samples)
 
     def _ratio(self, residual: np.ndarray) -> np.ndarray:
-        return np.sqrt((residual**2).mean(axis=0)) / np.maximum(self.samples.measured.std(axis=0), 1e-300)
+        return np.sqrt((residual**2).mean(axis=0)) / self.scales

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.estimation.channel_scales import beside_others
+from ident.estimation.least_noise import LEAST
 from ident.estimation.measurement import Measurement
 from ident.recordings.sampled import Sampled
 from ident.trajectory.angles_alone import Trajectory, smoothed
@@ -93,17 +95,19 @@ def unexplained(compared: Sequence[Compared]) -> float:
     return _mean_logarithm(_rms(np.concatenate([own.residual for own in compared])))
 
 
-def unexplained_anew(compared: Sequence[Compared]) -> float:
+def unexplained_anew(compared: Sequence[Compared], channels: Sequence[str]) -> float:
     """Value of `unexplained` after the columns are fitted again, each channel weighted by its residual."""
     A = np.concatenate([own.columns for own in compared])
     b = np.concatenate([own.residual for own in compared])
-    rms, columns = np.maximum(_rms(b), TINY), A.transpose(1, 2, 0)
+    rms, columns = _rms(b), A.transpose(1, 2, 0)
+    least = LEAST * beside_others(rms, channels)
     normals, rights = columns @ A.swapaxes(0, 1), (columns @ b.T[:, :, None])[..., 0]
     for _ in range(REWEIGHTED if len(b) else 0):
-        normal, right = np.tensordot(rms**-2, normals, axes=1), rms**-2 @ rights
+        weights = np.maximum(rms, least) ** -2
+        normal, right = np.tensordot(weights, normals, axes=1), weights @ rights
         scale = np.sqrt(np.maximum(np.diag(normal), TINY))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-        rms = np.maximum(_rms(b - A @ step), TINY)
+        rms = _rms(b - A @ step)
     return _mean_logarithm(rms)
 
 

@@ -104,7 +104,10 @@ def likely_delay(fit: TrajectoryFit, measurement: Measurement, at: int) -> float
         every = [[x.compared(T, theta[chosen], columns=True) for x, chosen in pieces] for theta in thetas]
         numbers = np.array([sum(len(each.residual) for each in compared) for compared in every])
         enough = numbers >= max(REMAINING * numbers[number], len(measurement.equations.names))
-        return [unexplained_anew(x) if some else np.inf for x, some in zip(every, enough, strict=True)]
+        return [
+            unexplained_anew(x, measurement.equations.channels) if some else np.inf
+            for x, some in zip(every, enough, strict=True)
+        ]
 
     every = min(map(left, SMOOTHED), key=min)
     best = int(np.argmin(every))

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.errors import ExcitationError
+from ident.estimation.channel_scales import channel_scales
 from ident.estimation.measurement import Measurement
 from ident.recordings.sampled import Sampled
 from ident.tolerances import UNEXPLAINED
@@ -67,17 +68,16 @@ def prediction_errors(measurement: Measurement, fit: TrajectoryFit, least: np.nd
         fit: The estimate.
         least: Slack above which samples are left out (C,).
     """
-    measured = np.concatenate([piece.signal for piece in fit.pieces])
-    spread = np.maximum(np.nan_to_num(np.nanstd(measured, axis=0)), 1e-300)
+    scales = channel_scales([piece.signal for piece in fit.pieces], measurement.equations.channels)
     try:
         thetas = [without(fit, slice(k, k + 1))[0][own] for k, own in enumerate(fit.selections)]
     except ExcitationError:
-        return np.ones(len(spread))
+        return np.ones(len(scales))
     every = []
     for T in SMOOTHING:
         each = [_squares(measurement, *pair, T, least) for pair in zip(fit.pieces, thetas, strict=True)]
         squares, number = (np.sum(parts, axis=0) for parts in zip(*each, strict=True))
-        every.append(np.where(number > 0, np.sqrt(squares / np.maximum(number, 1)) / spread, 1.0))
+        every.append(np.where(number > 0, np.sqrt(squares / np.maximum(number, 1)) / scales, 1.0))
     return min((np.maximum(np.where(each > UNEXPLAINED, 1.0, each), TINIEST) for each in every), key=_mean_logarithm)
 
 

@@ -43,7 +43,8 @@ def chosen_smoothing(fitted: Sequence[Part[slice]], estimate: TrajectoryEstimate
         return unexplained([piece.compared(T, theta) for piece, theta in thin])
 
     def left_anew(T: float) -> float:
-        return unexplained_anew([piece.compared(T, theta, columns=True) for piece, theta in thin])
+        every = [piece.compared(T, theta, columns=True) for piece, theta in thin]
+        return unexplained_anew(every, measurement.equations.channels)
 
     finest = min(float(np.median(np.diff(piece.time))) for piece, _ in parts)
     best = _minimised(left, finest)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.estimation.channel_scales import channel_scales
 from ident.estimation.least_noise import least_noise, rounding
 from ident.estimation.measurement import Measurement
 from ident.recordings.resolution import at_rest, white_noise
@@ -28,7 +29,7 @@ SMOOTH = 2 * np.pi
 """Angular frequency ω of a motion as smooth as the first guess of λ, rad/s: its jerk is ω³ times its size."""
 
 LOOSE = 0.05
-"""Slack over the spread of its channel above which a sample is left out of the first least-squares fit."""
+"""Slack over the scale of its channel above which a sample is left out of the first least-squares fit."""
 
 NOTHING = 1e-6
 """Least noise over the spread of a coordinate."""
@@ -39,7 +40,7 @@ zero follows from differences between their weight and the trajectory's: with a 
 rounding."""
 
 TINY = 1e-12, 1e-9
-"""Noise and spread assumed for a constant stream."""
+"""Noise and spread assumed for a constant coordinate."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +103,14 @@ def start(
         prior: Mean (p,) and precision (p, p) of θ, zero where nothing is known.
         free: Mask of the entries of θ to fit (p,).
     """
-    theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
-    floor = least_noise([piece.signal for piece in pieces], measurement.equations.channels)
-    own = {"channels": np.maximum(channels, floor), "channels_rho": np.zeros(len(channels)), "floor_channels": floor}
-    own |= {"alike": _alike(measurement)}
-    return Start(theta, [replace(noise, **own) for noise in alone.noises], alone.coefficients)
+    names, alike, noises = measurement.equations.channels, _alike(measurement), list[Noise]()
+    floor = least_noise([piece.signal for piece in pieces], names)
+    theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free, floor)
+    for log, noise in enumerate(alone.noises):
+        own = least_noise([piece.signal for piece in pieces if piece.log == log], names)
+        std, rho = np.maximum(channels, own), np.zeros(len(own))
+        noises.append(replace(noise, channels=std, channels_rho=rho, floor_channels=own, alike=alike))
+    return Start(theta, noises, alone.coefficients)
 
 
 OF_STATES = "states", "states_rho", "floor_states", "jerk"
@@ -222,11 +226,12 @@ def _regressed(
     theta: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
+    floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
     A, b = _linear(measurement, pieces, coefficients, theta, free)
-    there = np.isfinite(b) & ~_loose(pieces)
-    std = np.maximum(np.nanstd(np.concatenate([piece.signal for piece in pieces]), axis=0), TINY[1])
+    std = channel_scales([piece.signal for piece in pieces], measurement.equations.channels)
+    there = np.isfinite(b) & ~_loose(pieces, std)
     A, b = np.where(there[..., None], A, 0), np.where(there, b, 0)
     mean, precision = prior
     pull = -(precision @ (theta - mean))[free]
@@ -238,17 +243,16 @@ def _regressed(
         right = std**-2 @ rights + pull
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-        std = np.maximum(np.sqrt(((b - A @ step) ** 2).sum(axis=0) / there.sum(axis=0)), TINY[1])
+        std = np.maximum(np.sqrt(((b - A @ step) ** 2).sum(axis=0) / np.maximum(there.sum(axis=0), 1)), floor)
     out = theta.copy()
     out[free] += step
     return out, std
 
 
-def _loose(pieces: Sequence[Piece]) -> np.ndarray:
-    """Mask of the channels' samples whose slack is not small relative to the signal (N, C)."""
-    spread = np.nanstd(np.concatenate([piece.signal for piece in pieces]), axis=0)
+def _loose(pieces: Sequence[Piece], scales: np.ndarray) -> np.ndarray:
+    """Mask of the channels' samples whose slack is not small relative to the channels' scales (C,), (N, C)."""
     nothing = (np.zeros(piece.measured.shape) if piece.slack is None else piece.slack for piece in pieces)
-    return np.asarray(np.concatenate(list(nothing)) > LOOSE * spread)
+    return np.asarray(np.concatenate(list(nothing)) > LOOSE * scales)
 
 
 def _linear(

@@ -178,7 +178,7 @@ def test_a_prior_that_was_asked_for_is_not_blamed_on_the_motion(estimate):
     assert asked.code == "prior_as_asked"
     base, fit = estimate.base, estimate.fit
     covariance = fit.covariance.copy()
-    covariance[: base.rank, : base.rank] = known_covariance(PENDULUM, base)
+    covariance[: base.rank, : base.rank] = estimate.widening**2 * known_covariance(PENDULUM, base)
     poor = replace(
         estimate, trajectory=replace(estimate.trajectory, known=True), fit=replace(fit, covariance=covariance)
     )

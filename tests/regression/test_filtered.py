@@ -110,9 +110,9 @@ def test_signals_and_residuals_of_sums_are_those_of_their_samples():
 
     def sums(part):
         rows = stacked[:, part]
-        return _Sums(rows.transpose(0, 2, 1) @ rows, np.full(2, rows.shape[1]), rows[..., -1].sum(axis=1))
+        return _Sums(rows.transpose(0, 2, 1) @ rows, np.full(2, rows.shape[1]), rows[..., -1].sum(axis=1), ("Fx", "Fz"))
 
     both = sums(slice(0, 20)) + sums(slice(20, None))
-    np.testing.assert_allclose(both.signal, raw.std(axis=1))
+    np.testing.assert_allclose(both.scales, raw.std(axis=1))
     np.testing.assert_allclose(both.residual(x, -1), np.sqrt(((raw - Y @ x) ** 2).mean(axis=1)))
     np.testing.assert_allclose(both.residual(x, -2), np.sqrt(((low - Y @ x) ** 2).mean(axis=1)))

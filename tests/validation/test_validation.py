@@ -111,7 +111,11 @@ def test_tables_and_figures_follow_from_the_numbers(result):
     np.testing.assert_allclose(next(iter(again)).values.prior, each.values.prior, rtol=1e-5)
     assert report.main_lines(again) == report.main_lines(result)
     tables = [validation_tables.table_recordings, validation_tables.table_held_out, validation_tables.table_published]
-    assert [table(again).markdown() for table in tables] == [table(result).markdown() for table in tables]
+    for own, saved in ((np.array(table(each).rows, object).T for each in (result, again)) for table in tables):
+        numbers = [all(isinstance(x, float) for x in column) for column in own]
+        assert own[np.invert(numbers)].tolist() == saved[np.invert(numbers)].tolist()
+        # Six digits are saved, and z is a small difference of such values.
+        np.testing.assert_allclose(saved[numbers].astype(float), own[numbers].astype(float), rtol=1e-4, atol=1e-4)
 
 
 def made_worse(result, factors):

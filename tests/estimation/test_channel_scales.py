@@ -1,0 +1,93 @@
+"""Scales of channels: a flat one has that of its kind, wherever channels are weighted by their signals."""
+
+from dataclasses import replace
+
+import numpy as np
+from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
+
+import ident
+from ident.estimation.channel_scales import channel_scales
+from ident.estimation.equations import COMPONENTS
+from ident.estimation.excitation import excited
+from ident.estimation.part import Part
+from ident.estimation.preparation import prepared
+from ident.regression.filtered import filtered_least_squares
+from ident.trajectory.from_angles import Compared, unexplained_anew
+
+NOTHING = np.zeros(len(TRUTH)), np.zeros((len(TRUTH), len(TRUTH)))
+
+
+def flattened(part, *channels):
+    """A recording some of whose channels are zero in a part."""
+    recording = faulty(1)
+    wrench = wrench_of(recording)
+    for channel in channels:
+        wrench[part, channel] = 0
+    return angles_and_wrench(recording.time, recording.of_joints(PENDULUM.tree.joints, "position"), wrench)
+
+
+def test_a_flat_channel_has_the_scale_of_its_kind():
+    rng = np.random.default_rng(0)
+    every = rng.normal(size=(1000, 8)) * [0, 30, 2, 0, 0, 0, 5, 0] + [7, 0, 0, 9, 0, 0, 0, 1]
+    every[:, 5] = np.nan
+    every[::7, 1] = np.nan
+    spread = np.nanstd(every[:, :3], axis=0)
+    largest = spread[1]  # of all channels, for moments, none of which changes
+    expected = [largest, largest, spread[2], largest, largest, largest, *every[:, [6, 6]].std(axis=0)]
+    names = (*COMPONENTS, "hip", "unplugged")
+    np.testing.assert_allclose(channel_scales([every[:300], every[300:]], names), expected)
+    np.testing.assert_array_equal(channel_scales([np.full((9, 8), 3.0)], names), 1)
+
+
+def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():
+    """With Fx flat in the first half 5.9 Hz were chosen for 3.0 Hz, with twice the residuals."""
+    logs = [prepared(PENDULUM, flattened(slice(0, 400), *channels)) for channels in ((), (0,))]
+    equations = logs[0].equations.with_offsets(logs[0].equations.sensed)
+    every = [
+        filtered_least_squares([Part(log, slice(0, 560))], [Part(log, slice(560, 913))], equations, NOTHING)
+        for log in logs
+    ]
+    assert every[1].cutoffs == every[0].cutoffs
+    np.testing.assert_allclose(every[1].values[0][1:13], every[0].values[0][1:13], rtol=0.2, atol=0.05)
+
+
+def test_a_quantised_channel_that_is_flat_in_one_half_is_no_obstacle():
+    """Fx changes too late for the low-pass to bring anything of it into the first half."""
+    t = np.arange(4000) / 100
+    rates, rng = np.array([2.0, 3.1]), np.random.default_rng(0)
+    phase = np.outer(t, rates)
+    q, dq, ddq = np.sin(phase), rates * np.cos(phase), -(rates**2) * np.sin(phase)
+    wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
+    wrench += rng.normal(size=wrench.shape)
+    wrench[:, 0] = 0
+    wrench[2150:2390:3, 0] = 0.3
+    estimate = ident.identify(PENDULUM, angles_and_wrench(t, q + 1e-4 * rng.normal(size=q.shape), wrench))
+    assert all(np.isfinite(ratios).all() for ratios in estimate.rivals.values())
+    assert estimate.held_out.ratio[0] < 0.01 and estimate.rivals["least squares"][0] < 0.01  # constant in this part
+
+
+def test_flat_channels_are_weighted_finitely_where_excitation_is_judged():
+    log = prepared(PENDULUM, faulty(1))
+    samples = log.samples
+    flat = replace(samples, measured=samples.measured * [1, 0, 1, 1, 1, 1])
+    (usual, _), (values, poor) = (excited(log.equations, each) for each in (samples, flat))
+    assert poor is None
+    np.testing.assert_allclose(values, usual, rtol=0.5)
+
+
+def test_ratios_of_flat_channels_are_those_of_their_kind():
+    estimate = ident.identify(PENDULUM, faulty(1), estimator="weighted")
+    held = estimate.held_out
+    measured = held.samples.measured * [0, 1, 1, 1, 1, 1]
+    held = replace(held, samples=replace(held.samples, measured=measured), residual=np.ones_like(measured))
+    np.testing.assert_allclose(held.ratio[0], held.ratio[:3].min())
+    np.testing.assert_allclose(replace(estimate, held_out=held).moving_ratio, held.ratio)
+
+
+def test_a_channel_that_angles_explain_exactly_leaves_weight_to_the_others():
+    """Weighted by its rounding errors alone it would hide how the other one separates the columns."""
+    rng = np.random.default_rng(0)
+    a, b, rounding = rng.normal(size=(3, 200)) * [[1], [1], [1e-14]]
+    columns = np.stack([np.stack([a, b], axis=1), np.stack([a, a], axis=1)], axis=1)
+    residual = np.stack([a - b, rounding], axis=1)
+    assert unexplained_anew([Compared(residual, columns)], ("shoulder", "elbow")) < np.log(1e-13)
