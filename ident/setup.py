@@ -197,8 +197,8 @@ SETUP: Mapping[str, SetupKind] = {
 }
 """Every kind of set-up error by its name, in the order of the parameters."""
 
-OFFSET = "offset"
-OWN = (OFFSET, *(kind for kind, row in SETUP.items() if row.own))
+OFFSET, FRICTION = "offset", "friction"
+OWN = (OFFSET, FRICTION, *(kind for kind, row in SETUP.items() if row.own))
 """Kinds of parameters that each of several recordings may have separately."""
 
 PRIORS = {kind: row.std for kind, row in SETUP.items()}

@@ -46,8 +46,9 @@ def estimate_numbers(estimate: "Estimate") -> dict[str, Any]:
 
 
 def _weights(estimate: "Estimate") -> dict[str, Any] | None:
-    """Noise model of the weights, and the errors of left-out pieces by which it was chosen, if it was."""
+    """Noise model of the weights, and the errors of left-out pieces without and with each alternative."""
     if estimate.trajectory is None:
         return None
-    errors = {name: each.tolist() for name, each in estimate.trajectory.errors.items()}
+    tried = estimate.trajectory.errors
+    errors = {name: dict(zip(("without", "with"), each.tolist(), strict=True)) for name, each in tried.items()}
     return {"correlated": estimate.trajectory.coloured, "left_out_errors": errors}

@@ -23,7 +23,6 @@ from ident.regression.ordinary import Fit
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit, corrected
 from ident.trajectory.estimate import trajectory_estimate
-from ident.trajectory.far_less_precise import far_less_precise
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.smoothing_choice import chosen_smoothing
 
@@ -96,7 +95,7 @@ def _grossly_wrong(log: Prepared) -> bool:
 def _known_enough(
     estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, float] | None, prior: Mapping[str, float] | None
 ) -> TrajectoryEstimate:
-    """Trajectory estimate, with a prior if the data alone are far less precise: noise can pass for excitation.
+    """Trajectory estimate, with a prior if that predicts better, or if the data alone do not determine it.
 
     Args:
         estimate: Function that estimates with given standard deviations of φ.
@@ -106,12 +105,9 @@ def _known_enough(
     if known or prior is None:
         return _solvable(estimate, known=known)
     try:
-        trajectory = _solvable(estimate, fallback=prior)
+        return _solvable(estimate, fallback=prior)
     except ExcitationError:
         return _solvable(estimate, known=prior)
-    if trajectory.known or not far_less_precise(trajectory.fit, trajectory.measurement.equations, prior):
-        return trajectory
-    return _solvable(estimate, known=prior)
 
 
 def _solvable(estimate: Callable[..., TrajectoryEstimate], **known: Mapping[str, float] | None) -> TrajectoryEstimate:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -15,18 +14,26 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND
-from ident.setup import OFFSET, OWN
-from ident.trajectory.far_less_precise import far_less_precise
+from ident.setup import FRICTION, OFFSET, OWN
+from ident.tolerances import DRIVE
+from ident.trajectory.alternatives import better, disagree
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import inverse_of_precision
-from ident.trajectory.low_velocity import with_low_velocity_friction
+from ident.trajectory.low_velocity import low_velocity_columns
 from ident.trajectory.pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages
 
 FINEST = 0.005
 """Smallest knot spacing, s: no drive's torque is known to change faster."""
+
+OF_RECORDINGS = FRICTION, OFFSET
+"""Kinds of columns that recordings may have for themselves: friction changes with temperature and load, offsets with
+every start of an amplifier."""
+
+RUBS = tuple(f"{DRIVE[kind]}(" for kind in ("viscous", "coulomb", "stribeck"))
+"""Beginnings of the names of columns of friction."""
 
 ENOUGH = 10_000
 """Number of samples for the first estimate of noise, knots and set-up: more would hardly improve it."""
@@ -67,7 +74,7 @@ def trajectory_estimate(
     logs = [part.log for part in recordings]
     joints = logs[0].mechanism.joints
 
-    def stages_of(known: Mapping[str, float] | None, columns: Equations) -> Stages:
+    def stages_of(known: Mapping[str, float] | None, columns: Equations, own: Sequence[str] = own) -> Stages:
         measurement = _measurement(logs[0], columns, setup)
         names, setup_at, selections = _shared(measurement, len(recordings), own)
         prior = _prior(measurement, setup_at, len(names), known)
@@ -80,15 +87,28 @@ def trajectory_estimate(
     widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
     steps = [knots or knot_distance(log.recording, joints, widest) for log in logs]
     finest = [knots or max(KNOTS_PER_SAMPLE / log.recording.rate, FINEST) for log in logs]
-    explored = stages.explored(steps, share, finest)
-    used = min(sum(len(piece.time) for piece in explored.fit.pieces) / length(recordings), 1.0)
-    if fallback is not None and far_less_precise(stages.shared(explored).fit, equations, fallback, used=used):
-        known, stages = fallback, stages_of(fallback, equations)
-        explored = stages.taken_over(explored)
-    estimate = stages.settled(explored)
-    if stribeck:
-        stages, estimate = with_low_velocity_friction(stages, estimate, partial(stages_of, known))
-    estimate = stages.searched(estimate)
+    estimate = stages.explored(steps, share, finest)
+    if fallback is not None:
+        with_prior = stages_of(fallback, equations)
+        estimate = with_prior.preferred(stages.carried(estimate))
+        known, stages = (fallback, with_prior) if estimate.known else (known, stages)
+    estimate = stages.settled(estimate)
+    if disagree(estimate, own_columns(estimate.measurement, OF_RECORDINGS)):
+        apart = stages_of(known, equations, (*own, *OF_RECORDINGS))
+        tried = better(
+            estimate, "own friction and offsets", lambda: apart.settled(apart.explored(steps, share, finest))
+        )
+        if len(tried.fit.names) > len(estimate.fit.names):
+            own, stages = (*own, *OF_RECORDINGS), apart
+        estimate = tried
+    if more := low_velocity_columns(estimate) if stribeck else ():
+        wider = stages_of(known, equations.with_stribeck(more), own)
+        estimate = wider.searched(wider.carried(estimate))
+        kept = [name for name in more if estimate.fit.unbound.free[wider.names.index(name)]]
+        stages = stages_of(known, equations.with_stribeck(kept), own)
+        estimate = stages.scattered(stages.carried(estimate))
+    else:
+        estimate = stages.searched(estimate)
     if share > 1:
         estimate = stages.searched(stages.whole(estimate))
     estimate = stages.converged(estimate)
@@ -118,9 +138,7 @@ def _shared(
 ) -> tuple[list[str], dict[int, SetupParameter], list[np.ndarray]]:
     """Names of all parameters, those of the set-up by index, and the indices of each recording's."""
     names, setup, selections = list(measurement.names), dict(measurement.setup_at), [np.arange(len(measurement.names))]
-    columns = len(measurement.equations.names)
-    offsets = range(columns - len(measurement.equations.offsets), columns)
-    mine = [*(offsets if OFFSET in own else ()), *(k for k, each in measurement.setup_at.items() if each.kind in own)]
+    mine = [*own_columns(measurement, own), *(k for k, each in measurement.setup_at.items() if each.kind in own)]
     for number in range(2, recordings + 1):
         chosen = np.arange(len(measurement.names))
         chosen[mine] = len(names) + np.arange(len(mine))
@@ -128,6 +146,13 @@ def _shared(
         names += [name_in_log(measurement.names[k], number) for k in mine]
         selections.append(chosen)
     return names, setup, selections
+
+
+def own_columns(measurement: Measurement, own: Sequence[str]) -> np.ndarray:
+    """Indices of the columns of some kinds out of `OF_RECORDINGS` (k,)."""
+    equations, rank = measurement.equations, measurement.equations.parameters.rank
+    kinds = [FRICTION if name.startswith(RUBS) else "" for name in equations.drives] + [OFFSET] * len(equations.offsets)
+    return rank + np.flatnonzero(np.isin(kinds, own))
 
 
 def _prior(

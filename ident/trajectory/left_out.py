@@ -7,8 +7,6 @@
 P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from ident.errors import ExcitationError
@@ -85,17 +83,10 @@ def _mean_logarithm(errors: np.ndarray) -> float:
     return float(np.log(errors).mean())
 
 
-def preferred(errors: Mapping[str, np.ndarray], usual: str) -> str:
-    """Name of the usual fit, or of another one that predicts clearly better.
-
-    Args:
-        errors: Errors of the channels from `prediction_errors`, by name of the fit (C,).
-        usual: Name of the usual fit.
-    """
-    explained = np.any([each < 1 for each in errors.values()], axis=0)
-    means = {name: _mean_logarithm(each[explained]) if explained.any() else 0.0 for name, each in errors.items()}
-    best = min(means, key=lambda name: means[name])
-    return best if means[best] < means[usual] - CLEARLY else usual
+def clearly_less(usual: np.ndarray, others: np.ndarray) -> bool:
+    """True if another fit's errors are clearly smaller than the usual one's, from `prediction_errors` (C,)."""
+    explained = (usual < 1) | (others < 1)
+    return bool(explained.any() and _mean_logarithm(others[explained]) < _mean_logarithm(usual[explained]) - CLEARLY)
 
 
 def _squares(

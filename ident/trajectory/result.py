@@ -34,7 +34,8 @@ class TrajectoryEstimate:
         known: True if a prior of the model's parameters was used.
         coloured: True if the fit's weights assume noise correlated over time.
         reversals: Slack of the torques at low velocity, None if no joint has friction.
-        errors: Root mean squared errors of left-out pieces relative to their signals, by noise model (C,).
+        errors: Root mean squared errors of left-out pieces relative to their signals, without and with each alternative
+            that was tried, by its name (2, C).
         setup: Set-up parameters of all recordings by their index among all parameters.
     """
 
@@ -45,7 +46,7 @@ class TrajectoryEstimate:
     known: bool
     coloured: bool = False
     reversals: Reversals | None = None
-    errors: dict[str, np.ndarray] = field(default_factory=dict)
+    errors: Mapping[str, np.ndarray] = field(default_factory=dict)
     setup: Mapping[int, SetupParameter] = field(default_factory=dict)
 
     @property
@@ -127,11 +128,3 @@ class TrajectoryEstimate:
         """Pieces and spline coefficients of one recording."""
         own = self.pieces_of(which)
         return list(zip(self.fit.pieces[own], self.fit.coefficients[own], strict=True))
-
-
-def is_drive(measurement: Measurement, parameters: int) -> np.ndarray:
-    """Mask of the parameters that are friction or rotor inertia, which are not negative (p,)."""
-    equations = measurement.equations
-    first, out = equations.parameters.rank, np.zeros(parameters, bool)
-    out[first : first + len(equations.drives)] = ~np.isin(equations.drives, equations.mixed)
-    return out

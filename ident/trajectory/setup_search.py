@@ -1,4 +1,4 @@
-"""Search for set-up errors: set-up parameters are fitted one by one, the most significant first."""
+"""Search for set-up errors and further friction: parameters are fitted one by one, the most significant first."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from ident.trajectory.fit.fitted import Start, TrajectoryFit
 from ident.trajectory.left_out import clearly_better, costs, gains
 
 MOST_DEVIATIONS = 10
-"""Largest number of set-up parameters that are found by the search."""
+"""Largest number of parameters that are found by the search."""
 
 ALIKE, ALIKE_SHARE = 15.0, 0.1
 """Deficit in χ² from the best candidate, absolute or as a share, up to which another one is an alternative."""
@@ -24,7 +24,7 @@ NEGLIGIBLE = 0.04
 """Size of a set-up parameter, in standard deviations of its prior, below which it is negligible even if significant."""
 
 PROMISING = 2.5
-"""Score, in standard deviations, above which a set-up parameter is tried: low, because the effect of a parameter that
+"""Score, in standard deviations, above which a parameter is tried: low, because the effect of a parameter that
 is not fitted increases the noise."""
 
 SEARCH_ROUNDS = 40
@@ -44,6 +44,10 @@ class Deviation:
     index: int
     alternatives: tuple[int, ...]
     together: tuple[str, ...] = ()
+
+    def renumbered(self, new: Mapping[int, int]) -> "Deviation":
+        """The same with other indices."""
+        return replace(self, index=new[self.index], alternatives=tuple(new[k] for k in self.alternatives))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +76,9 @@ def searched(
     groups: Mapping[str, np.ndarray],
     scattered: Callable[[TrajectoryFit], TrajectoryFit],
     least: np.ndarray | float = 0.0,
+    drives: np.ndarray | None = None,
 ) -> Search:
-    """Frees set-up parameters as long as one is significant and improves the prediction of left-out pieces.
+    """Frees parameters as long as one is significant and improves the prediction of left-out pieces.
 
     Args:
         first: The fit with the set-up as stated, or as estimated so far.
@@ -82,18 +87,25 @@ def searched(
         groups: Directions in which several parameters change alike, by description (p,) each.
         scattered: Function that gives a fit its covariance under the estimated noise.
         least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
+        drives: Mask of drives to try beside them, which are not negative and have no prior (p,).
     """
+
+    def incredible() -> Search:
+        none = np.zeros_like(candidates)
+        return replace(searched(first, refit, none, {}, scattered, drives=drives), incredible=True)
+
     fitted, deviations = first.fit, list(first.deviations)
+    drives = np.zeros_like(candidates) if drives is None else drives
     # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
-    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
+    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
-    least = np.maximum(NEGLIGIBLE * known, least)
-    while len(deviations) - len(first.deviations) < MOST_DEVIATIONS and fitted.status != "interrupted":
-        left = np.flatnonzero(candidates & ~fitted.free)
+    least = np.where(drives, 0.0, np.maximum(NEGLIGIBLE * known, least))
+    while fitted.free.sum() - first.fit.free.sum() < MOST_DEVIATIONS and fitted.status != "interrupted":
+        left = np.flatnonzero((candidates | drives) & ~fitted.free)
         if not len(left):
             break
         values, spread = fitted.scores(np.eye(len(candidates))[left])
-        likely = (np.abs(values) > least[left]) & (np.abs(values / spread) > PROMISING)
+        likely = (np.where(drives[left], values, np.abs(values)) > least[left]) & (np.abs(values / spread) > PROMISING)
         likely[likely] = _predict(fitted, left[likely].tolist())
         if not likely.any():
             break
@@ -103,7 +115,7 @@ def searched(
         z = np.where(likely, np.abs(values / working.scores(np.eye(len(candidates))[left])[1]), 0.0)
         best = int(np.argmax(z))
         close = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
-        alike = sorted((k for k in np.flatnonzero(z > close) if k != best), key=lambda k: -z[k])
+        alike = sorted((k for k in np.flatnonzero((z > close) & candidates[left]) if k != best), key=lambda k: -z[k])
         index = int(left[best])
         deviation = Deviation(index, tuple(left[alike].tolist()), _together(working, groups, close))
         theta = fitted.theta.copy()
@@ -112,13 +124,13 @@ def searched(
         try:
             tried = scattered(refit(replace(fitted.end, theta=theta), free, SEARCH_ROUNDS))
         except ExcitationError:
-            return replace(first, incredible=True)
+            return incredible()
         if not abs(tried.theta[index]) > threshold * np.sqrt(tried.covariance[index, index]):
             break
         if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
-            return replace(first, incredible=True)
+            return incredible()
         fitted = tried
-        deviations.append(deviation)
+        deviations += [deviation] * bool(candidates[index])
     return replace(first, fit=fitted, deviations=tuple(deviations))
 
 

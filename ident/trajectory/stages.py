@@ -19,20 +19,20 @@ import numpy as np
 
 from ident.errors import ExcitationError, InputError
 from ident.estimation.measurement import Measurement
-from ident.estimation.part import Part
+from ident.estimation.part import Part, length
 from ident.estimation.setup import SetupParameter
+from ident.trajectory.alternatives import better
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.fitted import Prior, Start
+from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.positive_drives import with_positive
 from ident.trajectory.fit.sandwich import with_scatter
 from ident.trajectory.late_start import with_long_delays, without_idle_delays
-from ident.trajectory.left_out import prediction_errors, preferred
 from ident.trajectory.physical import physical_fit
 from ident.trajectory.pieces import cut
 from ident.trajectory.residual_correlation import correlated, jumps, residual
-from ident.trajectory.result import TrajectoryEstimate, is_drive
+from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Deviation, Refit, Search, searched
 from ident.trajectory.start import smoothed, start
@@ -197,44 +197,75 @@ class Stages:
         seconds = float(np.ptp(part.log.recording.time[part.samples]))
         return min(int(seconds / SHORTEST), own)
 
-    def shared(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Estimate with the shares of the pieces, which an exploring fit leaves out."""
-        return estimate.with_fit(self.refit_of(estimate)(estimate.fit.end, estimate.fit.free, 0))
+    def carried(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
+        """Estimate of stages with another prior or other columns, as a starting point of these.
 
-    def taken_over(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Estimate of stages with another prior, as a starting point of these."""
-        return replace(estimate.with_fit(replace(estimate.fit, prior=self.prior)), known=self.known)
+        Columns that it lacks are fixed at zero.
+        """
+        before, was = estimate.fit, estimate.measurement.names
+        here = [k for k, name in enumerate(self.measurement.names) if name in was]
+        there = [was.index(self.measurement.names[k]) for k in here]
+        theta, (free, bounded) = np.zeros(len(self.names)), np.zeros((2, len(self.names)), bool)
+        for k, own in enumerate(self.selections):
+            at = before.selections[estimate.pieces_of(k).start][there]
+            theta[own[here]], free[own[here]], bounded[own[here]] = before.theta[at], before.free[at], before.bound[at]
+        fit = replace(
+            before,
+            names=self.names,
+            selections=[own for own, count in zip(self.selections, estimate.counts, strict=True) for _ in range(count)],
+            prior=self.prior.weighted(before.prior.weight),
+            theta=theta,
+            free=free,
+            bounded=bounded,
+        )
+        new = {k: self.names.index(name) for k, name in enumerate(before.names) if name in self.names}
+        search = replace(estimate.search, deviations=tuple(each.renumbered(new) for each in estimate.search.deviations))
+        estimate = replace(estimate, search=search, setup=self.setup, known=self.known).with_fit(fit)
+        fit = replace(fit, shares=self.refit_of(estimate)(fit.end, free, 0).shares, scatters=None)
+        return replace(estimate.with_fit(fit), measurement=self.measured(estimate.reversals))
+
+    def preferred(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
+        """Exploring estimate of stages without a prior, or one with this prior if it predicts left-out pieces better.
+
+        Without pieces to leave out the prior is taken wherever it is more precise than the data.
+        """
+        fit = estimate.fit
+        used = min(sum(len(piece.time) for piece in fit.pieces) / length(self.recordings), 1.0)
+        part = np.ix_(~self.is_setup, ~self.is_setup)
+        if not (np.linalg.eigvals(used * fit.covariance[part] @ self.prior.precision[part]).real > 1).any():
+            return estimate
+
+        def with_prior() -> TrajectoryEstimate:
+            return self.refitted(self.carried(estimate), rounds=EXPLORED)
+
+        return better(estimate, "prior", with_prior) if len(fit.pieces) > 1 else with_prior()
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Estimate near convergence with friction near reversals, and noise white or correlated over time.
-
-        The noise model is chosen by the prediction of left-out pieces.
-        """
+        """Estimate near convergence with friction near reversals, and noise white or correlated over time."""
         if estimate.fit.status == "interrupted":
             return estimate
         if estimate.reversals is not None:
             estimate = self._opened(estimate)
         # In the unconverged fit a drive may have been set to zero wrongly.
-        free = estimate.fit.free | self._is_drive
-        white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False, rounds=WEIGHED)
+        white = self.refitted(estimate.with_fit(estimate.fit.unbound), rounds=WEIGHED)
         # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
-        slow = correlated(white, knots=True).any()
-        if white.fit.status == "interrupted" or not slow or len(white.fit.pieces) < 2:
-            return self._continued(white)
-        try:
-            coloured = self._refitted(white, coloured=True, rounds=WEIGHED)
-        except (ExcitationError, np.linalg.LinAlgError):
-            return self._continued(white)
-        if coloured.fit.status == "interrupted":
-            return coloured
-        both = {"white": white, "coloured": coloured}
-        least = np.minimum(white.fit.channel_noise, coloured.fit.channel_noise)
-        errors = {name: prediction_errors(each.measurement, each.fit, least) for name, each in both.items()}
-        return self._continued(replace(both[preferred(errors, "white")], errors=errors))
+        if correlated(white, knots=True).any():
+            white = better(
+                white, "correlated noise", lambda: self.refitted(replace(white, coloured=True), rounds=WEIGHED)
+            )
+        if white.fit.status != "stopped":
+            return white
+        return self.refitted(white, rounds=iteration.ROUNDS - WEIGHED)
 
     @cached_property
     def _is_drive(self) -> np.ndarray:
-        return is_drive(self.measurement, len(self.names))
+        """Mask of the parameters that are friction or rotor inertia, which are not negative (p,)."""
+        equations = self.measurement.equations
+        first = equations.parameters.rank
+        local = first + np.flatnonzero(~np.isin(equations.drives, equations.mixed))
+        out = np.zeros(len(self.names), bool)
+        out[[own[local] for own in self.selections]] = True
+        return out
 
     def _opened(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with the likeliest slips and slack given its residuals."""
@@ -247,23 +278,13 @@ class Stages:
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 
-    def _continued(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Estimate after further rounds if they had ended too early."""
-        if estimate.fit.status != "stopped":
-            return estimate
-        return self._refitted(estimate, coloured=estimate.coloured, rounds=iteration.ROUNDS - WEIGHED)
-
-    def _refitted(
-        self, estimate: TrajectoryEstimate, *, coloured: bool, rounds: int = iteration.ROUNDS
-    ) -> TrajectoryEstimate:
+    def refitted(self, estimate: TrajectoryEstimate, *, rounds: int = iteration.ROUNDS) -> TrajectoryEstimate:
+        """Estimate fitted again from its end point."""
         fit = estimate.fit
         rounds = 0 if fit.status == "interrupted" else rounds
-        at = fit.end
-        refit = self.refit_of(replace(estimate, coloured=coloured))
-        again = refit(at, fit.free, rounds)
+        again = self.refit_of(estimate)(fit.end, fit.free, rounds)
         again = replace(again, status="interrupted") if not rounds else again
-        measurement = self.measured(estimate.reversals)
-        return replace(estimate.with_fit(again), coloured=coloured, measurement=measurement)
+        return replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
 
     def whole(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate from all pieces, started with knots, noise and set-up of one from fewer pieces."""
@@ -275,20 +296,20 @@ class Stages:
             pieces = estimate.reversals.opened(pieces, rates)
         begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
         begun = replace(begun, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
-        begun = replace(begun, free=begun.free | self._is_drive)
-        return self._refitted(replace(estimate.with_fit(begun), counts=counts), coloured=estimate.coloured)
+        return self.refitted(replace(estimate.with_fit(begun.unbound), counts=counts))
 
     def searched(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""
         estimate = self._with_weighted_prior(self.scattered(estimate))
-        if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
+        if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
             return estimate
-        refit = self.refit_of(estimate)
-        groups, scatter = _groups(self.setup, len(self.names)), partial(with_scatter, estimate.measurement)
-        delays = [at for at, each in self.setup.items() if each.row.far]
+        refit, scatter = self.refit_of(estimate), partial(with_scatter, estimate.measurement)
+        delays = [at for at, each in self.setup.items() if each.row.far and self.search]
         first = with_long_delays(estimate.search, refit, estimate.measurement, delays)
         first = first if first is estimate.search else replace(first, fit=scatter(first.fit))
-        search = searched(first, refit, self.is_setup, groups, scatter, self._unfollowed(estimate))
+        candidates, least = self.is_setup & self.search, self._unfollowed(estimate)
+        drives = self._is_drive & ~estimate.fit.unbound.free
+        search = searched(first, refit, candidates, _groups(self.setup, len(self.names)), scatter, least, drives)
         left = search if search.incredible else without_idle_delays(search, refit, delays)
         return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
 
@@ -326,8 +347,8 @@ class Stages:
         weight = float(np.median(scatter[curvature > 0] / curvature[curvature > 0])) if (curvature > 0).any() else 1.0
         if weight < OVERRATED:
             return estimate
-        weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)
-        return self.scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
+        weighted = replace(fit.unbound, prior=fit.prior.weighted(weight))
+        return self.scattered(self.refitted(estimate.with_fit(weighted)))
 
     def converged(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Converged estimate.
@@ -362,7 +383,7 @@ class Stages:
             settled: Tolerance with which fits end.
         """
         fit, how = estimate.fit, (estimate.coloured, estimate.reversals)
-        return self._refit(fit.pieces, fit.selections, *how, prior=fit.prior, settled=settled)
+        return self._refit(fit.pieces, fit.selections, *how, prior=fit.prior, settled=settled, usual=fit.unbound.free)
 
     def _refit(
         self,
@@ -374,8 +395,12 @@ class Stages:
         prior: Prior | None = None,
         explore: bool = False,
         settled: Tolerance = NEAR,
+        usual: np.ndarray | None = None,
     ) -> Refit:
-        """Function that fits pieces, each with its own subset of the parameters."""
+        """Function that fits pieces, each with its own subset of the parameters.
+
+        Drives that are not among the `usual` parameters (p,) are fitted only where they are free.
+        """
         solve = partial(
             iteration.fit,
             self.measured(reversals),
@@ -389,7 +414,12 @@ class Stages:
             executor=self.executor,
             report=self.report,
         )
-        return partial(with_positive, solve, self._is_drive)
+        drives = self._is_drive if usual is None else self._is_drive & usual
+
+        def refit(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
+            return with_positive(solve, drives | (self._is_drive & free), begin, free, rounds)
+
+        return refit
 
 
 def _next(step: float, finest: float) -> float:

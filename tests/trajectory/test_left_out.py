@@ -8,7 +8,7 @@ from ident.estimation.preparation import prepared
 from ident.identification import identified
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.piece import Noise
-from ident.trajectory.left_out import clearly_better, gains, preferred, without
+from ident.trajectory.left_out import clearly_better, clearly_less, gains, without
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 
@@ -100,6 +100,6 @@ def test_a_limit_of_what_is_far_below_its_bound_is_finite():
 def test_white_weights_are_kept_unless_others_predict_clearly_better():
     """Channels that neither explains do not count."""
     white = np.array([0.2, 0.3, 1.0])
-    assert preferred({"white": white, "coloured": np.array([0.2, 0.295, 1.0])}, "white") == "white"
-    assert preferred({"white": white, "coloured": np.array([0.15, 0.3, 1.0])}, "white") == "coloured"
-    assert preferred({"white": np.ones(2), "coloured": np.ones(2)}, "white") == "white"
+    assert not clearly_less(white, np.array([0.2, 0.295, 1.0]))
+    assert clearly_less(white, np.array([0.15, 0.3, 1.0]))
+    assert not clearly_less(np.ones(2), np.ones(2))

@@ -1,7 +1,7 @@
 """Start and result of a fit of trajectory, parameters and noise, and the prior of the parameters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -104,6 +104,16 @@ class TrajectoryFit:
     def _overall(self, each: Sequence[np.ndarray]) -> np.ndarray:
         squares = [each[piece.log] ** 2 for piece in self.pieces]
         return np.sqrt(np.average(squares, axis=0, weights=[len(piece.time) for piece in self.pieces]))
+
+    @property
+    def bound(self) -> np.ndarray:
+        """Mask of the drives held at their bound of zero (p,)."""
+        return np.zeros_like(self.free) if self.bounded is None else self.bounded
+
+    @property
+    def unbound(self) -> "TrajectoryFit":
+        """Fit with these drives free, as a starting point: another fit may find them positive."""
+        return replace(self, free=self.free | self.bound)
 
     @property
     def counted(self) -> np.ndarray:

@@ -1,0 +1,68 @@
+"""Alternatives to a fit, of which each is taken if left-out pieces are predicted clearly better.
+
+Every alternative is asked for by the fit it would replace: a prior by columns that the data determine less well,
+correlated noise by correlated residuals, and friction and offsets of each recording's own by recordings that disagree.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy import special
+
+from ident.errors import ExcitationError
+from ident.tolerances import SIGNIFICANT
+from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.left_out import clearly_less, prediction_errors
+from ident.trajectory.result import TrajectoryEstimate
+
+
+def better(usual: TrajectoryEstimate, name: str, other: Callable[[], TrajectoryEstimate]) -> TrajectoryEstimate:
+    """The usual estimate, or another one that predicts left-out pieces clearly better.
+
+    Args:
+        usual: The usual estimate, with the shares of its pieces.
+        name: Name of the alternative.
+        other: Function that returns the other one, which may not be determined.
+    """
+    if usual.fit.status == "interrupted" or len(usual.fit.pieces) < 2:
+        return usual
+    try:
+        tried = other()
+    except (ExcitationError, np.linalg.LinAlgError):
+        return usual
+    if tried.fit.status == "interrupted":
+        return tried
+    both = usual, tried
+    least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
+    errors = np.array([prediction_errors(each.measurement, each.fit, least) for each in both])
+    return replace(both[clearly_less(*errors)], errors={**usual.errors, name: errors})
+
+
+def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:
+    """True if some parameters, by their indices, would differ significantly between the recordings (score test).
+
+    With H_l and g_l the precision and right side of recording l, H their sum with the prior's, and K the parameters,
+
+        gᵀ S⁻¹ g ~ χ²,    S_lm = (δ_lm H_l - H_l H⁻¹ H_m)_KK
+
+    where g are the (g_l)_K of all recordings but the first.
+    """
+    fit, free = estimate.fit, estimate.fit.free
+    mine = mine[free[mine]]
+    if len(estimate.counts) < 2 or not len(mine):
+        return False
+    parts = [fit.shares[estimate.pieces_of(k)] for k in range(1, len(estimate.counts))]
+    every = [(np.sum([H for H, _ in part], axis=0), np.sum([g for _, g in part], axis=0)) for part in parts]
+    across = np.hstack([H[np.ix_(free, mine)] for H, _ in every])
+    alone = np.zeros((across.shape[1], across.shape[1]))
+    for k, (H, _) in enumerate(every):
+        own = slice(k * len(mine), (k + 1) * len(mine))
+        alone[own, own] = H[np.ix_(mine, mine)]
+    score = np.concatenate([g[mine] for _, g in every])
+    S = alone - across.T @ inverse_of_precision(fit.precision[np.ix_(free, free)]) @ across
+    size = np.sqrt(np.maximum(np.diag(S), 1e-300))
+    values, axes = np.linalg.eigh(S / np.outer(size, size))
+    seen = values > 1e-9 * values[-1]
+    z = (axes.T @ (score / size))[seen] / np.sqrt(values[seen])
+    return bool((z**2).sum() > special.chdtri(seen.sum(), SIGNIFICANT))
