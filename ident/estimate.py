@@ -21,6 +21,7 @@ from ident.estimation.part import Part
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples, joined
 from ident.files.objects import load_object, save_object
+from ident.judgement.candidates import ESTIMATE
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.evidence import Evidence
@@ -43,7 +44,6 @@ from ident.regression.robust import spread
 from ident.setup import SETUP
 from ident.tolerances import UNEXPLAINED
 from ident.trajectory.result import TrajectoryEstimate
-from ident.trajectory.reversals import axis_speeds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,7 +66,6 @@ class Estimate:
             from the rest, or the fitted samples themselves.
         singular_values: Singular values of the unit-norm columns of base parameters and drives, each channel weighted.
         trajectory: The trajectory estimate of trajectory, parameters, set-up and noise, None for other estimators.
-        rivals: Ratios of residual to signal of other candidates on the same samples (C,), by name.
         filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
         filtered_values: Base parameters, drives and offsets of that candidate; None without it.
         disagreement: Root mean square z of the differences between two halves, None without two.
@@ -82,7 +81,6 @@ class Estimate:
     held_out: HeldOut
     singular_values: np.ndarray
     trajectory: TrajectoryEstimate | None = None
-    rivals: Mapping[str, np.ndarray] = field(default_factory=dict)
     disagreement: float | None = None
     disagreements: tuple[float, ...] = ()
     widening: float = 1.0
@@ -276,22 +274,10 @@ class Estimate:
     def _fitted(self) -> Samples:
         return joined([part.used for part in self.logs])
 
-    @cached_property
-    def near_reversals(self) -> np.ndarray:
-        """Mask of the held-out samples whose joint is so slow that its torque carries little information (M, C)."""
-        joint = self.trajectory
-        if joint is None or joint.reversals is None:
-            return np.zeros(self.held_out.residual.shape, bool)
-        speed = axis_speeds(joint.measurement.equations, self.held_out.samples.motion.dq)
-        return np.asarray(joint.reversals.slack(speed) > joint.fit.channel_noise)
-
     @property
-    def moving_ratio(self) -> np.ndarray:
-        """RMS residual over the signal's standard deviation, without samples near reversals; NaN without any (C,)."""
-        held, moves = self.held_out, ~self.near_reversals
-        number = np.where(moves.any(axis=0), moves.sum(axis=0), np.nan)
-        squares = np.where(moves, held.residual**2, 0).sum(axis=0) / number
-        return np.asarray(np.sqrt(squares) / held.scales)
+    def rivals(self) -> dict[str, np.ndarray]:
+        """Ratios of residual to signal of other candidates on the same samples (C,), by name."""
+        return {name: self.held_out.ratio_of(x) for name, x in self.held_out.rivals.items()}
 
     @property
     def unexplained(self) -> tuple[str, ...]:
@@ -365,10 +351,11 @@ class Estimate:
     @cached_property
     def evidence(self) -> Evidence:
         """Evidence that the estimate is judged by."""
-        joint, channels = self.trajectory, self.channels
+        joint, channels, held = self.trajectory, self.channels, self.held_out
+        every = {ESTIMATE: held.residual, **held.rivals}
         return Evidence(
             fit=self.fit,
-            ratios=dict(zip(channels, self.held_out.ratio.tolist(), strict=True)),
+            ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
             part="held-out",
             condition_number=self.condition_number,
             checks=self.checks,
@@ -385,7 +372,8 @@ class Estimate:
             widening=self.widening,
             bounded=self.bounded,
             friction=self.friction,
-            moving_ratio=None if joint is None else self.moving_ratio,
+            at_rest=dict(zip(channels, held.ratio_at_rest(held.residual).tolist(), strict=True)),
+            in_logs=[{n: held.ratio_of(x, part) for n, x in every.items()} for part in held.left_out],
             model_error=None if joint is None else self.model_error,
             covariance_setup=self.covariance_setup,
             consistent=self.consistent(),

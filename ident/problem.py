@@ -42,7 +42,6 @@ class Problem:
         physical: True if the bodies must be physical.
         executor: Executor for the pieces of an estimate, by default none.
         report: Called with every round, and its step in standard deviations.
-        smoothing: Time constant with which the angles of samples to judge by are smoothed, s.
     """
 
     fitted: list[Part[slice]]
@@ -56,7 +55,6 @@ class Problem:
     physical: bool = False
     executor: Executor | None = None
     report: Report | None = None
-    smoothing: float = 0.0
 
     @property
     def equations(self) -> Equations:
@@ -74,28 +72,37 @@ class Problem:
         """All samples to fit."""
         return joined([part.used for part in self.fitted])
 
+    @property
+    def settled(self) -> list[Part[slice | np.ndarray]]:
+        """Parts to fit without the ends of the recordings and at gaps, as those to judge by."""
+        return [_settled(part.log, part.samples) for part in self.fitted]
+
+    @property
+    def leaves_out(self) -> bool:
+        """True if each of the recordings is judged by, predicted from the others."""
+        return not self.apart and len(self.fitted) > 2
+
     def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "Problem":
         """Problem of other versions of the recordings, divided into the same parts."""
         fitted = [part.of(log) for log, part in zip(logs, self.fitted, strict=True)]
         judged = [part.of(log) for log, part in zip(judges, self.judged, strict=True)]
         return replace(self, fitted=fitted, judged=judged)
 
-    def held_out(self, fits: Sequence[Fit]) -> HeldOut:
-        """Residuals on the samples to judge by, of one fit for all recordings or one for each."""
-        samples = [part.used for part in self.judged]
-        each = list(fits) * len(samples) if len(fits) == 1 else fits
-        residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
-        time, starts = _in_a_row([part.times for part in self.judged])
-        return HeldOut(time, joined(samples), fits[0], residual, starts)
+    def held_out(self, fit: Fit) -> HeldOut:
+        """Residuals of a fit on the samples to judge by, at the recorded motion."""
+        samples = joined([part.used for part in self.judged])
+        residual, none = fit.residual(samples), np.zeros(samples.measured.shape, int)
+        return HeldOut(*self.in_a_row, (samples,), none, fit, residual, none > 0)
 
-
-def _in_a_row(times: Sequence[np.ndarray]) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Times of recordings one after the other, and the indices at which each begins or continues after a gap."""
-    out, starts = times[0][:0], list[int]()
-    for own in times:
-        starts += [len(out) + run.start for run in stretches(own, np.ones(len(own), bool))]
-        out = np.append(out, own - own[0] + out[-1] + np.median(np.diff(own)) if len(out) else own)
-    return out, tuple(starts)
+    @property
+    def in_a_row(self) -> tuple[np.ndarray, tuple[int, ...]]:
+        """Times of the recordings to judge by in a row, and indices at which each begins or continues after a gap."""
+        times = [part.times for part in self.judged]
+        out, starts = times[0][:0], list[int]()
+        for own in times:
+            starts += [len(out) + run.start for run in stretches(own, np.ones(len(own), bool))]
+            out = np.append(out, own - own[0] + out[-1] + np.median(np.diff(own)) if len(out) else own)
+        return out, tuple(starts)
 
 
 def problem_of(

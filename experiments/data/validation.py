@@ -106,6 +106,7 @@ class Validation:
         channels: Names of the channels.
         units: Units of the channels.
         ratios: Held-out residual over signal by candidate (C,).
+        at_rest: The same where joints that rub are at rest, which is not judged; NaN without such samples (C,).
         halves: Differences of the two halves' base parameters in their standard deviations from the noise (r,).
         widening: Factor on those deviations because of the halves.
         trials: Estimates of each trial alone, by its name.
@@ -124,6 +125,7 @@ class Validation:
     channels: tuple[str, ...]
     units: tuple[str, ...]
     ratios: Mapping[str, np.ndarray]
+    at_rest: Mapping[str, np.ndarray]
     halves: np.ndarray
     widening: float
     trials: Mapping[str, Values]

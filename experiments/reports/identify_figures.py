@@ -23,7 +23,7 @@ MEASURED, ESTIMATED = figures.INKS[:2]
 COLUMN_PANELS = 16
 """Largest number of channels in a figure of one column; more take the width of the page."""
 
-UNCERTAIN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Low velocity, down-weighted"}
+UNCERTAIN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Low velocity, not judged"}
 """Style of spans in which joints are so slow that friction makes their torques indeterminate."""
 
 
@@ -32,7 +32,7 @@ def held_out_figure(result: Estimate) -> Figure:
     held = result.held_out
     measured = held.samples.measured
     time, measured, predicted = map(held.interrupted, (held.time, measured, measured - held.residual))
-    slow = held.interrupted(result.near_reversals, by=False)
+    slow = held.interrupted(~held.moving, by=False)
     with styles.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
@@ -54,8 +54,8 @@ def held_out_figure(result: Estimate) -> Figure:
 def held_out_caption(result: Estimate) -> str:
     """Caption of the held-out figure."""
     caption = "Measured and predicted channels on the held-out part."
-    if result.near_reversals.any():
-        caption += " Grey: joints so slow that friction makes their torques uncertain."
+    if not result.held_out.moving.all():
+        caption += " Grey: joints so slow that friction makes their torques uncertain; not judged."
     if result.trajectory:
         step = min(result.trajectory.steps)
         caption += f" The splines of the fitted motion have a knot every {1e3 * step:.3g} ms throughout."

@@ -101,32 +101,33 @@ def _relative(value: float, std: float) -> str:
 
 
 def quality_table(result: Estimate) -> tabular.Table:
-    """Prediction errors of each channel on the held-out part."""
-    held = result.held_out
-    rivals = [result.rivals.get(name, np.full(len(result.channels), np.nan)) for name in ("model", "least squares")]
-    rows = tuple(
-        (channel, *(None if np.isnan(x) else float(x) for x in numbers), note)
-        for channel, *numbers, note in zip(
-            result.channels,
-            held.samples.measured.std(axis=0),
-            np.sqrt((held.residual**2).mean(axis=0)),
-            held.ratio,
-            held.relative_rms,
-            *rivals,
-            held.ratio_with(result.psi_updated),
-            result.correlation,
-            ["not explained by this motion" if c in result.unexplained else "" for c in result.channels],
-            strict=True,
-        )
+    """Prediction errors of each channel on the held-out part, where joints that rub move, and where they rest."""
+    held, tree, nan = result.held_out, result.prepared.mechanism.tree, np.full(len(result.channels), np.nan)
+    rivals = [held.rivals.get(name) for name in ("model", "least squares")]
+    moving = (
+        *(held.signal, held.rms, held.ratio, held.relative_rms),
+        *(nan if x is None else held.ratio_of(x) for x in rivals),
+        *(held.ratio_with(result.psi_updated), result.correlation),
     )
+    own, *others = (nan if x is None else held.ratio_at_rest(x) for x in (held.residual, *rivals))
+    resting = held.signal, own * held.signal, own, nan, *others, nan, nan
+    rows, units = list[tuple[tabular.Cell, ...]](), list[str]()
+    for k, channel in enumerate(result.channels):
+        note = "not explained by this motion" if channel in result.unexplained else ""
+        lines = [(channel, moving, note)]
+        if np.isfinite(own[k]):
+            lines.append((f"{channel}, at rest", resting, "not judged: friction is anything up to breakaway"))
+        rows += [
+            (name, *(None if np.isnan(x[k]) else float(x[k]) for x in numbers), note) for name, numbers, note in lines
+        ]
+        units += [channel_unit(channel, tree)] * len(lines)
     ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
     columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
-    units = tuple(channel_unit(channel, result.prepared.mechanism.tree) for channel in result.channels)
     heads = {
         "ratio_model_as_it_came": "ratio, model as it came",
         "ratio_least_squares": "ratio, least squares",
     }
-    return tabular.Table("Prediction of the held-out part", columns, rows, units=units, heads=heads)
+    return tabular.Table("Prediction of the held-out part", columns, tuple(rows), units=tuple(units), heads=heads)
 
 
 def full_table(result: Estimate) -> tabular.Table:

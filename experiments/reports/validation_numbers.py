@@ -26,7 +26,7 @@ def numbers(study: Study) -> dict[str, Any]:
 
 def _recording(validation: Validation) -> dict[str, Any]:
     """Numbers of a recording."""
-    names = ("rivals", "channels", "units", "ratios", "halves", "widening", "outcome", "verdict", "doubts")
+    names = ("rivals", "channels", "units", "ratios", "at_rest", "halves", "widening", "outcome", "verdict", "doubts")
     return {
         "values": vars(validation.values),
         "trials": {name: vars(each) for name, each in validation.trials.items()},

@@ -69,6 +69,11 @@ def table_held_out(study: Study) -> tabular.Table:
         for k, channel in enumerate(each.channels):
             ratios = [float(each.ratios[name][k]) for name in (MODEL, LEAST_SQUARES, ESTIMATE)]
             rows.append((each.entry.title, channel, *ratios, each.entry.held_out.get(channel), _judged(each, k)))
+            resting = [
+                float(each.at_rest[name][k]) for name in (MODEL, LEAST_SQUARES, ESTIMATE) if name in each.at_rest
+            ]
+            if np.isfinite(resting).any():
+                rows.append((each.entry.title, f"{channel}, at rest", *resting, None, "not judged"))
     columns = ("recording", "channel", "model", "least_squares", "estimate", "published", "note")
     heads = {"model": "model as it came", "least_squares": "least squares", "estimate": "trajectory estimate"}
     title = "Residual of the held-out part over the signal's standard deviation"

@@ -14,11 +14,10 @@ if TYPE_CHECKING:
 def estimate_numbers(estimate: "Estimate") -> dict[str, Any]:
     """All results of an estimate for scripts, in JSON's types."""
     held, full, verdict = estimate.held_out, estimate.consistent(), estimate.verdict()
-    rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
-    keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_without_reversals")
-    moving = [x if np.isfinite(x) else None for x in estimate.moving_ratio.tolist()]
-    ratios = held.ratio.tolist(), held.relative_rms.tolist(), moving
-    numbers = zip(rms.tolist(), signal.tolist(), *ratios, strict=True)
+    keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
+    at_rest = [x if np.isfinite(x) else None for x in held.ratio_at_rest(held.residual).tolist()]
+    each = held.rms, held.signal, held.ratio, held.relative_rms
+    numbers = zip(*(x.tolist() for x in each), at_rest, strict=True)
     bodies = zip(estimate.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
     common = summary(
         estimate.fit, verdict, estimate.findings, condition_number=estimate.condition_number, offsets=estimate.offsets

@@ -318,6 +318,12 @@ class Measurement:
         at = [self.of_kind("gain", name) or self.of_kind("scale", name) for name in of or self.equations.channels]
         return [1 + theta[own[None]] if own else 1.0 for own in at]
 
+    def torque_gains(self, theta: np.ndarray) -> np.ndarray:
+        """Gains of the torques, 1 for the components of a wrench (C,)."""
+        gains = np.array(self.gains(theta), float)
+        gains[: len(self.components)] = 1
+        return gains
+
     def constants(self, theta: np.ndarray) -> np.ndarray:
         """Constant offset of each channel (C,)."""
         out, equations = np.zeros(len(self.equations.channels)), self.equations

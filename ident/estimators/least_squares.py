@@ -2,15 +2,12 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from ident.estimate import Estimate
 from ident.estimation.excitation import excited
 from ident.estimation.separable import separable
-from ident.estimation.stated_drives import stated_drive_channels
+from ident.estimators.candidate import Candidate
+from ident.judgement.candidates import MODEL
 from ident.problem import Problem
-from ident.regression.held_out import HeldOut
-from ident.regression.ordinary import Fit
 from ident.regression.robust import robust_fit
 
 
@@ -32,25 +29,6 @@ def _least_squares(problem: Problem, *, weighted: bool) -> Estimate:
     with_offsets = separable(equations.with_offsets(equations.sensed), samples)
     full = robust_fit(with_offsets, samples, weighted=weighted)
     fit = full if problem.offsets else robust_fit(equations, samples, weighted=weighted)
-    rivals = {"model": model_as_it_came(problem, full).ratio}
-    return Estimate(problem.fitted, fit, full.offsets, problem.held_out([fit]), singular_values, rivals=rivals)
-
-
-def model_as_it_came(problem: Problem, fit: Fit) -> HeldOut:
-    """Residuals of the model as it came, on the samples to judge by.
-
-    It predicts with its prior parameters, and with the drives that it states instead of fitted ones; offsets are the
-    mean residuals of the samples to fit.
-
-    Args:
-        problem: Samples to fit and to judge by.
-        fit: A fit of the same columns, whose values do not matter.
-    """
-    equations, samples = fit.equations, problem.samples
-    prior = equations.parameters.regroup(equations.mechanism.known)
-    model = replace(fit, values=np.r_[prior, np.zeros(len(equations.names) - len(prior))])
-    if equations.offsets:
-        left = model.residual(samples) - stated_drive_channels(equations, samples.motion)
-        model.values[-len(equations.offsets) :] = left.mean(axis=0)[list(equations.offsets)]
-    held = problem.held_out([model])
-    return replace(held, residual=held.residual - stated_drive_channels(equations, held.samples.motion))
+    held_out, model = problem.held_out(fit), Candidate.model(with_offsets, samples)
+    held_out = replace(held_out, rivals={MODEL: model.residuals(held_out.samples)[0]})
+    return Estimate(problem.fitted, fit, full.offsets, held_out, singular_values)

@@ -11,20 +11,20 @@ from ident.estimate import Estimate
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import excited
 from ident.estimation.preparation import Prepared
+from ident.estimation.samples import joined
 from ident.estimation.separable import separable
-from ident.estimators.least_squares import model_as_it_came
+from ident.estimators.candidate import Candidate
+from ident.estimators.predictions import Predictions
+from ident.judgement.candidates import LEAST_SQUARES, MODEL
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import disagreement, disagreements, widening, without
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
 from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares
-from ident.regression.held_out import HeldOut
-from ident.regression.ordinary import Fit
 from ident.setup import PRIORS
-from ident.trajectory.corrected import as_fit, corrected
+from ident.trajectory.corrected import as_fit
 from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.result import TrajectoryEstimate
-from ident.trajectory.smoothing_choice import chosen_smoothing
 
 
 def trajectory(problem: Problem) -> Estimate:
@@ -58,23 +58,33 @@ def trajectory(problem: Problem) -> Estimate:
     result = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
     rms = disagreement(result)
     wider = widening(rms)
-    problem = replace(problem, smoothing=chosen_smoothing(problem.fitted, result))
-    mended = _corrected(problem, result)
-    fit = as_fit(result, mended.samples, mended.equations, wider)
-    fits = [fit]
-    if not problem.apart and len(problem.fitted) > 2:
-        values = (without(result, k) for k in range(len(problem.fitted)))
-        fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
-    held_out = mended.held_out(fits)
-    rivals, filtered = _rivals(problem, with_offsets, result, fit, held_out)
+    predictions = Predictions(problem, result)
+    first = predictions.logs[0].equations(result)
+    values = [result.fit.theta]
+    if problem.leaves_out:
+        values = [without(result, k) for k in range(len(problem.fitted))]
+    own = predictions.of(Candidate(first, np.stack(values)[:, : len(first.names)]), result)
+    usual = float(np.median(own.constants))
+    logs = [
+        part.of(log.corrected(result, usual, part.samples))
+        for log, part in zip(predictions.logs, problem.fitted, strict=True)
+    ]
+    fit = as_fit(result, joined([part.used for part in logs]), first, wider)
+    filtered = _least_squares(problem, with_offsets, result)
+    others = {
+        LEAST_SQUARES: Candidate(with_offsets, filtered.values),
+        MODEL: Candidate.model(with_offsets, problem.samples),
+    }
+    # All are compared in units of the channels as the estimate has them.
+    scales = result.measurement.torque_gains(result.parameters_of(0))
+    rivals = {name: predictions.of(each, result.as_stated()).residual / scales for name, each in others.items()}
     return Estimate(
-        logs=mended.fitted,
+        logs=logs,
         fit=fit,
         offsets=fit.offsets,
-        held_out=held_out,
+        held_out=predictions.held_out(own, replace(fit, values=values[0][: len(fit.values)]), rivals),
         singular_values=singular_values,
         trajectory=result,
-        rivals=rivals,
         filtered_at=filtered.cutoffs[0],
         filtered_values=_with_zeros(filtered.values[0], with_offsets, fit.equations),
         disagreement=rms,
@@ -82,6 +92,16 @@ def trajectory(problem: Problem) -> Estimate:
         widening=wider,
         bounded=result.bounds,
     )
+
+
+def _least_squares(problem: Problem, equations: Equations, result: TrajectoryEstimate) -> FilteredLeastSquares:
+    """Least squares with the set-up as stated, and with the prior of the trajectory estimate.
+
+    They have no Stribeck friction that the trajectory estimate added: filtered reversals look like it.
+    """
+    count, prior = equations.parameters.rank + len(equations.drives), result.fit.prior
+    known = prior.mean[:count], prior.known[:count, :count]
+    return filtered_least_squares(problem.fitted, problem.judged, equations, known, others=problem.leaves_out)
 
 
 def _grossly_wrong(log: Prepared) -> bool:
@@ -126,49 +146,3 @@ def _with_zeros(values: np.ndarray, few: Equations, many: Equations) -> np.ndarr
     """Values of columns, with zeros for those of Stribeck friction that only other equations have."""
     at = few.parameters.rank + len(few.drives)
     return np.insert(values, at, np.zeros(len(many.drives) - len(few.drives)))
-
-
-def _corrected(problem: Problem, trajectory: TrajectoryEstimate) -> Problem:
-    """Recordings with the set-up of a trajectory estimate and smoothed motion, that to judge by from angles alone."""
-    smoothing = problem.smoothing
-    logs = [corrected(part.log, trajectory, k, smoothing, part.samples) for k, part in enumerate(problem.fitted)]
-    if problem.apart:
-        judges = [corrected(part.log, trajectory, None, smoothing) for part in problem.judged]
-    elif len(problem.fitted) > 2:
-        judges = [corrected(part.log, trajectory, k, smoothing) for k, part in enumerate(problem.judged)]
-    else:
-        judges = logs
-    return problem.with_logs(logs, judges)
-
-
-def _rivals(
-    problem: Problem, equations: Equations, trajectory: TrajectoryEstimate, fit: Fit, held_out: HeldOut
-) -> tuple[dict[str, np.ndarray], FilteredLeastSquares]:
-    """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
-
-    Least squares have no Stribeck friction that the trajectory estimate added: filtered reversals look like it.
-
-    Args:
-        problem: Samples to fit and to judge by.
-        equations: Their columns, with offsets.
-        trajectory: The trajectory estimate.
-        fit: The trajectory estimate as a fit.
-        held_out: Its residuals.
-
-    Returns:
-        Ratios of residual to signal by candidate (C,), and least squares.
-    """
-    stated = _corrected(problem, trajectory.as_stated())
-    held = model_as_it_came(stated, replace(fit, equations=equations))
-    count, prior = equations.parameters.rank + len(equations.drives), trajectory.fit.prior
-    known = prior.mean[:count], prior.known[:count, :count]
-    others = not problem.apart and len(problem.fitted) > 2
-    filtered = filtered_least_squares(problem.fitted, problem.judged, equations, known, others=others)
-    commanded = equations.servos is not None
-    measured = np.concatenate(filtered.measured) if commanded else held.samples.measured
-    residuals = {"model": held.residual, "least squares": measured - np.concatenate(filtered.predicted)}
-    # Lag and scales of commands change the torques that they make; all candidates are held against the same ones.
-    signal, scales = held, np.ones(len(equations.channels))
-    if commanded:
-        signal, scales = held_out, np.array(trajectory.measurement.gains(trajectory.parameters_of(0)), float)
-    return {name: replace(signal, residual=x / scales).ratio for name, x in residuals.items()}, filtered

@@ -1,6 +1,6 @@
 """Three predictions of what was held out: the model as it came, least squares on filtered states, and the estimate."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -55,9 +55,14 @@ class Candidates:
         """The candidates of an identification."""
         every = {ESTIMATE: np.array(list(evidence.ratios.values()))}
         every |= {name: np.asarray(evidence.rivals[name]) for name in RIVALS if name in evidence.rivals}
+        return cls.explaining(evidence.channels, every)
+
+    @classmethod
+    def explaining(cls, channels: Sequence[str], every: Mapping[str, np.ndarray]) -> "Candidates":
+        """Candidates in the channels that one of them explains, by their ratios in all channels (C,)."""
         explained = np.min(list(every.values()), axis=0) <= UNEXPLAINED
-        channels = tuple(c for c, e in zip(evidence.channels, explained, strict=True) if e)
-        return cls(channels, {name: ratio[explained] for name, ratio in every.items()})
+        kept = tuple(c for c, e in zip(channels, explained, strict=True) if e)
+        return cls(kept, {name: ratio[explained] for name, ratio in every.items()})
 
     def overall(self, name: str) -> float:
         """Geometric mean of a candidate's residuals over the signals, each at least `NEGLIGIBLE`."""

@@ -39,7 +39,8 @@ class Evidence:
         widening: Factor on the standard deviations because of the halves.
         bounded: Drives at their bound of zero: upper limit, and standard deviation with the drive free.
         friction: Share of each joint torque's residual that friction would explain.
-        moving_ratio: Ratios without samples near reversals, NaN without any (C,).
+        at_rest: Ratios of the samples that are not judged, of joints that rub and rest, NaN without any, by channel.
+        in_logs: Ratios of all candidates in each recording, if each is predicted from the others (C,), by name.
         model_error: Share of each channel's residual that the motion explains beyond chance (C,).
         covariance_setup: Covariance of all coefficients with the uncertainty of the set-up (m, m).
         consistent: Physical bodies near the estimate.
@@ -64,7 +65,8 @@ class Evidence:
     widening: float = 1.0
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     friction: Mapping[str, float] = field(default_factory=dict)
-    moving_ratio: np.ndarray | None = None
+    at_rest: Mapping[str, float] = field(default_factory=dict)
+    in_logs: Sequence[Mapping[str, np.ndarray]] = ()
     model_error: np.ndarray | None = None
     covariance_setup: np.ndarray | None = None
     consistent: ConsistentParameters | None = None

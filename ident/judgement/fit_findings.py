@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import linalg
 
+from ident.judgement.candidates import ESTIMATE, Candidates
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.halves import DISAGREE
@@ -29,7 +30,13 @@ FAR_LESS = 30.0
 TINIEST = 1e-300
 
 FAR_APART = 4.0
-"""Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt."""
+"""Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt,
+unless the estimate predicts that log best of all candidates: then no other parameters on offer are nearer."""
+
+CHANGED = 2.0
+"""Residual over signal in a log over its median in the others from which something changed, however well it is
+predicted beside other candidates: trials of a real pendulum that disagree have up to 1.8, one whose force reads a fifth
+more has 4."""
 
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
@@ -57,8 +64,17 @@ def halves_findings(evidence: Evidence) -> Iterator[Finding]:
     if evidence.disagreement is not None and evidence.disagreement > DISAGREE:
         yield Finding.of("halves_disagree", rms_z=evidence.disagreement)
     if apart := {log: z for log, z in enumerate(evidence.disagreements, start=1) if z > DISAGREE}:
-        far = max(apart.values()) > FAR_APART
-        yield Finding.of("logs_disagree", doubt=far, logs=tuple(apart), rms_z=tuple(apart.values()))
+        best = tuple(log for log in apart if evidence.in_logs and _predicted(evidence, log - 1))
+        far = any(z > FAR_APART and log not in best for log, z in apart.items())
+        yield Finding.of("logs_disagree", doubt=far, logs=tuple(apart), rms_z=tuple(apart.values()), best=best)
+
+
+def _predicted(evidence: Evidence, k: int) -> bool:
+    """True if the estimate predicts a log best of all candidates, and no channel far worse than in the other logs."""
+    ratios = np.array([each[ESTIMATE] for each in evidence.in_logs])
+    usual = np.median(np.delete(ratios, k, axis=0), axis=0)
+    best = Candidates.explaining(evidence.channels, evidence.in_logs[k]).best
+    return best == ESTIMATE and not (ratios[k] > CHANGED * usual).any()
 
 
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -37,22 +37,20 @@ def bound_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def reversal_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on the velocities below which torques are down-weighted, and over which friction changes its sign."""
+    """Remark on the velocities below which torques are not judged, and over which friction changes its sign."""
     joint = evidence.trajectory
-    if joint is None or joint.reversals is None or evidence.moving_ratio is None:
+    if joint is None or joint.reversals is None:
         return
-    reversals, equations, noise = joint.reversals, joint.measurement.equations, joint.fit.channel_noise
+    reversals, equations = joint.reversals, joint.measurement.equations
     axes, rubs = equations.axes, rubbing(equations)
-    slack = reversals.size[:, None] * np.abs(reversals.shares)
-    open_ = {axes.names[a]: float(reversals.velocity[a]) for a in rubs if (slack[a] > noise).any()}
+    open_ = {axes.names[a]: float(reversals.velocity[a]) for a in rubs if reversals.size[a] > 0}
     smooth = {
         axes.names[a]: float(reversals.slip[a]) for a in rubs if reversals.slip[a] > SMOOTH * float(axes.gears[a])
     }
     if open_:
-        ratios = dict(zip(equations.channels, evidence.moving_ratio.tolist(), strict=True))
         moved = dict.fromkeys(name for axis in open_ for name in axes.joints_of(axis))
-        moving = {name: ratios[name] for name in moved if np.isfinite(ratios.get(name, np.nan))}
-        yield Finding.of("breakaway_friction", _place(evidence, open_), velocities=open_, ratios=moving)
+        at_rest = {name: evidence.at_rest[name] for name in moved if np.isfinite(evidence.at_rest.get(name, np.nan))}
+        yield Finding.of("breakaway_friction", _place(evidence, open_), velocities=open_, at_rest=at_rest)
     if smooth:
         yield Finding.of("smooth_coulomb_friction", _place(evidence, smooth), velocities=smooth)
 

@@ -79,4 +79,5 @@ def identify_payload(
     deviations = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", setup or {}, PRIORS)}
     estimate = identified(ready, offsets=offsets, holdout=holdout, setup=deviations, known=known(part), report=report)
     # The prior is the weighed body instead of the model, so that the model is no rival.
-    return Payload(robot, body, sensor, places[0], replace(estimate, rivals={}), tuple(notes))
+    estimate = replace(estimate, held_out=replace(estimate.held_out, rivals={}))
+    return Payload(robot, body, sensor, places[0], estimate, tuple(notes))

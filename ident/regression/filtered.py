@@ -56,17 +56,13 @@ class FilteredLeastSquares:
     """Least squares at the best of several cut-offs.
 
     Attributes:
-        cutoffs: Cut-off for each recording to predict, Hz; None for measured velocities and accelerations, where none
-            can be chosen.
-        predicted: Predicted channels of each (N, C).
-        measured: Unfiltered channels of each, commands as torques at the filtered motion (N, C).
-        values: Coefficients that predict each (m,).
+        cutoffs: Cut-off for all recordings to predict, or for each, Hz; None for measured velocities and
+            accelerations, where none can be chosen.
+        values: Coefficients that predict all, or each (1 or J, m).
     """
 
     cutoffs: tuple[float | None, ...]
-    predicted: tuple[np.ndarray, ...]
-    measured: tuple[np.ndarray, ...]
-    values: tuple[np.ndarray, ...]
+    values: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +111,7 @@ def filtered_least_squares(
     *,
     others: bool = False,
 ) -> FilteredLeastSquares:
-    """Predictions by least squares at the cut-off at which halves of the fitted samples predict each other best.
+    """Least squares at the cut-off at which halves of the fitted samples predict each other best.
 
     Args:
         fitted: Parts of recordings to fit.
@@ -127,22 +123,16 @@ def filtered_least_squares(
     cutoffs = _cutoffs([part.log for part in (*fitted, *judged)])
     thin = max(1, round(length(fitted) / ENOUGH))
     halves = {c: [_halves(part, equations, c, thin) for part in fitted] for c in cutoffs}
-    best, predicted, measured, values = list[float | None](), list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
-    for k, part in enumerate(judged):
+    best, values = list[float | None](), list[np.ndarray]()
+    for k in range(len(judged) if others else 1):
         used = [i for i in range(len(fitted)) if not others or i != k]
         sums = {
             c: [reduce(add, pair) for pair in zip(*(own[i] for i in used), strict=True)] for c, own in halves.items()
         }
         chosen = min(cutoffs, key=lambda c: _error(sums[c], prior))
-        x = _solved(sums[chosen][0] + sums[chosen][1], prior)
         best.append(chosen)
-        values.append(x)
-        own = filtered(part.log, chosen)
-        motion = own.motion[part.indices]
-        measured.append(own.raw[part.indices])
-        rows = equations.rows(Samples(motion, np.zeros((len(motion), len(equations.channels)))))
-        predicted.append(np.hstack([np.tensordot(x, r[:-1], axes=1) for r in rows]).T)
-    return FilteredLeastSquares(tuple(best), tuple(predicted), tuple(measured), tuple(values))
+        values.append(_solved(sums[chosen][0] + sums[chosen][1], prior))
+    return FilteredLeastSquares(tuple(best), np.stack(values))
 
 
 def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:

@@ -1,8 +1,8 @@
 """Recording with set-up corrected and motion smoothed by the trajectory estimate, and the estimate as a fit to it."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,102 +11,126 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import coAd, inverse
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import joined
 from ident.recordings.wrench import GROUND
 from ident.regression.ordinary import Fit
-from ident.trajectory.angles_alone import smoothed
+from ident.trajectory.angles_alone import Trajectory, smoothed
 from ident.trajectory.fit.piece import Piece, clocks
-from ident.trajectory.from_angles import without_zeros
-from ident.trajectory.pieces import coordinates, cut
+from ident.trajectory.pieces import LONGEST, coordinates, cut
 from ident.trajectory.result import TrajectoryEstimate
 
-Place = tuple[Piece, Callable[[np.ndarray], np.ndarray]]
-"""A piece and its trajectory as a function of time."""
 
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A recording at its common times, with a motion smoothed from its angles alone for each time constant.
 
-def corrected(
-    prepared: Prepared, estimate: TrajectoryEstimate, which: int | None, smoothing: float, part: slice | None = None
-) -> Prepared:
-    """Recording with the estimated set-up and its motion smoothed.
-
-    Args:
+    Attributes:
         prepared: The recording that was fitted, or another one.
-        estimate: The trajectory estimate.
+        measurement: Its channels.
         which: Index of the recording among those that were fitted, or None.
-        smoothing: Time constant with which angles alone are smoothed, s, from `chosen_smoothing`.
-        part: Part of the recording that was fitted, where the motion was estimated from the wrenches as well.
     """
-    measurement, theta = estimate.measurement, estimate.parameters_of(which)
-    places = _on_one_clock(measurement, _places(prepared, estimate, which, smoothing, part), theta)
-    states = [trajectory(_times(measurement, piece, theta))[:3] for piece, trajectory in places]
-    motion = joined([measurement.motion(x) for x in states])
-    channels = [piece_channels(measurement, piece, x, theta) for (piece, _), x in zip(places, states, strict=True)]
-    measured = np.concatenate(channels)
-    if measurement.in_world_axes and motion.base is not None:
-        # Channels of `Equations` are in the base's axes.
-        in_base = measured[:, :6].reshape(-1, 2, 3) @ motion.base.T[:, :3, :3]
-        measured = np.hstack([in_base.reshape(-1, 6), measured[:, 6:]])
-    equations = _equations(measurement, theta, prepared.mechanism)
-    # A recording's own offsets and friction are replaced by those of the first.
-    if (own := (estimate.parameters_of(0) - theta)[: len(equations.names)]).any():
-        columns = equations.rows(equations.checked(Samples(motion, np.zeros_like(measured))))
-        measured += np.concatenate([np.tensordot(rows[:-1], own, (0, 0)).T for rows in columns])
-    samples = Samples(motion, measured)
-    frame = prepared.frame @ measurement.displacement(GROUND, theta).astype(float)
-    return replace(
-        prepared, mechanism=equations.mechanism, equations=equations, samples=samples, frame=frame, cutoff=None
-    )
 
+    prepared: Prepared
+    measurement: Measurement
+    which: int | None
 
-def _places(
-    prepared: Prepared, estimate: TrajectoryEstimate, which: int | None, smoothing: float, part: slice | None
-) -> list[Place]:
-    """Pieces of a recording at its common times, each with its trajectory as a function of time."""
-    measurement, common = estimate.measurement, replace(prepared, recording=prepared.recording.without_streams)
-    theta, whole = estimate.parameters_of(which), slice(0, len(prepared.samples))
+    def samples(
+        self,
+        estimate: TrajectoryEstimate,
+        T: float,
+        chosen: slice | np.ndarray,
+        part: slice | None = None,
+        *,
+        left_out: bool = False,
+    ) -> Samples:
+        """Samples with the set-up of an estimate.
 
-    def pieces_of(own: slice, least: int = 1) -> list[Piece]:
-        step = estimate.steps[which or 0]
-        return cut(common, measurement, own, step, least=least) if own.stop - own.start > 1 else []
+        Args:
+            estimate: The estimate, or its parameters with the set-up as stated.
+            T: Time constant with which angles alone are smoothed, s.
+            chosen: The samples.
+            part: Part of the recording that was fitted, to be given its estimated motion; then all are chosen.
+            left_out: True to take its offsets and friction from the other recordings.
+        """
+        measurement, theta = self.measurement, estimate.parameters_of(self.which, left_out=left_out)
+        whole, when = self._on_one_clock(theta)
+        piece = replace(whole, measured=whole.measured[chosen], wrenches=whole.wrenches[chosen])
+        states = self._motion(T).evaluate(when[chosen])[:3]
+        for j, at in measurement.zeros.items():
+            states[0, :, j] -= theta[at]
+        if part is not None:
+            borders = (
+                np.linspace(part.start, part.stop, estimate.counts[self.which or 0] + 1).round().astype(int).tolist()
+            )
+            for (a, b), (own, c) in zip(pairwise(borders), estimate.places_of(self.which or 0), strict=True):
+                states[:, a:b] = own.spline.evaluate(c, when[a:b])[:3]
+        motion = measurement.motion(states)
+        measured = piece_channels(measurement, piece, states, theta)
+        if measurement.in_world_axes and motion.base is not None:
+            # Channels of `Equations` are in the base's axes.
+            in_base = measured[:, :6].reshape(-1, 2, 3) @ motion.base.T[:, :3, :3]
+            measured = np.hstack([in_base.reshape(-1, 6), measured[:, 6:]])
+        # A recording's own offsets and friction are replaced by those of the first.
+        equations = self.equations(estimate)
+        if (own := (estimate.parameters_of(0) - theta)[: len(equations.names)]).any():
+            columns = equations.rows(equations.checked(Samples(motion, np.zeros_like(measured))))
+            measured += np.concatenate([np.tensordot(rows[:-1], own, (0, 0)).T for rows in columns])
+        return Samples(motion, measured)
 
-    angles = without_zeros(coordinates(prepared.recording, prepared.mechanism.joints), measurement, theta)
-    alone = smoothed(angles, smoothing).evaluate
-    if which is None or part is None:
-        return [(piece, alone) for piece in pieces_of(whole)]
-    fitted = pieces_of(part, estimate.counts[which])
-    splines = [partial(piece.spline.evaluate, c) for piece, c in estimate.places_of(which)]
-    before, after = pieces_of(slice(0, part.start)), pieces_of(slice(part.stop, whole.stop))
-    others = [(piece, alone) for piece in (*before, *after)]
-    return sorted([*others, *zip(fitted, splines, strict=True)], key=lambda place: float(place[0].time[0]))
+    def equations(self, estimate: TrajectoryEstimate) -> Equations:
+        """Equations with the set-up of an estimate."""
+        measurement, theta = self.measurement, estimate.parameters_of(self.which)
+        gravity, tree = measurement.gravity(theta).astype(float), measurement.tilted(theta)
+        mechanism = replace(self.prepared.mechanism, gravity=gravity, tree=tree)
+        rows = _rows(measurement, theta) if measurement.components else None
+        return replace(measurement.equations, mechanism=mechanism, wrench=rows)
 
+    def corrected(self, estimate: TrajectoryEstimate, T: float, part: slice) -> Prepared:
+        """Recording with the set-up and the motion of an estimate, smoothed from angles alone where it was not fitted.
 
-def _times(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray:
-    """Times of the motion that the samples belong to: on the channels' common clock, or on that of the torques."""
-    every = clocks(measurement, piece, theta)
-    return every[-1][1]
+        Args:
+            estimate: The estimate.
+            T: Time constant of smoothing, s.
+            part: Part that was fitted.
+        """
+        equations, samples = self.equations(estimate), self.samples(estimate, T, slice(None), part)
+        moved = self.measurement.displacement(GROUND, estimate.parameters_of(self.which)).astype(float)
+        other = replace(self.prepared, equations=equations, samples=samples, cutoff=None)
+        return replace(other, mechanism=equations.mechanism, frame=other.frame @ moved)
 
+    def _motion(self, T: float) -> Trajectory:
+        """Coordinates smoothed with a time constant, computed once."""
+        if T not in self._motions:
+            prepared = self.prepared
+            self._motions[T] = smoothed(coordinates(prepared.recording, prepared.mechanism.joints), T)
+        return self._motions[T]
 
-def _on_one_clock(measurement: Measurement, places: list[Place], theta: np.ndarray) -> list[Place]:
-    """Pieces with a delayed wrench interpolated at the times of the torques, if there are both."""
-    every = [clocks(measurement, piece, theta) for piece, _ in places]
-    if len(every[0]) == 1:
-        return places
-    late = np.concatenate([when for (_, when), _ in every])
-    measured = np.concatenate([piece.measured for piece, _ in places])
-    moved = []
-    for (piece, trajectory), ((own, _), (_, when)) in zip(places, every, strict=True):
-        channels = piece.measured.copy()
-        channels[:, own] = np.stack([np.interp(when, late, column) for column in measured[:, own].T], axis=1)
-        moved.append((replace(piece, measured=channels), trajectory))
-    return moved
+    @cached_property
+    def _motions(self) -> dict[float, Trajectory]:
+        return {}
 
+    @cached_property
+    def _whole(self) -> Piece:
+        """All samples as one piece."""
+        common = replace(self.prepared, recording=self.prepared.recording.without_streams)
+        pieces = cut(common, self.measurement, slice(0, len(self.prepared.samples)), LONGEST, least=1)
+        when, measured, wrenches = (
+            np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("when", "measured", "wrenches")
+        )
+        return replace(pieces[0], when=when, measured=measured, wrenches=wrenches)
 
-def _equations(measurement: Measurement, theta: np.ndarray, mechanism: Mechanism) -> Equations:
-    """Equations with the estimated set-up."""
-    gravity, tree = measurement.gravity(theta).astype(float), measurement.tilted(theta)
-    rows = _rows(measurement, theta) if measurement.components else None
-    return replace(measurement.equations, mechanism=replace(mechanism, gravity=gravity, tree=tree), wrench=rows)
+    def _on_one_clock(self, theta: np.ndarray) -> tuple[Piece, np.ndarray]:
+        """All samples, and the times of the motion that they belong to: the channels', or those of torques if measured.
+
+        A delayed wrench beside torques is interpolated at these times.
+        """
+        piece = self._whole
+        every = clocks(self.measurement, piece, theta)
+        (own, late), (_, when) = every[0], every[-1]
+        if len(every) > 1:
+            channels = piece.measured.copy()
+            channels[:, own] = np.stack([np.interp(when, late, column) for column in channels[:, own].T], axis=1)
+            piece = replace(piece, measured=channels)
+        return piece, when
 
 
 def _rows(measurement: Measurement, theta: np.ndarray) -> np.ndarray:
@@ -130,10 +154,8 @@ def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, t
         lengths = measurement.encoders(motion.q, theta)[:, which]
         measured = measured.copy()
         measured[:, -len(which) :] -= servos[0] * lengths + servos[1] * motion.dq[:, which]
-    gains = np.array(measurement.gains(theta), float)
-    gains[: len(measurement.components)] = 1
     offsets = measurement.constants(theta)
-    return (measured - offsets) / gains + offsets
+    return (measured - offsets) / measurement.torque_gains(theta) + offsets
 
 
 def as_fit(estimate: TrajectoryEstimate, samples: Samples, equations: Equations, widening: float = 1.0) -> Fit:

@@ -25,7 +25,7 @@ class Compared(NamedTuple):
 
     Attributes:
         residual: Measured less predicted channels (M, C).
-        columns: Derivatives of channels by the columns' parameters (M, C, k), k = 0 unless requested.
+        columns: Derivatives of channels by the columns' parameters (M, C, k).
     """
 
     residual: np.ndarray
@@ -47,32 +47,27 @@ class FromAngles:
     share: int
     _trajectories: dict[float, Trajectory] = field(default_factory=dict)
 
-    def compared(self, T: float, theta: np.ndarray, *, columns: bool = False) -> Compared:
-        """Residuals, and columns if requested, of samples neither missing nor near the ends.
+    def compared(self, T: float, theta: np.ndarray) -> Compared:
+        """Residuals and columns of samples neither missing nor near the ends.
 
         Args:
             T: Time constant of smoothing, s.
             theta: Parameters (p,).
-            columns: True to compute the columns as well.
         """
         measurement, piece = self.measurement, self.piece
         trajectory, every = self._trajectory(T, theta), clocks(measurement, piece, theta)
         settled = np.all([trajectory.settled(when) for _, when in every], axis=0)
         taken = np.flatnonzero(np.isfinite(piece.measured).all(axis=1) & settled)[:: self.share]
         residual, by_theta = piece.measured[taken], list[np.ndarray]()
-        chosen = np.arange(len(measurement.equations.names) if columns else 0)
+        chosen = np.arange(len(measurement.equations.names))
         if not len(taken):
             return Compared(residual, np.zeros((*residual.shape, len(chosen))))
         for own, when in every:
             states, wrenches = trajectory.evaluate(when[taken])[:3], piece.wrenches[taken]
-            if columns:
-                predicted, _, derivatives = measurement.derivatives(states, wrenches, theta, chosen)
-                by_theta.append(derivatives[own])
-            else:
-                predicted = measurement.values(states, wrenches, theta)
+            predicted, _, derivatives = measurement.derivatives(states, wrenches, theta, chosen)
+            by_theta.append(derivatives[own])
             residual[:, own] -= predicted[own].T
-        none = np.zeros((residual.shape[1], 0, len(taken)))
-        return Compared(residual, (np.concatenate(by_theta) if columns else none).transpose(2, 0, 1))
+        return Compared(residual, np.concatenate(by_theta).transpose(2, 0, 1))
 
     def _trajectory(self, T: float, theta: np.ndarray) -> Trajectory:
         """Smoothed motion less the zeros of the joints, cached by T because the zeros do not change."""
@@ -90,13 +85,11 @@ def without_zeros(coordinates: Sampled, measurement: Measurement, theta: np.ndar
     return Sampled(coordinates.time, values)
 
 
-def unexplained(compared: Sequence[Compared]) -> float:
-    """Mean logarithm of the channels' RMS residuals, infinite without samples."""
-    return _mean_logarithm(_rms(np.concatenate([own.residual for own in compared])))
-
-
 def unexplained_anew(compared: Sequence[Compared], channels: Sequence[str]) -> float:
-    """Value of `unexplained` after the columns are fitted again, each channel weighted by its residual."""
+    """Mean logarithm of the channels' RMS residuals after the columns are fitted again, infinite without samples.
+
+    Each channel is weighted by its residual.
+    """
     A = np.concatenate([own.columns for own in compared])
     b = np.concatenate([own.residual for own in compared])
     rms, columns = _rms(b), A.transpose(1, 2, 0)
@@ -108,13 +101,9 @@ def unexplained_anew(compared: Sequence[Compared], channels: Sequence[str]) -> f
         scale = np.sqrt(np.maximum(np.diag(normal), TINY))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
         rms = _rms(b - A @ step)
-    return _mean_logarithm(rms)
+    return float(np.log(np.maximum(rms, TINY)).mean())
 
 
 def _rms(residual: np.ndarray) -> np.ndarray:
     """Root mean square of residuals (M, C), infinite without samples (C,)."""
     return np.sqrt(np.square(residual).mean(axis=0)) if len(residual) else np.full(residual.shape[1], np.inf)
-
-
-def _mean_logarithm(rms: np.ndarray) -> float:
-    return float(np.log(np.maximum(rms, TINY)).mean())

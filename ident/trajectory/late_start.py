@@ -101,7 +101,7 @@ def likely_delay(fit: TrajectoryFit, measurement: Measurement, at: int) -> float
 
     def left(T: float) -> list[float]:
         thetas = [np.where(np.arange(len(fit.theta)) == at, delay, fit.theta) for delay in delays]
-        every = [[x.compared(T, theta[chosen], columns=True) for x, chosen in pieces] for theta in thetas]
+        every = [[x.compared(T, theta[chosen]) for x, chosen in pieces] for theta in thetas]
         numbers = np.array([sum(len(each.residual) for each in compared) for compared in every])
         enough = numbers >= max(REMAINING * numbers[number], len(measurement.equations.names))
         return [

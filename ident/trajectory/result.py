@@ -109,20 +109,33 @@ class TrajectoryEstimate:
         return {fit.names[k]: (float(x), float(s)) for k, x, s in zip(held.tolist(), limits, stds, strict=True)}
 
     def as_stated(self) -> "TrajectoryEstimate":
-        """Estimate with the set-up as stated."""
-        fit = replace(self.fit, theta=np.where(self.is_setup, 0.0, self.fit.theta))
-        return replace(self, search=replace(self.search, fit=fit, deviations=()))
+        """Estimate with the set-up as stated, and with the first recording's offsets and friction for all."""
+        theta, columns = np.where(self.is_setup, 0.0, self.fit.theta), len(self.measurement.equations.names)
+        for own in self.fit.selections:
+            theta[own[:columns]] = self.fit.theta[self.fit.selections[0][:columns]]
+        return replace(self, search=replace(self.search, fit=replace(self.fit, theta=theta), deviations=()))
 
     def pieces_of(self, which: int) -> slice:
         """Indices of the pieces of one recording."""
         first = sum(self.counts[:which])
         return slice(first, first + self.counts[which])
 
-    def parameters_of(self, which: int | None) -> np.ndarray:
-        """Parameters of one recording, or, for another one, their means over the recordings."""
+    def parameters_of(self, which: int | None, *, left_out: bool = False) -> np.ndarray:
+        """Parameters of one recording, or, for another one, their means over the recordings.
+
+        Args:
+            which: Index of the recording, None for another one.
+            left_out: True to take the columns of a recording from the other ones.
+        """
         firsts = np.cumsum([0, *self.counts[:-1]])
-        chosen = [self.fit.theta[self.fit.selections[k]] for k in firsts]
-        return chosen[0] + np.mean(np.subtract(chosen, chosen[0]), axis=0) if which is None else chosen[which]
+        every = np.array([self.fit.theta[self.fit.selections[k]] for k in firsts])
+        others = np.delete(every, which, axis=0) if left_out and which is not None else every
+        # The mean of equal parameters is exact.
+        mean = every[0] + (others - every[0]).mean(axis=0)
+        if which is None:
+            return mean
+        columns = len(self.measurement.equations.names)
+        return np.r_[mean[:columns], every[which][columns:]] if left_out else every[which]
 
     def places_of(self, which: int) -> list[tuple[Piece, np.ndarray]]:
         """Pieces and spline coefficients of one recording."""

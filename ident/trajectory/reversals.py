@@ -67,6 +67,10 @@ class Reversals:
         """Standard deviation of the channels' slack (M, C) at the axes' velocities (M, m)."""
         return np.sqrt((self.size * np.exp(-((speed / self.velocity) ** 2) / 2)) ** 2 @ self.shares**2)
 
+    def resting(self, speed: np.ndarray) -> np.ndarray:
+        """Mask of the channels with slack whose axis is slower than its v0 (M, C), at velocities (M, m)."""
+        return ((np.abs(speed) < self.velocity) & (self.size > 0)) @ (self.shares != 0)
+
     def opened(self, pieces: Sequence[Piece], speed: Sequence[np.ndarray]) -> list[Piece]:
         """Pieces with the slack at their axes' velocities (M, m) each."""
         return [replace(piece, slack=self.slack(own)) for piece, own in zip(pieces, speed, strict=True)]

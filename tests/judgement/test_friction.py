@@ -110,8 +110,8 @@ def test_stribeck_friction_that_was_searched_for_is_not_asked_for_again():
     assert not list(torque_findings.low_velocity_findings(result))
 
 
-def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4, **motors):
-    """Findings on two torques of which the second's joint, or the first motor, has friction; noise 0.5 N m."""
+def reversals(monkeypatch, *, size=1.0, slip=0.003, at_rest=0.4, **motors):
+    """Findings on two torques of which the second's joint, or the first motor, has friction."""
     result = estimate(0.0, 0.1)
     equations = result.fit.equations
     equations.axes = axes(equations.channels, **motors)
@@ -122,26 +122,24 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4, **motors):
     result.trajectory = SimpleNamespace(
         reversals=SimpleNamespace(size=sizes, velocity=velocities, slip=slips, shares=equations.axes.matrix),
         measurement=SimpleNamespace(equations=equations),
-        fit=SimpleNamespace(channel_noise=np.array([0.5, 0.5])),
     )
-    result.moving_ratio = np.array([np.nan, moving])
+    result.at_rest = {"joint1": np.nan, "joint2": at_rest}
     return list(torque_findings.reversal_findings(result))
 
 
-def test_slack_at_rest_is_a_remark_where_it_is_more_than_noise(monkeypatch):
+def test_slack_at_rest_is_a_remark_with_the_residual_there(monkeypatch):
     (finding,) = reversals(monkeypatch)
     assert not finding.doubt and finding.code == "breakaway_friction" and finding.place.joints == ("joint2",)
-    assert finding.values == {"velocities": {"joint2": 0.05}, "ratios": {"joint2": 0.4}}
-    assert not reversals(monkeypatch, size=0.4)
-    (finding,) = reversals(monkeypatch, moving=np.nan)
-    assert finding.values["ratios"] == {}
+    assert finding.values == {"velocities": {"joint2": 0.05}, "at_rest": {"joint2": 0.4}}
+    assert not reversals(monkeypatch, size=0.0)
+    (finding,) = reversals(monkeypatch, at_rest=np.nan)
+    assert finding.values["at_rest"] == {}
 
 
 def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
-    (finding,) = reversals(monkeypatch, size=0.4, left=[1.0, 2.0])
+    (finding,) = reversals(monkeypatch, left=[1.0, 2.0])
     assert finding.place.joints == ("joint1", "joint2")
-    assert finding.values == {"velocities": {"left": 0.05}, "ratios": {"joint2": 0.4}}
-    assert not reversals(monkeypatch, size=0.2, left=[1.0, 2.0])
+    assert finding.values == {"velocities": {"left": 0.05}, "at_rest": {"joint2": 0.4}}
     (finding,) = reversals(monkeypatch, size=0.0, slip=0.05, left=[1.0, 2.0])
     assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"left": 0.05}}
     assert not reversals(monkeypatch, size=0.0, slip=0.05, left=[10.0, 20.0])

@@ -111,16 +111,44 @@ def test_what_adds_nothing_does_not_differ_by_rounding():
 
 @pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])
 def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, doubts):
-    result = SimpleNamespace(disagreement=None, disagreements=(0.5, z, 0.7))
+    result = SimpleNamespace(disagreement=None, disagreements=(0.5, z, 0.7), in_logs=())
     findings = list(halves_findings(result))
     assert [finding.doubt for finding in findings] == doubts
-    assert all(each.code == "logs_disagree" and each.values == {"logs": (2,), "rms_z": (z,)} for each in findings)
+    assert all(
+        each.code == "logs_disagree" and each.values == {"logs": (2,), "rms_z": (z,), "best": ()} for each in findings
+    )
+
+
+def in_log(own, other):
+    """Ratios of the estimate and of least squares in two channels of a log."""
+    return {"estimate": np.array([own, 0.2]), "least squares": np.array([other, 0.2])}
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "best", "doubt"),
+    [(0.2, 0.2, (2, 3), False), (0.3, 0.6, (2,), True), (0.6, 0.6, (), True), (0.6, 0.3, (3,), True)],
+)
+def test_logs_that_the_estimate_predicts_best_are_no_doubt(second, third, best, doubt):
+    logs = [in_log(0.2, 0.4), in_log(second, 0.4), in_log(third, 0.4)]
+    result = SimpleNamespace(disagreement=None, disagreements=(0.5, 5.0, 6.0), in_logs=logs, channels=("Fx", "Fy"))
+    (finding,) = halves_findings(result)
+    assert finding.doubt is doubt and finding.values["best"] == best and finding.values["logs"] == (2, 3)
+    ends = {(2, 3): "predicts log 2, 3 best", (2,): "predicts log 2 best", (3,): "predicts log 3 best"}
+    assert ends.get(best, "look at them one by one.") in finding.text
+
+
+@pytest.mark.parametrize(("own", "doubt"), [(0.35, False), (0.45, True)])
+def test_a_log_that_is_predicted_far_worse_than_others_is_a_doubt_however_bad_candidates_are(own, doubt):
+    logs = [in_log(0.2, 0.4), in_log(own, 1.0), in_log(0.2, 0.4), in_log(0.2, 0.4)]
+    result = SimpleNamespace(disagreement=None, disagreements=(0.5, 5.0, 0.5, 0.5), in_logs=logs, channels=("Fx", "Fy"))
+    (finding,) = halves_findings(result)
+    assert finding.doubt is doubt and finding.values["best"] == (() if doubt else (2,))
 
 
 def test_halves_that_differ_by_two_deviations_are_a_remark():
-    (finding,) = halves_findings(SimpleNamespace(disagreement=2.3, disagreements=()))
+    (finding,) = halves_findings(SimpleNamespace(disagreement=2.3, disagreements=(), in_logs=()))
     assert not finding.doubt and finding.code == "halves_disagree" and finding.values == {"rms_z": 2.3}
-    assert not list(halves_findings(SimpleNamespace(disagreement=1.9, disagreements=())))
+    assert not list(halves_findings(SimpleNamespace(disagreement=1.9, disagreements=(), in_logs=())))
 
 
 @pytest.mark.parametrize(("z", "wider"), [(None, 1), (0.9, 1), (1.1, 1.1), (2.1, 2.1)])

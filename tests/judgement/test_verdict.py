@@ -74,9 +74,9 @@ def with_ratios(estimate, **rivals):
     """An estimate beside rivals with residuals of Fy, Fz, Mx, My, Mz larger by these factors."""
     names = {"model": "model", "squares": "least squares"}
     own = np.maximum(estimate.held_out.ratio, 0.1)
-    held = replace(estimate.held_out, residual=estimate.held_out.residual * own / estimate.held_out.ratio)
-    rivals = {names[key]: own * np.append(1, factors) for key, factors in rivals.items()}
-    other = replace(estimate, held_out=held, rivals=rivals, filtered_at=3.21)
+    residual = estimate.held_out.residual * own / estimate.held_out.ratio
+    rivals = {names[key]: residual * np.append(1, factors) for key, factors in rivals.items()}
+    other = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals), filtered_at=3.21)
     vars(other)["model_error"] = np.zeros(6)
     return other
 
@@ -125,8 +125,9 @@ def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(es
     verdict = Verdict.of(doubted.evidence, [Finding.of("weight_drifts", drift=2.0)])
     assert verdict.outcome is Outcome.DOUBTFUL and verdict.doubts == ("weight_drifts",) and verdict.best == "estimate"
     assert [each.other for each in verdict.candidates.compared()] == ["least squares", "model"]
-    held = replace(estimate.held_out, residual=estimate.held_out.residual * 1e6)
-    nothing = replace(estimate, held_out=held, rivals={"model": np.full(6, 9.0), "least squares": np.full(6, 8.0)})
+    residual = estimate.held_out.residual * 1e6
+    rivals = {"model": 9 * residual, "least squares": 8 * residual}
+    nothing = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals))
     verdict = Verdict.of(nothing.evidence, [])
     assert verdict.outcome is Outcome.PREDICTS_NOTHING and verdict.best is None and not verdict.predicted
     assert str(verdict).endswith("on the held-out part. No candidate explains any channel, so that none is best.")

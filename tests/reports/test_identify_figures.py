@@ -44,11 +44,12 @@ def test_intervals_of_the_figure_are_those_that_the_verdict_goes_by(estimate):
 
 def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
     assert labels(held_out_figure(estimate)) == ["Measured", "Predicted"]
-    slow = replace(estimate)
-    vars(slow)["near_reversals"] = np.zeros(estimate.held_out.residual.shape, bool)
-    vars(slow)["near_reversals"][:40, 3] = True
+    resting = np.zeros(estimate.held_out.residual.shape, bool)
+    resting[:40, 3] = True
+    slow = replace(estimate, held_out=replace(estimate.held_out, resting=resting))
     figure = held_out_figure(slow)
-    assert labels(figure) == ["Measured", "Predicted", "Low velocity, down-weighted"]
+    assert labels(figure) == ["Measured", "Predicted", "Low velocity, not judged"]
+    assert "not judged" in held_out_caption(slow) and "not judged" not in held_out_caption(estimate)
     assert sum(len(axes.collections) for axes in figure.axes) == 1
 
 
@@ -78,12 +79,11 @@ def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
 
 
 def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
-    slow = replace(estimate)
-    time = slow.held_out.time
-    mask = np.zeros(slow.held_out.residual.shape, bool)
+    time = estimate.held_out.time
+    mask = np.zeros(estimate.held_out.residual.shape, bool)
     # One sample alone, and three that are closer together than a line's width.
     mask[[20, 60, 62, 64], 0] = True
-    vars(slow)["near_reversals"] = mask
+    slow = replace(estimate, held_out=replace(estimate.held_out, resting=mask))
     first = held_out_figure(slow).axes[0]
     (bars,) = first.collections
     edges = np.array([path.get_extents().intervalx for path in bars.get_paths()])

@@ -94,8 +94,11 @@ def test_the_report_has_all_tables_and_figures(result):
     tables = {"table_recordings", "table_held_out", "table_published", "table_agreement", "table_was_published"}
     assert set(document.tables) - {"table_outside"} == tables
     rows = document.tables["table_held_out"].rows
-    assert [row[1] for row in rows] == list(driven_arm.JOINTS)
-    assert [row[5] for row in rows] == [None, 0.02, None]
+    assert [row[1] for row in rows] == [x for joint in driven_arm.JOINTS for x in (joint, f"{joint}, at rest")]
+    assert [row[5] for row in rows[::2]] == [None, 0.02, None]
+    (each,) = result
+    assert [row[4] for row in rows[1::2]] == each.at_rest[ESTIMATE].tolist()
+    assert {row[5:] for row in rows[1::2]} == {(None, "not judged")}
     text = " ".join(document.text().split())
     assert "of 1 pairs of parameters that are equal by construction 0 differ by at most 1.96 s.d." in text
     # Its verdict is a word of the table, and a sentence that is folded.
@@ -135,7 +138,7 @@ def test_where_it_loses_it_says_so(result):
     (loss,) = next(iter(worse)).losses
     row = ("Arm", "bend", loss.own, "least squares", loss.best, "50%")
     assert validation_tables.table_worse(worse).rows == (row,) and loss.own == pytest.approx(1.5 * loss.best)
-    notes = [row[-1] for row in validation_tables.table_held_out(worse).rows]
+    notes = [row[-1] for row in validation_tables.table_held_out(worse).rows[::2]]
     assert notes == ["best", "as good", "worse by 50%"]
     row = dict(zip(*(lambda t: (t.columns, t.rows[0]))(validation_tables.table_recordings(worse)), strict=True))
     assert (row["channels"], row["best"], row["worse"]) == (3, 1, 1)
@@ -289,4 +292,4 @@ def test_the_pendulum_in_steel_has_the_published_inertias():
         (published,) = [x for x in entry.published if x.name == name]
         assert abs(each.published_z(published)) < 1.96, name
         assert each.values[name][2] < 0.25 * abs(published.value), name
-    assert (each.ratios[ESTIMATE] < 0.5).all() and (each.ratios[MODEL] > 2).all()
+    assert (each.ratios[ESTIMATE] < 0.5).all() and (each.ratios[MODEL] > 0.9).all()

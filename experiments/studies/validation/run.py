@@ -124,7 +124,7 @@ def prior_std(estimate: Estimate) -> np.ndarray:
 
 def results(estimate: Estimate) -> dict[str, Any]:
     """Values, predictions, agreement of halves and verdict of an estimate."""
-    verdict, trajectory = estimate.verdict(), estimate.trajectory
+    verdict, trajectory, held = estimate.verdict(), estimate.trajectory, estimate.held_out
     halves = None if trajectory is None else differences(trajectory)
     count = estimate.base.rank + len(estimate.fit.equations.drives)
     model = estimate.fit.equations.from_model[:count]
@@ -138,13 +138,17 @@ def results(estimate: Estimate) -> dict[str, Any]:
         "units": [channel_unit(channel, estimate.prepared.mechanism.tree) for channel in estimate.channels],
         "ratios": {
             **{name: np.asarray(estimate.rivals[name]).tolist() for name in (MODEL, LEAST_SQUARES)},
-            ESTIMATE: estimate.held_out.ratio.tolist(),
+            ESTIMATE: held.ratio.tolist(),
+        },
+        "at_rest": {
+            name: [r if np.isfinite(r) else None for r in held.ratio_at_rest(x).tolist()]
+            for name, x in {**held.rivals, ESTIMATE: held.residual}.items()
         },
         "halves": [] if halves is None else halves.tolist(),
         "widening": estimate.widening,
         "outcome": verdict.outcome.value,
         "verdict": str(verdict),
         "doubts": list(verdict.doubts),
-        "samples": [sum(len(each.indices) for each in part), len(estimate.held_out.time)],
+        "samples": [sum(len(each.indices) for each in part), len(held.time)],
         "cutoff": estimate.filtered_at,
     }

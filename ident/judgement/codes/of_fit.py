@@ -11,12 +11,14 @@ def _not_converged(status: str, rounds: int) -> str:
     return f"The trajectory estimate {how} after {after}; its last iterate is given."
 
 
-def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float]) -> str:
+def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
+    predicts = f"predicts log {listed(map(str, best))} best, about as well as others."
+    still = f" Of all candidates, the estimate {predicts}" if best else ""
     each = listed(f"{log} ({z:.1f})" for log, z in zip(logs, rms_z, strict=True))
     return (
         f"Logs disagree: what each says of the base parameters differs from what the others say, in standard "
         f"deviations from the noise (root mean square) of log {each}. Something changed between them, "
-        "as a load, a mounting or friction; look at them one by one."
+        f"as a load, a mounting or friction; look at them one by one.{still}"
     )
 
 

@@ -7,6 +7,7 @@ import swinging
 
 import ident
 from ident.model.regressor import base_wrench_regressor
+from ident.regression.held_out import picked
 from ident.trajectory.angles_alone import smoothed
 from ident.trajectory.pieces import coordinates
 
@@ -36,14 +37,16 @@ def lifter():
 
 
 def errors(estimate, arm, recording, when, motion, channels):
-    """Errors of the channels due to smoothing, for each constant and for the chosen one."""
+    """Errors of the channels due to smoothing, for each constant and for those chosen by channel."""
 
     def wrench(states):
         return (base_wrench_regressor(arm.tree, *states, gravity=arm.gravity) @ arm.known)[:, channels]
 
     angles, exact = coordinates(recording, arm.tree.joints), wrench(motion.states)
     every = [wrench(smoothed(angles, T).evaluate(when)[:3]) - exact for T in CONSTANTS]
-    return every, wrench(estimate.held_out.samples.motion.states) - exact
+    held = estimate.held_out
+    each = np.stack([wrench(version.motion.states) for version in held.versions])
+    return every, picked(each, held.chosen) - exact
 
 
 @pytest.mark.parametrize(("angle", "rate"), [(1e-4, 100), (5e-3, 100), (1e-3, 500)])

@@ -1,0 +1,55 @@
+"""Residuals are judged where joints that rub move; what is at rest is a number of its own."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fits import sampled
+
+from ident.regression.held_out import HeldOut, where_moving
+
+rng = np.random.default_rng(0)
+MEASURED, RESIDUAL = rng.normal(size=(100, 3)) + 5, 0.1 * rng.normal(size=(100, 3))
+
+
+def held(resting, versions=(MEASURED,), chosen=None, residual=RESIDUAL, **more):
+    samples = tuple(sampled(*(np.full((100, 2), k) for k in range(3)), x) for x in versions)
+    chosen = np.zeros(residual.shape, int) if chosen is None else chosen
+    return HeldOut(np.arange(100.0), (0,), samples, chosen, SimpleNamespace(), residual, resting, **more)
+
+
+def rests(*spans):
+    """Mask of the samples at which each channel rests, by its last one."""
+    return np.arange(100)[:, None] < np.array(spans)
+
+
+def test_a_residual_at_rest_is_no_part_of_the_ratio_of_any_candidate():
+    resting = rests(0, 30, 0)
+    wrong = np.where(resting, 9.0, RESIDUAL)
+    judged = held(resting, residual=wrong, rivals={"model": 2 * wrong})
+    moving = slice(30, None)
+    signal = MEASURED[moving, 1].std()
+    assert judged.signal[1] == pytest.approx(signal) and judged.signal[0] == pytest.approx(MEASURED[:, 0].std())
+    assert judged.ratio[1] == pytest.approx(np.sqrt((RESIDUAL[moving, 1] ** 2).mean()) / signal)
+    assert judged.ratio_of(judged.rivals["model"]) == pytest.approx(2 * judged.ratio)
+    assert judged.relative_rms[1] == pytest.approx(judged.rms[1] / np.sqrt((MEASURED[moving, 1] ** 2).mean()))
+    assert judged.ratio_at_rest(wrong)[1] == pytest.approx(9 / signal)
+    assert np.isnan(judged.ratio_at_rest(wrong)[[0, 2]]).all()
+
+
+def test_a_channel_whose_joint_hardly_moves_is_judged_throughout():
+    assert where_moving(rests(94, 96, 100)).sum(axis=0).tolist() == [6, 100, 100]
+
+
+def test_parts_of_the_samples_are_judged_alone():
+    judged = held(rests(0, 30, 0))
+    part = judged.ratio_of(RESIDUAL, slice(50, None))
+    assert part == pytest.approx(np.sqrt((RESIDUAL[50:] ** 2).mean(axis=0)) / MEASURED[50:].std(axis=0))
+
+
+def test_channels_are_those_of_the_motions_that_predict_them():
+    versions = MEASURED, MEASURED + 1
+    chosen = np.broadcast_to([1, 0, 1], RESIDUAL.shape)
+    judged = held(rests(0, 0, 0), versions, chosen)
+    np.testing.assert_array_equal(judged.samples.measured, MEASURED + np.array([1, 0, 1]))
+    assert judged.samples.motion is judged.versions[1].motion
