@@ -1,6 +1,6 @@
 """Motion of a recording: its own derivatives, or low-passed coordinates, at a chosen cut-off."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,20 +14,26 @@ from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
 
+Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Function of samples (N, k), their rate and a cut-off, Hz, that returns them smoothed and their derivatives."""
+
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
 
 
-def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> BaseMotion:
-    """Motion of a base from its poses alone, low-passed and differentiated.
+def base_motion_from_poses(
+    T: np.ndarray, rate: float, cutoff: float | None, smoother: Smoother = smoothed
+) -> BaseMotion:
+    """Motion of a base from its poses alone, smoothed and differentiated.
 
     Args:
         T: Poses in an inertial frame (N, 4, 4).
         rate: Samples per second.
-        cutoff: Cut-off of the low-pass, Hz; None for `chosen_cutoff` of the positions and quaternions.
+        cutoff: Cut-off, Hz; None for `chosen_cutoff` of the positions and quaternions.
+        smoother: Function that smooths, by default a low-pass.
     """
     x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
-    return base_motion(np.stack(smoothed(x, rate, cutoff or chosen_cutoff(x, rate))))
+    return base_motion(np.stack(smoother(x, rate, cutoff or chosen_cutoff(x, rate))))
 
 
 def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
@@ -91,18 +97,22 @@ def motion_cutoff(
     return value
 
 
-def recorded_motion(mechanism: Mechanism, recording: Recording, cutoff: float | None) -> Motion:
-    """Motion of the joints, and of a base on a carrier or tracked."""
-    base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff)
+def recorded_motion(
+    mechanism: Mechanism, recording: Recording, cutoff: float | None, smoother: Smoother = smoothed
+) -> Motion:
+    """Motion of the joints, and of a base on a carrier or tracked, smoothed by a low-pass or another function."""
+    base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff, smoother)
     if mechanism.carrier is not None:
-        base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff))
-    return Motion(*_states(recording, mechanism.tree, cutoff), base)
+        base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff, smoother))
+    return Motion(*_states(recording, mechanism.tree, cutoff, smoother), base)
 
 
-def _states(recording: Recording, tree: Tree, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _states(
+    recording: Recording, tree: Tree, cutoff: float | None, smoother: Smoother
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if cutoff is None:
         return recording.joint_states(tree.joints)
-    return joint_states(tree, np.stack(smoothed(coordinates(recording, tree.joints), recording.rate, cutoff)))
+    return joint_states(tree, np.stack(smoother(coordinates(recording, tree.joints), recording.rate, cutoff)))
 
 
 def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:

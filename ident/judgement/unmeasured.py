@@ -3,6 +3,9 @@
 A foot beside the force plate, a chair or a hand on a table only pushes, so that the measured support falls short of the
 weight and of the force that the motion requires, and never exceeds it. Errors of the model, delays and noise have both
 signs, since accelerations average to zero over a motion.
+
+At the ends of a recording the low-pass takes accelerations to zero. Splines leave them free there, so that support
+counts as missing only as far as both motions require it.
 """
 
 from dataclasses import dataclass, replace
@@ -10,11 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimation.preparation import LeftOut, Prepared
+from ident.estimation.recorded_motion import recorded_motion
 from ident.geometry.se3 import coAd
 from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
 from ident.judgement.diagnosis import NEAR, ContactCheck, check_contact
 from ident.recordings.runs import running_median, runs
+from ident.recordings.sampled import Sampled
 from ident.recordings.wrench import GROUND
+from ident.trajectory.angles_alone import smoothed
 
 SHARE = 0.06
 """Least part of the weight that an unmeasured contact carries: less may be an error of the model."""
@@ -28,8 +34,10 @@ TAIL = 1 / 3
 SHORTEST = 0.03
 """Shortest span, and margin that is left out beside each, s."""
 
-AT_THE_END = 0.5
-"""Length of a span at an end of the recording, in periods of the cut-off, up to which it counts only if a body fits."""
+SHARPER = 0.5
+"""Time constant of the splines over that of the low-pass, `1 / (2 π f)`. Of 144 simulated recordings without contacts
+that end in motion, something was detected in 17 by the low-pass alone, in 2 with equal constants and in none with half;
+with a quarter, noise begins to hide contacts at the ends."""
 
 THROUGH_A_POINT = 0.8
 """Fraction of the missing moment that a force on a body must explain for it to be named, unless it passes near."""
@@ -76,7 +84,8 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
     except NotCheckedError:
         return ()
     predicted = predicted_wrench(prepared)
-    needed, carried = ((wrench[:, :3] * up)[:, known].sum(axis=1) for wrench in (predicted, prepared.wrench))
+    every = (predicted, predicted_wrench(_by_splines(prepared)), prepared.wrench)
+    needed, by_splines, carried = ((wrench[:, :3] * up)[:, known].sum(axis=1) for wrench in every)
     weight = prepared.mechanism.mass * float(np.linalg.norm(prepared.mechanism.gravity))
     whole = prepared.whole
     heavier = _heavier(needed[whole], carried[whole], weight)
@@ -84,20 +93,34 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
         return ()
     reach = max(1, round(SHORTEST * prepared.recording.rate))
     # Where a sensor's range ends support is missing as well.
-    missing = running_median(np.where(whole, heavier * needed - carried, 0), reach)
+    usual, missing = (
+        running_median(np.where(whole, heavier * support - carried, 0), reach)
+        for support in (needed, np.minimum(needed, by_splines))
+    )
     time, contacts = prepared.recording.time, []
-    for first, last in _spans(missing, SHARE * heavier * weight, reach):
+    for first, last in _spans(missing, _limit(usual, SHARE * heavier * weight), reach):
         span = slice(max(0, first - reach), last + reach)
         residual = prepared.wrench[first:last] - heavier * predicted[first:last]
-        each = Unmeasured(
-            float(time[span][0]),
-            float(time[span][-1]),
-            float(missing[first:last].max() / (heavier * weight)),
-            _contact(prepared, slice(first, last), residual, up[first:last]),
-        )
-        if each.body or not _may_be_the_filter(prepared, first, last):
-            contacts.append(each)
+        largest = float(missing[first:last].max() / (heavier * weight))
+        contact = _contact(prepared, slice(first, last), residual, up[first:last])
+        contacts.append(Unmeasured(float(time[span][0]), float(time[span][-1]), largest, contact))
     return tuple(contacts)
+
+
+def _by_splines(prepared: Prepared) -> Prepared:
+    """Recording with its motion smoothed by splines instead of a low-pass."""
+
+    def smoother(x: np.ndarray, rate: float, cutoff: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if not x.size:
+            return x, x, x
+        time = np.arange(len(x)) / rate
+        q, dq, ddq, _ = smoothed(Sampled(time, x), SHARPER / (2 * np.pi * cutoff)).evaluate(time)
+        return q, dq, ddq
+
+    if prepared.cutoff is None:
+        return prepared
+    motion = recorded_motion(prepared.mechanism, prepared.recording, prepared.cutoff, smoother)
+    return replace(prepared, samples=replace(prepared.samples, motion=motion))
 
 
 def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | None:
@@ -121,26 +144,23 @@ def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | 
     return float(np.median(ratio[np.abs(ratio - middle) <= reach]))
 
 
-def _spans(missing: np.ndarray, least: float, shortest: int) -> list[tuple[int, int]]:
+def _limit(missing: np.ndarray, least: float) -> float:
+    """Missing support from which there is a contact, N, at least a given one, from missing support and excess (N,)."""
+    neither = np.abs(missing) < least
+    spread = float(missing[neither].std()) if neither.any() else 0.0
+    return max(least, SPREAD * spread, ONE_SIDED * float(-missing.min()))
+
+
+def _spans(missing: np.ndarray, limit: float, shortest: int) -> list[tuple[int, int]]:
     """First samples and ends of spans in which support is missing.
 
     Args:
         missing: Support that is missing, N (N,).
-        least: The least that counts, N.
+        limit: The least that counts, N.
         shortest: Samples of the shortest span.
     """
-    neither = np.abs(missing) < least
-    spread = float(missing[neither].std()) if neither.any() else 0.0
-    limit = max(least, SPREAD * spread, ONE_SIDED * float(-missing.min()))
     spans = runs(missing > TAIL * limit).tolist()
     return [(first, end) for first, end in spans if end - first >= shortest and missing[first:end].max() > limit]
-
-
-def _may_be_the_filter(prepared: Prepared, first: int, last: int) -> bool:
-    """True if a span is at an end of the recording, and too short for the low-pass to give accelerations there."""
-    if prepared.cutoff is None or (first > 0 and last < len(prepared.samples)):
-        return False
-    return last - first < AT_THE_END * prepared.recording.rate / prepared.cutoff
 
 
 def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:
