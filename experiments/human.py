@@ -3,19 +3,25 @@
 import argparse
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from experiments.cli import options, print_options, running
+from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.document.document import Document
     from experiments.document.writer import Output
 
 
+GIVEN = "seed", "activities", "rate", "source", "noise", "rail", "persons", "workers", "resume"
+"""Options of the study besides the length of recordings."""
+
+
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    given = {name: getattr(args, name) for name in ("seed", "activities", "rate", "source", "noise", "persons")}
-    report(print_options.output_of(args), args.seconds, workers=args.workers, **given)
+    given = {name: getattr(args, name) for name in GIVEN}
+    report(print_options.output_of(args), args.seconds, **given)
 
 
 def report(
@@ -27,8 +33,10 @@ def report(
     rate: int = 50,
     source: str = "angles",
     noise: float | None = None,
+    rail: bool = True,
     persons: int = 1,
     workers: int = 1,
+    resume: bool = False,
 ) -> "Document":
     """Runs the study, writes and prints its results, and returns its document; arguments are the command's options."""
     from experiments.cli.own_model import progress
@@ -36,18 +44,24 @@ def report(
     from experiments.document.result_folder import writable
     from experiments.document.writer import write
     from experiments.reports import human_report
+    from experiments.runs.workers import Workers
     from experiments.studies import human
 
-    laboratory = human.laboratory(source, float(rate), noise)
-    shared = {"activities": activities, "report": progress}
-    with writable(out.folder):
-        first, feet_alone, *others = human.persons(
-            persons, float(seconds), seed=seed, laboratory=laboratory, workers=workers, **shared
-        )
+    if persons == 1 and (resume or not rail):
+        raise InputError("--no-rail and --resume belong to --persons; one person is studied with the rail and without.")
+    laboratory = replace(human.laboratory(source, float(rate), noise), rail=rail)
+    shared: dict[str, Any] = {"seed": seed, "laboratory": laboratory, "activities": activities}
     choices: dict[str, Any] = {"seed": seed, "seconds": seconds, "activities": activities, "rate": rate}
     choices |= {"source": source, "noise": None if laboratory.markers else laboratory.angle_deg}
-    origin = provenance({**choices, "persons": persons, "formats": out.formats, **out.choices})
-    return write(human_report.document(first, feet_alone, others, origin), out, stale=human_report.OUTPUTS)
+    origin = provenance({**choices, "rail": rail, "persons": persons, "formats": out.formats, **out.choices})
+    with writable(out.folder):
+        if persons > 1:
+            counts = human.counts(persons, float(seconds), out.folder, Workers(workers, resume=resume), **shared)
+            document = human_report.count(counts, laboratory, origin)
+        else:
+            both = human.with_and_without_rail(float(seconds), workers=workers, report=progress, **shared)
+            document = human_report.document(*both, origin)
+    return write(document, out, stale=human_report.OUTPUTS)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -72,8 +86,10 @@ def parser() -> argparse.ArgumentParser:
         type=options.whole_number(1, 1000),
         default=1,
         help="persons, each with other motions, noise and another wrong prior, of whom it is counted how often "
-        "intervals hold; tables, figure and page are of the first",
+        "intervals hold, in place of the results of one person",
     )
+    out.add_argument("--no-rail", dest="rail", action="store_false", help="persons who stand on the plates alone")
+    options.add_resume(out)
     options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
     options.add_film(out)
     return out

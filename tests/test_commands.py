@@ -11,7 +11,7 @@ from coded import coded
 
 import ident
 import sim
-from experiments.reports.identify_report import scales_table
+from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
 from ident.recordings.commands import with_servos
 from ident.recordings.servo import Servo, scales_of, servos_of
@@ -98,6 +98,19 @@ def test_links_drives_and_the_lag_of_commands_are_identified(lag):
         [pytest.approx(lag / 100, abs=2e-3)] if lag else []
     )
     assert (estimate.held_out.ratio < 0.05).all() and estimate.verdict().usable
+
+
+def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
+    fitted = ident.identify(mechanism(actuators=True), recording())
+    exact = ident.identify(mechanism(actuators=True), recording(), setup={"lag": 0.0})
+    tables = [parameters_table(each) for each in (fitted, exact)]
+    for table, means in zip(tables, ("only the s.d. setup includes it", "no s.d. here includes it"), strict=True):
+        note = f"* Viscous friction of a commanded joint is the lag of its servo, ΔFv = kp Δlag: {means}."
+        assert note in " ".join(table.text().split()) and "Fv(lift)*" in table.text()
+    cells = [dict(zip(tables[0].columns, row, strict=True)) for row in tables[0].rows]
+    shares = {row["parameter"]: row["std_setup"] / row["std"] for row in cells}
+    assert tables[0].marked == {f"Fv({joint})" for joint in driven_arm.JOINTS} and shares["Fv(lift)"] > 3
+    assert not parameters_table(ident.identify(driven_arm.mechanism(), driven_arm.log(seconds=5.0))).footnote
 
 
 def test_least_squares_takes_commands_as_well():

@@ -155,6 +155,11 @@ def add_workers(group: argparse._ActionsContainer) -> None:
         metavar=("CA", "CERT", "KEY"),
         help="PEM files for tls://, if Dask's own configuration has none: the authority's certificate, yours, its key",
     )
+    add_resume(group)
+
+
+def add_resume(group: argparse._ActionsContainer) -> None:
+    """Adds the choice to go on with an interrupted run."""
     group.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
 
 

@@ -60,15 +60,19 @@ SUBJECTS: Mapping[str, Subject] = {
     "pendulum": Subject(SCENE, "base", DOUBLE_PENDULUM, paper.SAMPLES),
     "person": Subject("bowing", "foot", BOWING, 3000),
     "arm": Subject("arm", "base", None, 1000),
+    "payload": Subject("arm", "base", None, 1000),
 }
-"""The paper's double pendulum; a person who bows for 30 s on a force plate, with only angles measured; and an arm of
-four joints, with angles measured, and joint torques or the wrench on its base."""
+"""The paper's double pendulum; a person who bows for 30 s on a force plate, with only angles measured; an arm of four
+joints, with angles measured, and joint torques, commands or the wrench on its base; and its tool on a sensor."""
 
-OPEN = {"known": False, "offsets": True, "drive": []}
+OPEN: Mapping[str, Any] = {"known": False, "offsets": True, "drive": []}
 """Identification with constant offsets, as is usual, and without the model's prior, which here is the truth."""
 
-DRIVEN = {**OPEN, "drive": ["rotor", "viscous", "coulomb"]}
+DRIVEN: Mapping[str, Any] = {**OPEN, "drive": ["rotor", "viscous", "coulomb"]}
 """The same with rotor inertia and friction of each joint."""
+
+SLOWING: Mapping[str, Any] = {**OPEN, "drive": [*DRIVEN["drive"], "stribeck"]}
+"""The same with Stribeck friction."""
 
 KNOWING = {**OPEN, "known": True}
 """The same with the model's bodies as a prior, which differ from the recorded ones."""
@@ -90,7 +94,10 @@ class Condition:
         rate: Samples per second; rates other than `RATE` for drawn motions only.
         samples: Samples of a recording, 0 for the subject's own number.
         rubs: True for friction and rotor inertia in the joints, simulated by MuJoCo; else a drawn motion is exact.
-        sensors: Sensors of a subject with a drawn motion, out of `wrench` and `torques`.
+        stribeck: True for rotor inertia and friction by the estimator's law, with Stribeck friction.
+        sensors: Sensors of a subject with a drawn motion, out of `wrench`, `torques`, `commands` and `tool`.
+        gain: Relative standard deviation, which is stated, of the stated gains of servos, or else of the channels of
+            the wrench.
         wrench_scale: Factor on the noise of forces and torques of the ground.
         drift: Noise added to the white noise of the ground's wrench, of equal variance, one of `DRIFTS`.
         freedom: Degrees of freedom of Student's t distribution of all noise, 0 for normal noise.
@@ -110,7 +117,9 @@ class Condition:
     rate: float = RATE
     samples: int = 0
     rubs: bool = False
+    stribeck: bool = False
     sensors: tuple[str, ...] = ("wrench",)
+    gain: float = 0.0
     wrench_scale: float = 1.0
     drift: str = ""
     freedom: float = 0.0
@@ -124,17 +133,10 @@ class Condition:
         return self.samples or SUBJECTS[self.subject].samples
 
 
-def _rubbing(label: str, motion: str, rate: float) -> Condition:
+def _rubbing(label: str, motion: str, rate: float, **others: Any) -> Condition:
     """Condition of an arm with friction, for 20 s."""
-    return Condition(
-        *("arm", f"rubs, {label}"),
-        motion=motion,
-        rate=rate,
-        samples=round(20 * rate),
-        rubs=True,
-        sensors=("torques",),
-        options=DRIVEN,
-    )
+    given: dict[str, Any] = {"rubs": True, "sensors": ("torques",), "options": DRIVEN} | others
+    return Condition("arm", label, motion=motion, rate=rate, samples=round(20 * rate), **given)
 
 
 def _on_a_plate(label: str, motion: str, rate: float, seconds: float, **others: Any) -> Condition:
@@ -142,6 +144,12 @@ def _on_a_plate(label: str, motion: str, rate: float, seconds: float, **others: 
     return Condition(
         *("arm", label), motion=motion, rate=rate, samples=round(seconds * rate), **({"options": OPEN} | others)
     )
+
+
+def _carrying(label: str, gain: float = 0.0) -> Condition:
+    """Condition of an arm with its tool on a sensor."""
+    given: dict[str, Any] = {"sensors": ("tool",), "options": {"offsets": True}}
+    return Condition("payload", label, motion="sinusoids", gain=gain, **given)
 
 
 ENCODER = 2 * np.pi / 2**14
@@ -158,9 +166,21 @@ CONDITIONS: Mapping[str, Condition] = {
     "person_half_degree": Condition("person", "noise 0.5°", compared=True),
     "person_one_degree": Condition("person", "noise 1°", scale=2, compared=True),
     "person_ar95": Condition("person", "noise 0.5°, AR 0.95", decay=0.95, compared=True),
-    "rubs_sinusoids_200": _rubbing("sinusoids, 200 Hz", "sinusoids", 200),
-    "rubs_trapezoids_100": _rubbing("trapezoids, 100 Hz", "trapezoids", 100),
-    "rubs_trapezoids_500": _rubbing("trapezoids, 500 Hz", "trapezoids", 500),
+    "rubs_sinusoids_200": _rubbing("rubs, sinusoids, 200 Hz", "sinusoids", 200),
+    "rubs_trapezoids_100": _rubbing("rubs, trapezoids, 100 Hz", "trapezoids", 100),
+    "rubs_trapezoids_500": _rubbing("rubs, trapezoids, 500 Hz", "trapezoids", 500),
+    "stribeck": _rubbing("Stribeck friction, 200 Hz", "sinusoids", 200, rubs=False, stribeck=True, options=SLOWING),
+    "commands_sinusoids": _rubbing("commands, sinusoids", "sinusoids", 200, sensors=("commands",)),
+    "commands_sinusoids_fine": _rubbing(
+        "commands, sinusoids, noise ×0.1", "sinusoids", 200, sensors=("commands",), scale=0.1
+    ),
+    "commands_trapezoids": _rubbing("commands, trapezoids", "trapezoids", 200, sensors=("commands",)),
+    "commands_sinusoids_plate": _rubbing(
+        "commands, kp ±5 %, wrench, sinusoids", "sinusoids", 200, sensors=("commands", "wrench"), gain=0.05
+    ),
+    "commands_trapezoids_plate": _rubbing(
+        "commands, kp ±5 %, wrench, trapezoids", "trapezoids", 200, sensors=("commands", "wrench"), gain=0.05
+    ),
     "trapezoids_100": _on_a_plate("trapezoids, 100 Hz", "trapezoids", 100, 10),
     "trapezoids_500": _on_a_plate("trapezoids, 500 Hz", "trapezoids", 500, 10),
     "trapezoids_1000": _on_a_plate("trapezoids, 1000 Hz", "trapezoids", 1000, 10),
@@ -179,6 +199,9 @@ CONDITIONS: Mapping[str, Condition] = {
     "torques_and_wrench": _on_a_plate(
         "torques and wrench, 100 Hz", "sinusoids", 100, 10, sensors=("torques", "wrench")
     ),
+    "gains": _on_a_plate("gains ±1 %", "sinusoids", 100, 10, gain=0.01),
+    "payload": _carrying("payload, 10 s"),
+    "payload_gains": _carrying("payload, 10 s, gains ±1 %", gain=0.01),
     "bodies_drawn": Condition("pendulum", "bodies drawn", drawn=True, options=KNOWING),
     "bodies_drawn_x10": Condition(
         "pendulum", "bodies drawn, ×10, 1.5 s", scale=10, wrench_scale=10, samples=150, drawn=True, options=KNOWING

@@ -1,20 +1,28 @@
 """Estimators that the study of noise compares, and their answers to a recording."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from experiments.noise.conditions import SUBJECTS, Condition, Subject
-from experiments.noise.recordings import noisy_recording, true_bodies
+from experiments.noise.recordings import TOOL, noisy_recording, true_bodies
 from experiments.noise.truth import drives, truth
 from experiments.studies import competitors
+from ident.estimate import Estimate
 from ident.identification import identify
 from ident.mechanism.motion import Motion
+from ident.payload.identification import identify_payload
+from ident.payload.payload import described
 from ident.recordings.recording import Recording
+from ident.recordings.servo import model_servo
+from ident.setup import SETUP
 from sim.models.mechanism import Origin
+
+SERVOS = "lag", "scale"
+"""Set-up parameters of servos, which are estimated beside their joints' drives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +54,9 @@ class Case:
         """True rotor inertia and friction of each joint; empty without friction."""
         origin = self.subject.mechanism.source
         assert isinstance(origin, Origin)
-        return drives(self.subject.mechanism, origin.model) if self.condition.rubs else {}
+        stribeck = self.condition.stribeck
+        rubs = self.condition.rubs or stribeck
+        return drives(self.subject.mechanism, origin.model, stribeck=stribeck) if rubs else {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +64,7 @@ class Answer:
     """An estimate of a case, beside its truth.
 
     Attributes:
-        names: Names of base parameters and drives.
+        names: Names of base parameters, drives and servos' lag and scales, or of a payload's mass and centre of mass.
         values: Their estimates (p,).
         std: Standard deviations from noise alone (p,).
         true: True values (p,).
@@ -83,14 +93,48 @@ def identified(case: Case, estimator: str, cutoff: str | None = None) -> Answer:
     estimate = identify(arm, case.recording, estimator=estimator, cutoff=cutoff, **options)
     equations = estimate.fit.equations
     count = equations.parameters.rank + len(equations.drives)
+    names, (values, std, wider, true) = _of_servos(case, estimate)
+    wide = np.sqrt(np.diag(estimate.covariance_setup))[:count]
     return Answer(
-        names=equations.names[:count],
-        values=estimate.fit.values[:count],
-        std=estimate.fit.std[:count],
-        true=truth(equations, case.phi, case.drives),
-        std_setup=np.sqrt(np.diag(estimate.covariance_setup))[:count] if estimator == "trajectory" else None,
-        setup=tuple(deviation.name for deviation in estimate.setup),
+        names=(*equations.names[:count], *names),
+        values=np.r_[estimate.fit.values[:count], values],
+        std=np.r_[estimate.fit.std[:count], std],
+        true=np.r_[truth(equations, case.phi, case.drives), true],
+        std_setup=np.r_[wide, wider] if estimator == "trajectory" else None,
+        setup=tuple(deviation.name for deviation in estimate.setup if not SETUP[deviation.kind].stated),
     )
+
+
+def _of_servos(case: Case, estimate: Estimate) -> tuple[list[str], np.ndarray]:
+    """Names of the lag and the scales of servos; estimates, standard deviations as in `Answer`, and true values (4, k).
+
+    Of a lag that is not fitted, the estimate is what it would be if it were.
+    """
+    joint, stated = estimate.trajectory, case.recording.servos
+    if joint is None or not stated:
+        return [], np.zeros((4, 0))
+    own = {k: each for k, each in joint.setup.items() if each.kind in SERVOS}
+    at, fit = list(own), joint.fit
+    moves, open_ = fit.scores(np.eye(len(fit.theta))[at])
+    fitted = fit.theta, *(np.sqrt(np.diag(C)) for C in (fit.covariance, fit.covariance + joint.covariance_of_setup))
+    estimates = np.where(fit.free[at], np.array(fitted)[:, at], [moves, open_, open_])
+    model = {each: model_servo(case.subject.mechanism, each) for each in stated}
+    true = {each: stated[each].kp / servo.kp - 1 for each, servo in model.items() if servo is not None}
+    # A lag is that of all joints, and zero.
+    return [x.name for x in own.values()], np.vstack([estimates, [true.get(x.of, 0.0) for x in own.values()]])
+
+
+def carried(case: Case) -> Answer:
+    """Mass and centre of mass of the tool on its sensor, by `ident.payload`, from a robot without masses."""
+    robot = case.subject.mechanism
+    massless = replace(robot, prior=0 * robot.known)
+    body = identify_payload(massless, case.recording, body=TOOL, sensor=TOOL, holdout=0.0, **case.condition.options)
+    k = 10 * robot.bodies.index(TOOL)
+    true = described(case.phi[k : k + 10])[:4]
+    names = ("mass", *(f"centre({axis})" for axis in "xyz"))
+    load = body.in_frame()
+    setup = tuple(each.name for each in body.estimate.setup)
+    return Answer(names, load.values[:4], load.std[:4], true, load.std_setup[:4], setup)
 
 
 def commanded_instruments(case: Case) -> Answer:
@@ -149,6 +193,7 @@ ESTIMATORS: Mapping[str, Mapping[str, Estimator]] = {
         **TRAJECTORY,
     },
     "arm": TRAJECTORY,
+    "payload": {"trajectory": carried},
 }
 """Estimators that are compared, for each subject."""
 

@@ -10,7 +10,7 @@ from experiments.data.errors import Errors
 from experiments.document import tabular
 from experiments.document.document import Document
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
-from experiments.noise.estimators import ESTIMATORS, LABELS
+from experiments.noise.estimators import ESTIMATORS, LABELS, SERVOS
 from experiments.noise.figure import PANELS, PARAMETER, compared, figure
 from experiments.noise.study import Outcome, Study
 from ident.geometry.inertia import with_bodies
@@ -112,6 +112,29 @@ def table_drives(study: Study) -> tabular.Table:
     return tabular.Table(title, columns, tuple(rows), decimals=2, heads=heads)
 
 
+def table_kinds(study: Study) -> tabular.Table:
+    """Coverage of the intervals by kind of parameter, where a condition has several kinds."""
+    rows: list[tuple[tabular.Cell, ...]] = []
+    for name, outcome in study.trajectory.items():
+        errors, wide = outcome.errors, outcome.with_setup
+        kinds = np.array([_kind(each) for each in errors.names])
+        for kind in dict.fromkeys(kinds.tolist()) if len({*kinds}) > 1 else ():
+            z = errors.errors[:, kinds == kind] / errors.predicted[:, kinds == kind]
+            cells = [None if x is None else float(x.coverage[kinds == kind].mean()) for x in (errors, wide)]
+            rows.append((CONDITIONS[name].label, kind, *cells, float(np.sqrt((z**2).mean())), len(errors.errors)))
+    columns = ("noise", "kind", "coverage_95", "setup_coverage_95", "rms_z", "recordings")
+    title = (
+        "Coverage of the trajectory estimate's 95 % intervals by kind of parameter, by noise alone and with the set-up"
+    )
+    return tabular.Table(title, columns, tuple(rows), heads={"setup_coverage_95": "with set-up", "rms_z": "RMS z"})
+
+
+def _kind(name: str) -> str:
+    """Kind of a parameter: that of a drive, of a servo or of a payload, or `base parameter`."""
+    kind, bracket, _ = name.partition("(")
+    return kind if bracket or kind in (*SERVOS, "mass") else "base parameter"
+
+
 def numbers(study: Study) -> dict[str, Any]:
     """Key numbers for scripts, for each condition, estimator and parameter."""
     out: dict[str, Any] = {"recordings": study.recordings}
@@ -152,6 +175,8 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     tables["table_coverage"] = table_coverage(study)
     if (drives := table_drives(study)).rows:
         tables["table_drives"] = drives
+    if (kinds := table_kinds(study)).rows:
+        tables["table_kinds"] = kinds
     return Document(
         "Bad motions and sensors",
         ABOUT,

@@ -17,6 +17,9 @@ from sim.models.names import joint_name
 INSTANTS = 200
 """Random states for the columns, several for each column."""
 
+STRIBECK_SHARE = 0.5
+"""True Stribeck friction over Coulomb friction: dry joints break loose at one and a half times their friction."""
+
 TAKEN_UP = 1e-8
 """Largest part of a unit column outside the span of base parameters that absorb it."""
 
@@ -39,10 +42,11 @@ def _drawn(phi: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     )
 
 
-def drives(mechanism: Mechanism, model: mujoco.MjModel) -> dict[str, float]:
-    """Rotor inertia, viscous and Coulomb friction of each joint in a model, by column name."""
+def drives(mechanism: Mechanism, model: mujoco.MjModel, *, stribeck: bool = False) -> dict[str, float]:
+    """Rotor inertia, viscous, Coulomb and perhaps Stribeck friction of each joint in a model, by column name."""
     addresses = {joint_name(model, j): int(model.jnt_dofadr[j]) for j in range(model.njnt)}
     stated = {"rotor": model.dof_armature, "viscous": model.dof_damping, "coulomb": model.dof_frictionloss}
+    stated |= {"stribeck": STRIBECK_SHARE * model.dof_frictionloss} if stribeck else {}
     return {
         name: float(values[addresses[joint]])
         for kind, values in stated.items()

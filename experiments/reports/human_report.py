@@ -1,6 +1,6 @@
 """Report on the study of a person: tables, a figure, key numbers, and the terminal's text."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -63,18 +63,19 @@ def table_prediction(study: Study) -> tabular.Table:
     return tabular.Table(title, ("candidate", *study.estimate.channels[:6]), tuple(rows), decimals=3)
 
 
-def table_coverage(persons: Sequence[Study]) -> tabular.Table:
+def table_coverage(persons: Sequence[Mapping[str, Any]]) -> tabular.Table:
     """Coverage of the intervals of determined combinations, for each person and for all together."""
     rows: list[tuple[tabular.Cell, ...]] = []
     for number, person in enumerate(persons, start=1):
-        better = float((person.errors["prior"] / person.errors["trajectory estimate"]).min())
-        rows.append((str(number), *_counted([person]), person.noise_of_angles, better))
+        rows.append((str(number), *_counted([person]), person["noise_of_angles"], person["times_better"]))
     rows.append(("all", *_counted(persons), None, None))
     heads = {
         "determined": "determined",
         "hold": "coverage of 95 % intervals",
+        "rms_z": "RMS z",
         "determined_by_noise": "determined, noise alone",
         "hold_by_noise": "coverage of 95 % intervals, noise alone",
+        "rms_z_by_noise": "RMS z, noise alone",
         "noise_of_angles": "estimated noise of angles (°)",
         "times_better": "times better than the prior, worst channel",
     }
@@ -82,12 +83,16 @@ def table_coverage(persons: Sequence[Study]) -> tabular.Table:
     return tabular.Table(title, ("person", *heads), tuple(rows), decimals=2, heads=heads)
 
 
-def _counted(persons: Sequence[Study]) -> tuple[tabular.Cell, ...]:
-    """Number of determined combinations, and coverage of their 95 % intervals: with set-up, and from noise alone."""
+def _counted(persons: Sequence[Mapping[str, Any]]) -> tuple[tabular.Cell, ...]:
+    """Number of determined combinations, coverage of their 95 % intervals, and RMS z: with set-up, by noise alone."""
     out: list[tabular.Cell] = []
-    for each in ([person.distances for person in persons], [person.distances_of_noise for person in persons]):
-        z = np.concatenate([distances[std < MOVED] for std, distances in each])
-        out += [len(z), float((np.abs(z) < HALF_WIDTH).mean()) if len(z) else None]
+    for kind in ("with_setup", "of_noise"):
+        std, errors = (np.concatenate([person[kind][key] for person in persons]) for key in ("std", "z"))
+        z = errors[std < MOVED]
+        out += [
+            len(z),
+            *(map(float, (np.mean(np.abs(z) < HALF_WIDTH), np.sqrt(np.mean(z**2)))) if len(z) else (None,) * 2),
+        ]
     return tuple(out)
 
 
@@ -132,8 +137,19 @@ def measured(laboratory: Laboratory) -> str:
     return f"Angles have noise of {laboratory.angle_deg:g}°, {kind}."
 
 
-def document(study: Study, feet_alone: Study, others: Sequence[Study], provenance: dict[str, Any]) -> Document:
-    """Results of a person who holds the rail, of one who does not, and of others who hold it, with a replay."""
+def count(persons: Sequence[Mapping[str, Any]], laboratory: Laboratory, provenance: dict[str, Any]) -> Document:
+    """How often intervals of several persons hold."""
+    about = "Each person has motions, noise, errors of the set-up and a prior that is wrong by a fifth of its own."
+    return Document(
+        f"Persons on two force plates{', at a rail' if laboratory.rail else ''}",
+        f"{about} {measured(laboratory)}",
+        tables={"table_coverage": table_coverage(persons)},
+        numbers={"summary": {"persons": list(persons)}, "provenance": provenance},
+    )
+
+
+def document(study: Study, feet_alone: Study, provenance: dict[str, Any]) -> Document:
+    """Results of a person who holds the rail and of one who does not, with a replay."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "
         f"{len(study.activities)} recordings of {study.seconds:g} s, with the 95 % interval of the estimate (a); "
@@ -145,16 +161,13 @@ def document(study: Study, feet_alone: Study, others: Sequence[Study], provenanc
     line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
     if determined.any():
         line += f"; {study.coverage:.0%} of their 95 % intervals contain the true value"
-    tables = {"table_segments": table_segments(study), "table_prediction": table_prediction(study)}
-    if others:
-        tables["table_coverage"] = table_coverage([study, *others])
     return Document(
         "A person on two force plates, at a rail",
         f"{ABOUT} {measured(study.laboratory)}",
         verdict=str(estimate.verdict()),
         findings=[(finding.text, finding.doubt) for finding in estimate.findings],
         lines=[f"{line}."],
-        tables=tables,
+        tables={"table_segments": table_segments(study), "table_prediction": table_prediction(study)},
         figures={"figure_human": (figure(study, feet_alone), caption)},
         numbers={
             "summary": {"plates_and_rail": numbers(study), "plates": numbers(feet_alone)},

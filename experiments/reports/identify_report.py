@@ -50,6 +50,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
     priors = [*model[: base.rank], *(x or None for x in model[base.rank :])]
     priors += [None] * (len(result.fit.names) - len(priors))
     regroupings = [*base.expressions(digits=4), *[""] * (len(result.fit.names) - base.rank)]
+    lagging, footnote = _of_servos(result)
     wider = np.sqrt(np.diag(result.covariance_setup))
     columns = {
         "parameter": result.fit.names,
@@ -73,10 +74,22 @@ def parameters_table(result: Estimate) -> tabular.Table:
         ),
         deviations={"estimate": "std_setup"},
         digits={"std": of_deviations(fit.std), "model": _of_model(priors, wider)},
+        marked=lagging,
+        footnote=footnote,
         regrouped=Regrouped({"": base.expressions(digits=4)}),
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
     )
+
+
+def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
+    """Names of the viscous friction of commanded joints, and a note on it; both empty without commands."""
+    viscous = {f"{DRIVE['viscous']}({joint})" for joint in result.prepared.recording.servos}
+    names, joint = frozenset(viscous.intersection(result.fit.equations.drives)), result.trajectory
+    has_lag = joint is not None and any(each.kind == "lag" for each in joint.setup.values())
+    means = "only the s.d. setup includes it" if has_lag else "no s.d. here includes it"
+    note = f"Viscous friction of a commanded joint is the lag of its servo, ΔFv = kp Δlag: {means}."
+    return names, note if names else ""
 
 
 def _of_model(values: Sequence[float | None], std: np.ndarray) -> Decimals:

@@ -1,16 +1,20 @@
 """Identification of a simulated person on two force plates who holds a rail, from a wrong prior, with known truth."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.data.laboratory import Laboratory
 from experiments.data.person import Study
-from experiments.runs.workers import worker_pool
+from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import Workers, worker_pool
 from experiments.studies.competitors import USUAL
 from experiments.studies.person_faults import drawn
 from experiments.studies.person_recordings import SENSORS, humanoid, mistaken, moved, recorded
@@ -27,6 +31,9 @@ from sim.motion.person import ACTIVITIES
 
 HELD_OUT = 1000
 """Offset of the seeds of recordings that are not fitted."""
+
+FILE = "persons.npz"
+"""File in the output folder with the persons of whom intervals are counted."""
 
 CORRELATED = 0.9
 """Autocorrelation of correlated noise of angles at a lag of one sample."""
@@ -116,20 +123,48 @@ def laboratory(source: str, rate: float, noise: float | None = None) -> Laborato
     return Laboratory(noise, CORRELATED if source == "correlated" else 0.0, rate=rate)
 
 
-def persons(
-    number: int, seconds: float, *, seed: int, laboratory: Laboratory, workers: int = 1, **more: Any
-) -> list[Study]:
-    """Studies of a person who holds a rail, of one who does not, and of others who hold it.
+def with_and_without_rail(
+    seconds: float, *, laboratory: Laboratory, workers: int = 1, **more: Any
+) -> tuple[Study, Study]:
+    """Studies of a person who holds a rail and of one who does not.
 
     Args:
-        number: Number of persons who hold the rail.
         seconds: Length of each recording.
-        seed: Seed of the first person.
         laboratory: The laboratory.
         workers: Local processes for the pieces of the trajectory estimate.
         more: Further arguments of `study`.
     """
-    drawn = [(seed, True), (seed, False), *((seed + k, True) for k in range(1, number))]
     with ExitStack() as stack:
         more["executor"] = stack.enter_context(worker_pool(workers)).executor if workers > 1 else None
-        return [study(seconds, seed=k, laboratory=replace(laboratory, rail=rail), **more) for k, rail in drawn]
+        held, free = (study(seconds, laboratory=replace(laboratory, rail=rail), **more) for rail in (True, False))
+        return held, free
+
+
+def counts(
+    number: int, seconds: float, folder: Path, workers: Workers, *, seed: int, laboratory: Laboratory, **more: Any
+) -> list[dict[str, Any]]:
+    """What `counted` returns of several persons, with successive seeds from the given one.
+
+    Args:
+        number: Number of persons.
+        seconds: Length of each recording.
+        folder: Folder of the file of the persons that are done.
+        workers: Workers that share the persons.
+        seed: Seed of the first person.
+        laboratory: The laboratory.
+        more: Further arguments of `study`, in JSON types.
+    """
+    identity = {"seconds": seconds, "seed": seed, "laboratory": asdict(laboratory), **more}
+    work = partial(counted, seconds, {"laboratory": laboratory, **more})
+    return workers.collected(work, range(seed, seed + number), Checkpoint("persons", folder / FILE, identity))
+
+
+def counted(seconds: float, given: Mapping[str, Any], seed: int) -> list[str]:
+    """Precision and errors of a person as JSON, in a batch of one; run by workers."""
+    person = study(seconds, seed=seed, **given)
+    better = float((person.errors["prior"] / person.errors["trajectory estimate"]).min())
+    out: dict[str, Any] = {"noise_of_angles": person.noise_of_angles, "times_better": better}
+    out |= {"verdict": str(person.estimate.verdict())}
+    for name, pair in (("with_setup", person.distances), ("of_noise", person.distances_of_noise)):
+        out[name] = {"std": pair[0].tolist(), "z": pair[1].tolist()}
+    return [json.dumps(out)]

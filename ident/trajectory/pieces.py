@@ -128,7 +128,11 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     for joint, component in (freedoms[k] for k in measurement.equations.torques):
         servo = recording.servos.get(joint)
         stream = recording.as_measured(f"{joint}_command" if servo else f"{joint}_torque")
-        parts.append(Sampled(stream.time, stream.columns[:, component] * (servo.kp if servo else 1.0)))
+        own = stream.columns[:, component] * (servo.kp if servo else 1.0)
+        if servo and not _commands_alone(measurement):
+            # Channels share their times here, so that the half sample of a held command is in its values.
+            own = (own + np.append(own[:1], own[:-1])) / 2
+        parts.append(Sampled(stream.time, own))
     time, values = side_by_side(parts)
     there = [between_samples(contact, time, _reach(contact)) for contact in contacts]
     values = np.where(np.all([prepared.usable(time), *there], axis=0)[:, None], values, np.nan)

@@ -34,10 +34,7 @@ def at_the_rail(monkeypatch):
 def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     out = tmp_path / "person"
     small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
-    assert (
-        main([*small, "--persons", "2", "--workers", "1", "--out", str(out), "--caption", "table_segments", "Ours."])
-        == 0
-    )
+    assert main([*small, "--workers", "1", "--out", str(out), "--caption", "table_segments", "Ours."]) == 0
     assert r"\caption{Ours.}" in (out / "table_segments.tex").read_text(encoding="utf-8")
     printed = capsys.readouterr().out
     assert "trajectory estimate" in printed
@@ -70,13 +67,35 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
                 float(rows[name][f"inertia_{which}"]) == pytest.approx(x, rel=1e-3, abs=1e-3) for x in each[which][4:7]
             )
 
-    with (out / "table_coverage.csv").open(newline="", encoding="utf-8") as file:
-        first, second, both = csv.DictReader(file)
-    assert [row["person"] for row in (first, second, both)] == ["1", "2", "all"]
-    assert int(both["determined"]) == int(first["determined"]) + int(second["determined"]) == 2 * numbers["determined"]
-    assert float(both["hold"]) == pytest.approx(numbers["coverage_of_determined"])
-    assert float(first["times_better"]) == pytest.approx(min(numbers["times_better"]))
-    assert 0.15 < float(first["noise_of_angles"]) < 0.22 and not both["noise_of_angles"]
+
+@pytest.mark.usefixtures("here")
+def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys, monkeypatch):
+    asked = []
+
+    def quick(seconds, *, seed, laboratory, activities):
+        if seed == 7 and 7 not in asked:
+            asked.append(seed)
+            raise KeyboardInterrupt
+        asked.append((seed, laboratory.rail, activities))
+        return persons.at_a_rail()
+
+    monkeypatch.setattr(human, "study", quick)
+    command = ["--persons", "3", "--seed", "5", "--no-rail", "--activities", "squats", "--workers", "1"]
+    command += ["--out", str(tmp_path)]
+    assert main(command) == 130 and main([*command, "--resume"]) == 0
+    first, *_, last = asked
+    assert (first, last) == ((5, False, ["squats"]), (7, False, ["squats"])) and asked.count(first) == 1
+    with (tmp_path / "table_coverage.csv").open(newline="", encoding="utf-8") as file:
+        first, *others, every = csv.DictReader(file)
+    person = persons.at_a_rail()
+    assert len(others) == 2 and int(every["determined"]) == 3 * int(first["determined"]) == 3 * person.determined.sum()
+    assert float(every["hold"]) == pytest.approx(person.coverage)
+    assert float(first["rms_z"]) == pytest.approx(np.sqrt(np.mean(person.distances[1][person.determined] ** 2)))
+    better = person.errors["prior"] / person.errors["trajectory estimate"]
+    assert float(first["times_better"]) == pytest.approx(better.min())
+    assert 0.15 < float(first["noise_of_angles"]) < 0.22 and not every["noise_of_angles"]
+    assert "laboratory" in refusal(main, [c for c in command if c != "--no-rail"] + ["--resume"], capsys)
+    assert "belong to --persons" in refusal(main, ["--resume", "--out", str(tmp_path)], capsys)
 
 
 def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):

@@ -14,13 +14,15 @@ from experiments.noise import report as noise_report
 from experiments.noise import study as noise
 from experiments.noise.__main__ import main
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
-from experiments.noise.recordings import MOTIONS, exact_recording, noisy_recording, true_bodies
+from experiments.noise.estimators import Case, identified
+from experiments.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
 from experiments.noise.truth import drawn_bodies, drives, truth
 from experiments.studies.noise_processes import flicker, quantised, random_walk, student
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import body_covariance
+from ident.recordings.servo import model_servo
 from ident.regression.ordinary import least_squares
 from sim.simulation.simulate import simulate
 
@@ -39,12 +41,13 @@ def shortened(name):
 
 def test_every_kind_of_trouble_has_a_row():
     assert {each.rate for each in NEW.values() if each.motion == "trapezoids" and not each.rubs} == {100, 500, 1000}
-    assert {each.rate for each in NEW.values() if each.motion == "trapezoids" and each.rubs} == {100, 500}
+    assert {each.rate for each in NEW.values() if each.motion == "trapezoids" and each.rubs} == {100, 200, 500}
     assert {each.drift for each in NEW.values()} == {"", "flicker", "walk"}
     assert all(each.length / each.rate >= 10 for each in NEW.values() if each.drift)
     assert any(each.length <= 180 for each in NEW.values()) and any(any(each.steps) for each in NEW.values())
-    assert any(set(each.sensors) == {"wrench", "torques"} for each in NEW.values())
-    assert all(each.options["known"] is each.drawn for each in NEW.values())
+    sensors = {each.sensors for each in NEW.values()}
+    assert {("torques", "wrench"), ("commands",), ("commands", "wrench"), ("tool",)} < sensors
+    assert all(each.options.get("known", False) is each.drawn for each in NEW.values())
 
 
 @pytest.mark.parametrize("name", NEW)
@@ -58,25 +61,26 @@ def test_conditions_run_from_end_to_end(name, monkeypatch):
         numbers = [answer[key] for key in ("error", "std", "true", "std_setup")]
         assert {len(each) for each in numbers} == {len(answer["names"])} and np.isfinite(numbers).all()
         assert (np.array(answer["std_setup"]) >= np.array(answer["std"]) * (1 - 1e-9)).all()
-        assert any(each.startswith("Fc(") for each in answer["names"]) == NEW[name].rubs
+        assert any(each.startswith("Fc(") for each in answer["names"]) == (NEW[name].rubs or NEW[name].stribeck)
     if len(tasks) > 1:
         outcome = noise.study(collected, 2, (name,)).trajectory[name]
         assert outcome.errors.errors.shape == outcome.with_setup.predicted.shape == (2, len(answer["names"]))
         assert outcome.reporting in (0, 0.5, 1)
 
 
-@pytest.mark.parametrize("name", [name for name, each in NEW.items() if not each.rubs])
+@pytest.mark.parametrize("name", [name for name, each in NEW.items() if not each.rubs and each.subject != "payload"])
 def test_exact_states_give_the_truth(name):
     condition = NEW[name]
     recording, motion = exact_recording(condition, 0, 1)
     arm, phi = SUBJECTS[condition.subject].mechanism, true_bodies(condition, 0, 1)
     assert (phi != arm.known).any() == condition.drawn
-    equations = prepared(arm, noisy_recording(condition, 0, 1)).equations
+    equations = prepared(arm, noisy_recording(condition, 0, 1), drive=condition.options["drive"]).equations
     # Unprepared: at jumps of the acceleration, prepared wrenches lack samples that look like outliers.
-    torques = [recording.true[f"{arm.tree.freedoms[k]}_torque"] for k in equations.torques]
-    measured = np.column_stack([recording.true["ground_force"], recording.true["ground_torque"], *torques])
-    fit = least_squares(equations, Samples(motion, measured))
-    np.testing.assert_allclose(fit.values, truth(equations, phi, {}), rtol=1e-6, atol=2e-3)
+    channels = [name for name in GROUND if "wrench" in condition.sensors]
+    channels += [f"{arm.tree.freedoms[k]}_torque" for k in equations.torques]
+    fit = least_squares(equations, Samples(motion, np.column_stack([recording.true[name] for name in channels])))
+    expected = truth(equations, phi, Case(condition, recording, phi).drives)
+    np.testing.assert_allclose(fit.values, expected, rtol=1e-6, atol=2e-3)
 
 
 def with_rates(seed, motion):
@@ -114,11 +118,15 @@ def test_exact_states_of_an_arm_that_rubs_give_rotors_friction_and_base_paramete
     assert values["Izz2"] == pytest.approx(links["Izz2"] + 0.3)
 
 
-@pytest.mark.parametrize("name", ["trapezoids_100", "torques_and_wrench"])
+@pytest.mark.parametrize("name", ["trapezoids_100", "torques_and_wrench", "payload"])
 def test_motions_that_are_drawn_need_what_mujoco_says(name):
     recording, motion = exact_recording(CONDITIONS[name], 0, 0)
-    model = scenes.load("arm").compile()
-    data, part = mujoco.MjData(model), {s: model.sensor(s) for s in ("ground_force", "ground_torque")}
+    spec = scenes.load("arm")
+    spec.body("tool").add_site(name="tool")
+    for channel, kind in zip(LOAD, (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE), strict=True):
+        spec.add_sensor(name=channel, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="tool")
+    model = spec.compile()
+    data, part = mujoco.MjData(model), {s: model.sensor(s) for s in (*GROUND, *LOAD) if s in recording.true}
     for k in range(5, len(motion), 97):
         data.qpos[:], data.qvel[:], data.qacc[:] = motion.q[k], motion.dq[k], motion.ddq[k]
         mujoco.mj_inverse(model, data)
@@ -129,6 +137,25 @@ def test_motions_that_are_drawn_need_what_mujoco_says(name):
             links = data.qfrc_inverse - model.dof_armature * data.qacc + data.qfrc_passive + data.qfrc_constraint
             torques = recording.torques(ARM.mechanism.tree.joints)[k]
             np.testing.assert_allclose(torques, links, atol=1e-8)
+
+
+def test_commands_beside_a_wrench_act_half_a_sample_later_than_they_are_logged():
+    """Viscous friction would be larger by kp times that half sample: more than twice of what it is."""
+    condition = replace(CONDITIONS["commands_sinusoids_plate"], samples=1000, gain=0.0)
+    answer = identified(Case.drawn(condition, 0, 0), "trajectory")
+    errors = dict(zip(answer.names, (answer.values - answer.true) / np.where(answer.true, answer.true, 1), strict=True))
+    assert max(abs(errors[f"{column}({joint})"]) for column in ("Fv", "Fc") for joint in ("turn", "shoulder")) < 0.15
+
+
+def test_servos_and_channels_are_misstated_as_their_recordings_say():
+    commands, gains = (Case.drawn(CONDITIONS[name], 0, 0) for name in ("commands_sinusoids_plate", "gains"))
+    model = {joint: model_servo(ARM.mechanism, joint) for joint in ARM.mechanism.tree.joints}
+    factors = [servo.kp / model[joint].kp for joint, servo in commands.recording.servos.items()]
+    assert set(commands.recording.scales.values()) == {0.05} and 0 < np.std(factors) < 0.15
+    plain = noisy_recording(replace(CONDITIONS["gains"], gain=0.0), 0, 0)
+    ratio = gains.recording.true["ground_force"] / plain.true["ground_force"]
+    np.testing.assert_allclose(ratio, ratio[:1].repeat(len(ratio), axis=0))
+    assert 0 < np.abs(ratio[0] - 1).max() < 0.04 and gains.recording.setup == {"gain": 0.01}
 
 
 def test_an_arm_that_rubs_sticks_where_it_reverses():
@@ -207,6 +234,8 @@ def test_tables_count_what_was_answered():
     (drive,) = noise_report.table_drives(study).rows
     percent = [-0.5, 100 * np.sqrt((0.02**2 + 0.04**2) / 2) / 2, 2.0, 0.5]
     assert drive[1] == "Fc(turn)" and drive[3:7] == pytest.approx(percent) and drive[7:] == (0, 2)
+    kinds = noise_report.table_kinds(study).rows
+    assert [row[1:4] for row in kinds] == [("base parameter", 1, 1), ("Fc", 0, 0.5)]
     counts = noise_report.numbers(study)[name]["trajectory"]
     assert counts["setup"] == {"delay(ground)": 1} and counts["setup_coverage_95"] == {"Izz2": 1, "Fc(turn)": 0.5}
     json.dumps(noise_report.numbers(study), allow_nan=False)
