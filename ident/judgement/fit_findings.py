@@ -77,6 +77,17 @@ def _predicted(evidence: Evidence, k: int) -> bool:
     return best == ESTIMATE and not (ratios[k] > CHANGED * usual).any()
 
 
+def own_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on friction and offsets that each recording has for itself."""
+    joint = evidence.trajectory
+    if joint is None:
+        return
+    names = joint.measurement.equations.names
+    each = np.array([joint.parameters_of(k)[: len(names)] for k in range(len(joint.counts))])
+    if own := {name: tuple(x.tolist()) for name, x in zip(names, each.T, strict=True) if np.ptp(x) > 0}:
+        yield Finding.of("own_in_logs", values=own)
+
+
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on a prior that was used, and on the need for it."""
     if evidence.trajectory is not None and evidence.trajectory.known:

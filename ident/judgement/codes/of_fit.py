@@ -22,6 +22,14 @@ def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[i
     )
 
 
+def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
+    each = listed(f"{name} ({', '.join(f'{x:.2g}' for x in own)})" for name, own in values.items())
+    return (
+        f"Friction and offsets are not the same in all logs, so that each has its own: {each}. Another log is "
+        "predicted with their means."
+    )
+
+
 def _beyond_ranges(shares: Mapping[str, float]) -> str:
     each = listed(f"{joint} ({share:.0%} of the samples)" for joint, share in shares.items())
     return f"Joints are recorded beyond the model's ranges: {each}; a zero, a sign or a unit may be wrong."
@@ -52,11 +60,13 @@ FIT = {
         doubt=False,
     ),
     "logs_disagree": Row(_logs_disagree, doubt=None),
+    "own_in_logs": Row(_own_in_logs, doubt=False),
     "prior_as_asked": Row(
         f"As asked for, {_PUT}; the motion would separate the base parameters without it.", doubt=False
     ),
     "prior_needed": Row(
-        f"The motion does not separate all base parameters; {_PUT}, and those that the data hardly see stay near it.",
+        f"The recordings alone do not determine all base parameters as well; {_PUT}, and those that the data hardly "
+        "see stay near it.",
         doubt=False,
     ),
     "beyond_joint_ranges": Row(_beyond_ranges, doubt=True),
