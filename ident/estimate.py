@@ -193,7 +193,7 @@ class Estimate:
         """Difference of ψ from the model's, in standard deviations of the prior (r,)."""
         mechanism = self.prepared.mechanism
         known = {**KNOWN, **self.prepared.recording.known}
-        std = np.sqrt(np.diag(known_covariance(mechanism, self.base, known)))
+        std = np.sqrt(np.diag(known_covariance(mechanism, self.base, known, self.fit.equations.absorbed)))
         return (self.psi - self.fit.equations.from_model[: self.base.rank]) / std
 
     @property

@@ -1,6 +1,6 @@
 """Equations to fit: measured channels, and the columns of base parameters, drives and constant offsets."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -46,8 +46,8 @@ class Equations:
         servos: Stiffness and damping of the servos of joints whose commands are the channels, zero for measured torques
             (2, torques); None for none.
         scales: Relative standard deviations of the scales of torques, zero for exact ones; empty if all are.
-        absorbed: What drives that the model states add to the coefficients of base parameters and drives, because
-            their own columns depend on those (r + d,); None for nothing.
+        absorbed: What a unit of each drive without a column of its own adds to the coefficients of base parameters and
+            drives, on whose columns its own depends, by its name (r + d,).
         couplings: Motors that move several joints together, to which rotors and friction belong.
         mixed: Drives of these that take up drives without a column, and may thus be negative.
     """
@@ -62,7 +62,7 @@ class Equations:
     slips: np.ndarray | None = None
     servos: np.ndarray | None = None
     scales: tuple[float, ...] = ()
-    absorbed: np.ndarray | None = None
+    absorbed: Mapping[str, np.ndarray] = field(default_factory=dict)
     couplings: Couplings = field(default_factory=dict)
     mixed: tuple[str, ...] = ()
 
@@ -100,7 +100,8 @@ class Equations:
     def from_drives(self) -> np.ndarray:
         """Coefficients of base parameters and drives due to the drives that the model states (r + d,)."""
         own = np.r_[np.zeros(self.parameters.rank), stated_values(self.mechanism, self.drives)]
-        return own if self.absorbed is None else own + self.absorbed
+        stated = stated_values(self.mechanism, list(self.absorbed))
+        return sum((x * each for x, each in zip(stated, self.absorbed.values(), strict=True)), start=own)
 
     @property
     def from_model(self) -> np.ndarray:
@@ -124,11 +125,11 @@ class Equations:
 
     def with_drives(self, drives: Sequence[str]) -> "Equations":
         """Equations with the columns of some drives, of which none is absorbed by others."""
-        return replace(self, drives=tuple(drives), absorbed=None, mixed=())
+        return replace(self, drives=tuple(drives), absorbed={}, mixed=())
 
     def with_stribeck(self, names: Sequence[str]) -> "Equations":
         """Equations with more columns of Stribeck friction, of which models state none."""
-        absorbed = None if self.absorbed is None else np.append(self.absorbed, np.zeros(len(names)))
+        absorbed = {name: np.append(each, np.zeros(len(names))) for name, each in self.absorbed.items()}
         return replace(self, drives=(*self.drives, *names), absorbed=absorbed)
 
     def with_offsets(self, offsets: Sequence[int]) -> "Equations":

@@ -21,7 +21,7 @@ MIXED = 1e-3
 def separable(equations: Equations, samples: Samples) -> Equations:
     """Equations without the drives and offsets whose columns depend on those before them.
 
-    Drives that are left out but stated by the model add to the coefficients that take them up (`absorbed`).
+    Drives that are left out add to the coefficients that take them up (`absorbed`).
 
     Raises:
         InputError: Samples do not fit the equations.
@@ -35,8 +35,7 @@ def separable(equations: Equations, samples: Samples) -> Equations:
         offsets=tuple(k for k in equations.offsets if kept[f"offset({equations.channels[k]})"]),
     )
     count = equations.parameters.rank + len(equations.drives)
-    absorbed = _absorbed(columns[:, :count], mask[:count], equations, without)
-    without = without if absorbed is without.absorbed else replace(without, absorbed=absorbed)
+    without = replace(without, absorbed=_absorbed(columns[:, :count], mask[:count], equations))
     return replace(without, mixed=_mixed(columns[:, :count], kept, equations)) if equations.axes.motors else without
 
 
@@ -51,22 +50,21 @@ def _mixed(columns: np.ndarray, kept: Mapping[str, bool], before: Equations) -> 
     return tuple(name for name in of_motors if takes.get(name) or (name in before.mixed and kept[name]))
 
 
-def _absorbed(columns: np.ndarray, kept: np.ndarray, before: Equations, after: Equations) -> np.ndarray | None:
+def _absorbed(columns: np.ndarray, kept: np.ndarray, before: Equations) -> dict[str, np.ndarray]:
     """`absorbed` of equations that lack some of the columns of base parameters and drives that others had before.
 
     Args:
         columns: Those columns (m, r + d).
         kept: Mask of the independent ones (r + d,); base parameters are kept in any case.
         before: Equations with all drives.
-        after: Equations without the dependent ones.
     """
-    kept, values = kept | (np.arange(len(kept)) < before.parameters.rank), before.from_drives
-    if not values[~kept].any():
-        return None if before.absorbed is None else before.absorbed[kept]
+    kept = kept | (np.arange(len(kept)) < before.parameters.rank)
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     combined = np.linalg.lstsq(columns[:, kept] / sizes[kept], columns[:, ~kept], rcond=INDEPENDENT)[0]
-    total = values[kept] + combined @ values[~kept] / sizes[kept]
-    return total - replace(after, absorbed=None).from_drives
+    units = combined.T / sizes[kept]
+    lost = (name for name, stays in zip(before.names, kept, strict=False) if not stays)
+    earlier = {name: each[kept] + each[~kept] @ units for name, each in before.absorbed.items()}
+    return earlier | dict(zip(lost, units, strict=True))
 
 
 def independent(columns: np.ndarray) -> np.ndarray:

@@ -96,7 +96,9 @@ def prior_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def _separated(evidence: Evidence) -> bool:
     """True if the data of an estimate with a prior determine every base parameter without it."""
-    before = known_covariance(evidence.mechanism, evidence.fit.parameters, evidence.known)
+    before = known_covariance(
+        evidence.mechanism, evidence.fit.parameters, evidence.known, evidence.fit.equations.absorbed
+    )
     # Of the variance with the prior, over that of the prior alone, this share is left where the data's own is so large.
     share = FAR_LESS**2 / (1 + FAR_LESS**2)
     left = linalg.eigvalsh(evidence.covariance / evidence.widening**2, before)

@@ -25,6 +25,9 @@ KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
 DRIVE_KNOWN = 0.5
 """Relative standard deviation of the friction, rotor inertias and stiffnesses that a model states."""
 
+UNKNOWN = 100.0
+"""Standard deviation of a drive that no model states, over that of all bodies together: as good as no prior."""
+
 LEAST_KNOWN = 1e-6
 """Standard deviation, relative to the largest, that is added to all of ψ to keep the covariance regular."""
 
@@ -112,12 +115,28 @@ def known_roots(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.
 
 
 def known_covariance(
-    mechanism: Mechanism, parameters: BaseParameters, known: Mapping[str, float] = KNOWN
+    mechanism: Mechanism,
+    parameters: BaseParameters,
+    known: Mapping[str, float] = KNOWN,
+    absorbed: Mapping[str, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Prior covariance of ψ, `B S Bᵀ` with ψ = B φ and S that of φ (r, r)."""
+    """Prior covariance of ψ, `B S Bᵀ` with ψ = B φ and S that of φ (r, r).
+
+    Args:
+        mechanism: The mechanism.
+        parameters: Its base parameters.
+        known: Standard deviations of φ, as for `body_covariance`.
+        absorbed: Drives that ψ contains, as `Equations.absorbed`: known as `DRIVE_KNOWN` where the model states them,
+            else not at all.
+    """
     rows = known_rows(mechanism, parameters, known)
     covariance = rows.T @ rows
-    return covariance + np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))
+    covariance += np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))
+    for name, each in (absorbed or {}).items():
+        own, (stated,) = each[: parameters.rank], stated_values(mechanism, [name])
+        unknown = UNKNOWN * float(np.linalg.norm(rows)) / max(float(np.linalg.norm(own)), 1e-300)
+        covariance += np.outer(own, own) * (DRIVE_KNOWN * stated or unknown) ** 2
+    return covariance
 
 
 def drive_precision(mechanism: Mechanism, names: Sequence[str], scaled: Collection[str] = ()) -> np.ndarray:

@@ -13,17 +13,20 @@ from scipy import special
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.precision import inverse_of_precision
-from ident.trajectory.left_out import clearly_less, prediction_errors
+from ident.trajectory.left_out import CLEARLY, clearly_less, prediction_errors
 from ident.trajectory.result import TrajectoryEstimate
 
 
-def better(usual: TrajectoryEstimate, name: str, other: Callable[[], TrajectoryEstimate]) -> TrajectoryEstimate:
+def better(
+    usual: TrajectoryEstimate, name: str, other: Callable[[], TrajectoryEstimate], margin: float = CLEARLY
+) -> TrajectoryEstimate:
     """The usual estimate, or another one that predicts left-out pieces clearly better.
 
     Args:
         usual: The usual estimate, with the shares of its pieces.
         name: Name of the alternative.
         other: Function that returns the other one, which may not be determined.
+        margin: Decrease of the mean log error from which it is better.
     """
     if usual.fit.status == "interrupted" or len(usual.fit.pieces) < 2:
         return usual
@@ -36,7 +39,7 @@ def better(usual: TrajectoryEstimate, name: str, other: Callable[[], TrajectoryE
     both = usual, tried
     least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
     errors = np.array([prediction_errors(each.measurement, each.fit, least) for each in both])
-    return replace(both[clearly_less(*errors)], errors={**usual.errors, name: errors})
+    return replace(both[clearly_less(*errors, margin)], errors={**usual.errors, name: errors})
 
 
 def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:

@@ -165,7 +165,7 @@ def _prior(
         equations = measurement.equations
         count, rank = equations.parameters.rank + len(equations.drives), equations.parameters.rank
         mean[:count] = equations.from_model
-        beforehand = known_covariance(equations.mechanism, equations.parameters, known)
+        beforehand = known_covariance(equations.mechanism, equations.parameters, known, equations.absorbed)
         # A plain inverse may be asymmetric by more than the smallest eigenvalue.
         precision[:rank, :rank] = inverse_of_precision(beforehand)
         drives = range(rank, count)

@@ -83,10 +83,10 @@ def _mean_logarithm(errors: np.ndarray) -> float:
     return float(np.log(errors).mean())
 
 
-def clearly_less(usual: np.ndarray, others: np.ndarray) -> bool:
-    """True if another fit's errors are clearly smaller than the usual one's, from `prediction_errors` (C,)."""
+def clearly_less(usual: np.ndarray, others: np.ndarray, margin: float = CLEARLY) -> bool:
+    """True if another fit's errors are smaller than the usual one's by a margin, from `prediction_errors` (C,)."""
     explained = (usual < 1) | (others < 1)
-    return bool(explained.any() and _mean_logarithm(others[explained]) < _mean_logarithm(usual[explained]) - CLEARLY)
+    return bool(explained.any() and _mean_logarithm(others[explained]) < _mean_logarithm(usual[explained]) - margin)
 
 
 def _squares(

@@ -1,4 +1,4 @@
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,12 +24,12 @@ class Columns:
     names: tuple[str, ...]
     drives: tuple[str, ...] = ()
     offsets: tuple[int, ...] = ()
+    absorbed: dict[str, np.ndarray] = field(default_factory=dict)
 
     def checked(self, samples, where=""):
         return samples
 
     straight = False
-    absorbed = None
     axes = Axes((), (), np.zeros((0, 0)))
 
     @property
