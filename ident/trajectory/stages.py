@@ -53,7 +53,7 @@ spacing: a single halving may be too little to follow a touch."""
 WORTH_A_PRIOR = 0.1
 """Decrease of the mean log error of left-out pieces with which exploring fits take a prior. It stands in for errors of
 the set-up, too, which are found later: somebody who bows gains .06 and is predicted worse with it in the end, a UR10
-gains .06 and is predicted alike; of three people who lift, whose bodies the data hardly determine, two gain .15 and .26.
+gains .06 and is predicted alike; of three people who lift, whose bodies the data hardly tell, two gain .15 and .26.
 """
 
 WEIGHED = 20
