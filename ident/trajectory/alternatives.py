@@ -39,7 +39,7 @@ def better(
     both = usual, tried
     least = np.minimum(usual.fit.channel_noise, tried.fit.channel_noise)
     errors = np.array([prediction_errors(each.measurement, each.fit, least) for each in both])
-    return replace(both[clearly_less(*errors, margin=margin)], errors={**usual.errors, name: errors})
+    return replace(both[clearly_less(errors[0], errors[1], margin)], errors={**usual.errors, name: errors})
 
 
 def disagree(estimate: TrajectoryEstimate, mine: np.ndarray) -> bool:

@@ -9,9 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import ExcitationError
+from ident.estimation.channel_scales import beside_others
+from ident.estimation.least_noise import LEAST
 from ident.estimation.measurement import Measurement
+from ident.trajectory.angles_alone import Trajectory, smoothed
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.from_angles import FromAngles, unexplained_anew
+from ident.trajectory.fit.piece import Piece, clocks
+from ident.trajectory.left_out import without_zeros
 from ident.trajectory.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
 
 SPACING, FURTHEST = 0.05, 3.0
@@ -30,6 +34,12 @@ REMAINING = 0.9
 IDLE = 4.0
 """Standard deviations below which a delay is removed again, about the significance level of a search among many
 candidates."""
+
+REWEIGHTED = 3
+"""Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
+
+TINY = 1e-150
+"""Least size of residuals and of columns, so that logarithms and scales of zeros are finite."""
 
 TRIED, COMPARED = 20_000, 400
 """Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
@@ -94,25 +104,60 @@ def likely_delay(fit: TrajectoryFit, measurement: Measurement, at: int) -> float
     own = [(piece, chosen) for piece, chosen in zip(fit.pieces, fit.selections, strict=True) if at in chosen]
     own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
-    pieces = [(FromAngles(measurement, piece, share), chosen) for piece, chosen in own]
     longest = max(piece.time[-1] - piece.time[0] for piece, _ in own)
     delays = _candidates(float(np.sqrt(fit.prior.known[at, at])), longest)
     number = len(delays) // 2
 
     def left(T: float) -> list[float]:
-        thetas = [np.where(np.arange(len(fit.theta)) == at, delay, fit.theta) for delay in delays]
-        every = [[x.compared(T, theta[chosen]) for x, chosen in pieces] for theta in thetas]
-        numbers = np.array([sum(len(each.residual) for each in compared) for compared in every])
-        enough = numbers >= max(REMAINING * numbers[number], len(measurement.equations.names))
-        return [
-            unexplained_anew(x, measurement.equations.channels) if some else np.inf
-            for x, some in zip(every, enough, strict=True)
-        ]
+        motions = [smoothed(without_zeros(piece, measurement, fit.theta[chosen]), T) for piece, chosen in own]
+        out = []
+        for delay in delays.tolist():
+            theta = np.where(np.arange(len(fit.theta)) == at, delay, fit.theta)
+            parts = [
+                compared(measurement, piece, motion, theta[chosen], share)
+                for (piece, chosen), motion in zip(own, motions, strict=True)
+            ]
+            residuals, columns = zip(*parts, strict=True)
+            out.append((np.concatenate(residuals), np.concatenate(columns)))
+        least = max(REMAINING * len(out[number][0]), len(measurement.equations.names))
+        channels = measurement.equations.channels
+        return [unexplained(b, A, channels) if len(b) >= least else np.inf for b, A in out]
 
     every = min(map(left, SMOOTHED), key=min)
     best = int(np.argmin(every))
     better = np.isfinite(every[number]) and every[best] < every[number] + np.log(BETTER)
     return float(delays[best]) if better else 0.0
+
+
+def compared(
+    measurement: Measurement, piece: Piece, motion: Trajectory, theta: np.ndarray, share: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (M, C) and columns (M, C, k) of every `share`-th sample, of those neither missing nor near the ends."""
+    every = clocks(measurement, piece, theta)
+    settled = np.all([motion.settled(when) for _, when in every], axis=0)
+    taken = np.flatnonzero(np.isfinite(piece.measured).all(axis=1) & settled)[::share]
+    residual, chosen = piece.measured[taken], np.arange(len(measurement.equations.names))
+    columns = np.zeros((*residual.shape, len(chosen)))
+    for own, when in every if len(taken) else ():
+        states = motion.evaluate(when[taken])[:3]
+        predicted, _, derivatives = measurement.derivatives(states, piece.wrenches[taken], theta, chosen)
+        residual[:, own] -= predicted[own].T
+        columns[:, own] = derivatives[own].transpose(2, 0, 1)
+    return residual, columns
+
+
+def unexplained(residual: np.ndarray, columns: np.ndarray, channels: Sequence[str]) -> float:
+    """Mean logarithm of the channels' RMS residuals (M, C) after columns (M, C, k) are fitted."""
+    rms, A = np.sqrt((residual**2).mean(axis=0)), columns.transpose(1, 2, 0)
+    least = LEAST * beside_others(rms, channels)
+    normals, rights = A @ columns.swapaxes(0, 1), (A @ residual.T[:, :, None])[..., 0]
+    for _ in range(REWEIGHTED):
+        weights = np.maximum(rms, least) ** -2
+        normal, right = np.tensordot(weights, normals, axes=1), weights @ rights
+        scale = np.sqrt(np.maximum(np.diag(normal), TINY))
+        step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+        rms = np.sqrt(((residual - columns @ step) ** 2).mean(axis=0))
+    return float(np.log(np.maximum(rms, TINY)).mean())
 
 
 def _candidates(root: float, longest: float) -> np.ndarray:

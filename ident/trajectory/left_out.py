@@ -18,7 +18,6 @@ from ident.trajectory.angles_alone import smoothed
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, channel_times, predicted
 from ident.trajectory.fit.precision import inverse_of_precision
-from ident.trajectory.from_angles import without_zeros
 
 SMOOTHING = 0.01 * 2.0 ** np.arange(6)
 """Time constants with which angles alone are smoothed, s; the one that predicts best is used."""
@@ -93,12 +92,20 @@ def _squares(
     measurement: Measurement, piece: Piece, theta: np.ndarray, T: float, least: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sums of squared errors of a piece's channels, and their numbers of samples (C,)."""
-    motion = smoothed(without_zeros(Sampled(piece.time, piece.states[0]), measurement, theta), T)
+    motion = smoothed(without_zeros(piece, measurement, theta), T)
     error = piece.measured - predicted(measurement, piece, motion.evaluate, theta)
     clear = motion.settled(channel_times(measurement, piece, theta))[:, None] & np.isfinite(error)
     if piece.slack is not None:
         clear &= piece.slack < least
     return (np.where(clear, error, 0.0) ** 2).sum(axis=0), clear.sum(axis=0)
+
+
+def without_zeros(piece: Piece, measurement: Measurement, theta: np.ndarray) -> Sampled:
+    """Measured coordinates of a piece less their estimated zeros."""
+    values = piece.states[0].copy()
+    for j, at in measurement.zeros.items():
+        values[:, j] -= theta[at]
+    return Sampled(piece.time, values)
 
 
 def gains(fit: TrajectoryFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:

@@ -25,7 +25,7 @@ def test_a_model_is_a_prior_of_recordings_too_short_to_determine_the_bodies(samp
     assert estimate.known == used
     if used:
         without, with_prior = np.log(estimate.errors["prior"]).mean(axis=1)
-        assert with_prior < without - 0.5
+        assert with_prior < without - 0.2
 
 
 def test_a_prior_is_not_compared_where_the_data_are_more_precise_in_every_direction():

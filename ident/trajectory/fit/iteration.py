@@ -21,7 +21,7 @@ from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
-from ident.trajectory.fit.restricted_likelihood import Stride, hastened_noise, renewed, strides
+from ident.trajectory.fit.restricted_likelihood import renewed
 
 ROUNDS = 60
 """Largest number of rounds of the iteration."""
@@ -58,9 +58,6 @@ fit is poor, all residuals are correlated."""
 SMOOTHEST = 1e7
 """Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
 reverse steps of resting coordinates."""
-
-CYCLE = 0.5
-"""Part of the previous step that a step reverses, from which noise and parameters are taken to alternate."""
 
 SMALLEST_STEP = 1 / 64
 """Least step length: if it does not lower the cost, no step is taken."""
@@ -153,8 +150,7 @@ class _Iteration:
         self._problem, self._coloured, self._kept = problem, coloured, kept
         self._explore, self._settled = explore, settled
         self._was_coloured, self._now_coloured = False, any(noise.channels_rho.any() for noise in start.noises)
-        self._step, self._strides = np.zeros_like(start.theta), list[dict[str, Stride]]()
-        self._leads_back, self._stalled = False, 0
+        self._stalled = 0
 
     def ended(self, rounds: int, report: Report | None) -> str:
         """Iterates to the end, and returns the `TrajectoryFit.status`."""
@@ -181,10 +177,8 @@ class _Iteration:
         moved, misfits = problem.lower(at, step, moves, parts)
         noises = self._renewed(at.noises, parts, misfits)
         self._stalled = 0 if moved is not at else self._stalled + 1
-        self._leads_back = _leads_back(step[free], self._step[free], problem.precision(parts))
         both = list(zip(noises, at.noises, strict=True))
-        kept = [new.midway(old) for new, old in both] if self._leads_back else noises
-        self.at, self._step = replace(moved, noises=kept), step
+        self.at = replace(moved, noises=noises)
         if self._explore and len(self.trace) > 1 and all(_noise_converged(*pair) for pair in both):
             return "near"
         if (self._coloured and not self._was_coloured) or not max(new.change(old) for new, old in both) < SETTLED_NOISE:
@@ -195,15 +189,13 @@ class _Iteration:
         return "converged" if SETTLED.holds(*last) else "near"
 
     def _renewed(self, before: Sequence[Noise], parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> list[Noise]:
-        """Noise of every recording updated after a step, by longer steps where it converges slowly."""
+        """Noise of every recording updated after a step."""
         near, self._was_coloured = self.trace[-1] < NEAR.theta, self._now_coloured
         self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
-        out, last, self._strides = list[Noise](), self._strides, []
+        out = list[Noise]()
         for log, old in enumerate(before):
             own = [k for k, piece in enumerate(self._problem.pieces) if piece.log == log]
             new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._now_coloured)
-            self._strides.append(strides(old, new))
-            new = hastened_noise(new, last[log] if last else None, self._strides[log], self.trace[-1])
             new = replace(new, jerk=np.minimum(new.jerk, self._problem.smoothest(new, log)))
             out.append(replace(new, **{name: getattr(old, name) for name in self._kept}))
         return out
@@ -371,11 +363,3 @@ def _motion(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray]) -> 
 def _noise_converged(noise: Noise, before: Noise) -> bool:
     """True if the geometric mean of the channels' noise has converged."""
     return bool(abs(np.log(noise.channels / before.channels).mean()) < SETTLED_EXPLORING)
-
-
-def _leads_back(step: np.ndarray, before: np.ndarray, precision: np.ndarray) -> bool:
-    """True if a step reverses at least `CYCLE` of the one before (k,), as when noise and parameters alternate.
-
-    Taking the noise midway between two rounds ends such a cycle.
-    """
-    return bool(step @ precision @ before < -CYCLE * (before @ precision @ before) < 0)

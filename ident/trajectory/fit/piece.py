@@ -1,7 +1,7 @@
 """Piece of a recording in the trajectory estimate: samples, trajectory, and their linearised equations."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -136,12 +136,6 @@ class Noise:
         logs = [np.abs(np.log(getattr(self, k) / getattr(before, k))) for k in ("states", "channels")]
         logs += [np.abs(getattr(self, k) - getattr(before, k)) for k in ("states_rho", "channels_rho")]
         return max(float(x.max(initial=0)) for x in logs)
-
-    def midway(self, other: "Noise") -> "Noise":
-        """Geometric means of standard deviations and smoothness, and means of ρ."""
-        scales = {k: np.sqrt(getattr(self, k) * getattr(other, k)) for k in ("states", "channels", "jerk")}
-        rhos = {k: (getattr(self, k) + getattr(other, k)) / 2 for k in ("states_rho", "channels_rho")}
-        return replace(self, **scales, **rhos)
 
 
 class Predictor(Protocol):

@@ -13,9 +13,8 @@ with s± the corresponding halves of innovations (`ident.trajectory.algebra.whit
 absorbed nothing, this would be Burg's estimate, which is the first ρ where it exceeds chance.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -35,18 +34,6 @@ the one below which correlated noise becomes white again."""
 COLOURED_FLOOR = 15.0
 """Relative increase of the floor of a channel's noise at ρ = 1: there are model errors then, and the trajectory's fit
 to the channel is no measure of its noise."""
-
-FURTHEST = 4.0
-"""Largest factor by which steps are lengthened."""
-
-LONGEST = {"states": 0.5, "channels": 0.5, "jerk": 3.0}
-"""Largest lengthened steps of the logarithms of standard deviations and of λ."""
-
-PACED = {"states": 0.0025, "channels": 0.0025, "jerk": 0.005}
-"""Steps up to which none are lengthened: their difference is no longer a measure of the slope."""
-
-HASTENED = {"states": 1.0, "channels": 1.0, "jerk": 0.1}
-"""Largest steps of θ, in its standard deviations, with which steps of the noise are lengthened."""
 
 ALIKE = 0.1
 """Least noise of a component relative to the median of its sensor's components in the same unit."""
@@ -92,54 +79,6 @@ def _floors(noise: Noise) -> dict[str, np.ndarray]:
         own = np.array(noise.alike) == group
         channels[own] = np.maximum(channels[own], ALIKE * np.median(noise.channels[own]))
     return {"states": noise.floor_states, "channels": channels}
-
-
-class Stride(NamedTuple):
-    """Logarithms of one part of the noise before an update, and their changes by the update (…)."""
-
-    place: np.ndarray
-    step: np.ndarray
-
-
-def strides(before: Noise, after: Noise) -> dict[str, Stride]:
-    """Steps of an update of standard deviations and smoothness, by part of the noise."""
-    parts = {name: (getattr(before, name), getattr(after, name)) for name in LONGEST}
-    return {name: Stride(np.log(old), np.log(new / old)) for name, (old, new) in parts.items()}
-
-
-def hastened_noise(noise: Noise, before: Mapping[str, Stride] | None, now: Mapping[str, Stride], step: float) -> Noise:
-    """Noise after an update whose steps are lengthened, but not below its floors.
-
-    Args:
-        noise: Noise after the update.
-        before: Steps of the previous update, if there was one.
-        now: Steps of this update.
-        step: Largest step of θ, in its standard deviations.
-    """
-    if before is None:
-        return noise
-    new = {name: hastened(name, before[name], now[name]) for name, most in HASTENED.items() if step < most}
-    floors = _floors(noise)
-    return replace(noise, **{name: np.maximum(each, floors.get(name, 0.0)) for name, each in new.items()})
-
-
-def hastened(name: str, before: Stride, now: Stride) -> np.ndarray:
-    """Values of a part of the noise after steps lengthened by the secant of two updates, never shortened (…).
-
-    Updates converge slowly where the trajectory absorbs most of a stream, and for coordinates that are poorly
-    determined or hardly move, each at its own rate.
-
-    Args:
-        name: Part of the noise: `states`, `channels` or `jerk`.
-        before: Steps of the previous update.
-        now: Steps of this update.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        secant = (before.place - now.place) / (now.step - before.step)
-    steady = (now.step * before.step > 0) & (np.abs(now.step) > PACED[name])
-    longer = np.where(steady, np.clip(np.where(secant > 0, secant, FURTHEST), 1, FURTHEST), 1.0)
-    most = np.maximum(np.abs(now.step), LONGEST[name])
-    return np.exp(now.place + np.clip(longer * now.step, -most, most))
 
 
 def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.ndarray:

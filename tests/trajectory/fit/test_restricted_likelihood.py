@@ -17,11 +17,7 @@ from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import Misfit, linearised, misfit
 from ident.trajectory.fit.restricted_likelihood import (
     MOST_CORRELATED,
-    Stride,
-    hastened,
-    hastened_noise,
     renewed,
-    strides,
 )
 from ident.trajectory.start import smoothed
 
@@ -263,43 +259,3 @@ def test_the_change_of_noise_is_the_largest_of_its_parts():
     assert noise.change(noise) == 0
     assert replace(noise, channels=noise.channels * 1.1).change(noise) == pytest.approx(np.log(1.1))
     assert replace(noise, states_rho=noise.states_rho + 0.2).change(noise) == pytest.approx(0.2)
-
-
-def rounds_until_smooth(rate, *, hasten):
-    """Rounds until updates, each of which leaves a share of a coordinate's distance, converge."""
-    jerk, wanted, last = np.full(len(rate), 1e3), np.array([1e-2, 1.0, 1e2, 1e4]), None
-    rounds = 0
-    while (left := np.log(wanted / jerk)) @ left > 0.1**2:
-        stride = Stride(np.log(jerk), (1 - rate) * left)
-        jerk = hastened("jerk", last, stride) if hasten and last else np.exp(sum(stride))
-        last, rounds = stride, rounds + 1
-    return rounds
-
-
-def test_hastened_smoothness_gets_to_the_same_in_fewer_rounds():
-    rate = np.array([0.95, 0.8, 0.5, 0.1])
-    assert 4 * rounds_until_smooth(rate, hasten=True) < rounds_until_smooth(rate, hasten=False)
-
-
-def test_steps_of_smoothness_are_lengthened_where_they_lead_on_and_within_bounds():
-    before = Stride(np.zeros(4), np.array([0.5, 0.5, 2.0, 0.5]))
-    now = Stride(np.full(4, 0.5), np.array([0.4, -0.2, 2.0, 0.6]))
-    steps = np.log(hastened("jerk", before, now)) - now.place
-    np.testing.assert_allclose(steps, [4 * 0.4, -0.2, 3.0, 4 * 0.6])
-    far = Stride(np.zeros(2), np.array([10.0, -10.0]))
-    np.testing.assert_allclose(np.log(hastened("jerk", far, far)), far.step)
-
-
-def test_standard_deviations_are_hastened_earlier_than_smoothness_but_not_below_their_floors():
-    noise = replace(noise_of(SIGMA, 0.0), floor_states=np.full((3, 1), 0.8 * SIGMA))
-    less = replace(noise, states=0.9 * noise.states, channels=0.9 * noise.channels, jerk=0.9 * noise.jerk)
-    steps = strides(noise, less)
-    assert hastened_noise(less, None, steps, 0.5) is less
-    last = strides(replace(noise, states=noise.states / 0.9, channels=noise.channels / 0.8), noise)
-    new = hastened_noise(less, last, steps, 0.5)
-    np.testing.assert_allclose(new.states, 0.8 * SIGMA)
-    # The last step was twice as long, so twice this one leads to where there is none.
-    assert new.channels[0] == pytest.approx(SIGMA_CHANNEL * 0.9 ** (1 / (1 - np.log(0.9) / np.log(0.8))))
-    assert new.jerk[0] == less.jerk[0]
-    assert hastened_noise(less, steps, steps, 0.05).jerk[0] < less.jerk[0]
-    assert hastened_noise(less, last, steps, 2.0).change(less) == 0
