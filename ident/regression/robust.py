@@ -75,8 +75,8 @@ def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) 
     """
     bread = solve(accumulate(fit.equations, samples, factors=held), fit.equations).bread
     channels = len(fit.equations.channels)
-    sandwich = Sandwich(len(fit.values), channels, steady=True)
-    sandwich.add_sums(partial(remembered_sums, fit.equations, samples), pull.T, len(fit.values) / channels)
+    sandwich = Sandwich(len(fit.values), channels)
+    sandwich.add_steady(partial(remembered_sums, fit.equations, samples), pull.T, len(fit.values) / channels)
     return bread @ sandwich.middle @ bread
 
 
