@@ -50,7 +50,7 @@ def absorbed_note(mechanism: Mechanism, lost: Sequence[str], mixed: Sequence[str
 
 def servo_gains(recording: Recording, tree: Tree, torques: Sequence[int]) -> np.ndarray | None:
     """`Equations.servos` of a recording, for the torques of some freedoms."""
-    if not recording.servos:
+    if not recording.servos or not torques:
         return None
     servos = [recording.servos.get(tree.freedoms[k]) for k in torques]
     return np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T

@@ -1,4 +1,4 @@
-"""Checks that a motion excites the base parameters of a mechanism, so that they can be separated."""
+"""Excitation of base parameters, drives and offsets by a motion: checks, and the columns that it separates."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,6 +18,12 @@ ABOVE_NOISE = 1.5
 
 FEW_SAMPLES = 1000
 """Number of samples by which the noise of the regressor is estimated."""
+
+INDEPENDENT = 1e-6
+"""Distance of a unit-norm column from the span of others below which it depends on them."""
+
+MIXED = 1e-3
+"""Coefficient of a unit-norm column in another from which the one takes up the other."""
 
 
 def noise_rows(
@@ -119,3 +125,51 @@ def contributing(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
     """Names of the columns that contribute notably to combinations that are not excited (k, r)."""
     size = np.linalg.norm(hidden, axis=0)
     return [name for name, share in zip(names, size, strict=True) if share > 0.1 * size.max()]
+
+
+def separable(equations: Equations, samples: Samples) -> Equations:
+    """Equations without the drives and offsets whose columns depend on those before them.
+
+    Drives that are left out but stated by the model add to the coefficients that take them up (`absorbed`).
+
+    Raises:
+        InputError: Samples do not fit the equations.
+    """
+    columns = accumulate(equations, samples).root[:, : len(equations.names)]
+    mask = independent(columns)
+    kept = dict(zip(equations.names, mask, strict=True))
+    without = replace(
+        equations,
+        drives=tuple(name for name in equations.drives if kept[name]),
+        offsets=tuple(k for k in equations.offsets if kept[f"offset({equations.channels[k]})"]),
+    )
+    rank, count = equations.parameters.rank, equations.parameters.rank + len(equations.drives)
+    stays = mask[:count] | (np.arange(count) < rank)
+    if stays.all():
+        return without
+    sizes = np.maximum(np.linalg.norm(columns[:, :count], axis=0), 1e-300)
+    unit, values, names = columns[:, :count] / sizes, equations.from_drives, np.array(equations.names[:count])
+    combined = np.linalg.lstsq(unit[:, stays], unit[:, ~stays], rcond=INDEPENDENT)[0]
+    absorbed = None if equations.absorbed is None else equations.absorbed[stays]
+    if values[~stays].any():
+        total = values[stays] + combined @ (sizes * values)[~stays] / sizes[stays]
+        absorbed = total - replace(without, absorbed=None).from_drives
+    takes = {*names[stays][(np.abs(combined) > MIXED).any(axis=1)].tolist(), *equations.mixed}
+    of_motors = tuple(f"({motor})" for motor in equations.axes.motors)
+    mixed = (name for name in without.drives if name in takes and name.endswith(of_motors))
+    return replace(without, absorbed=absorbed, mixed=tuple(mixed))
+
+
+def independent(columns: np.ndarray) -> np.ndarray:
+    """Mask of the columns of a matrix (m, k) that are independent of those before them (k,)."""
+    # Not by the diagonal of a triangular factor, which lacks a part of the columns after a dependent one.
+    sizes, basis = np.linalg.norm(columns, axis=0), np.zeros_like(columns)
+    stick_out = np.zeros(len(sizes), bool)
+    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
+        out = column
+        for _ in range(2):  # One pass leaves rounding errors along the others.
+            out = out - basis @ (basis.T @ out)
+        stick_out[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
+        if stick_out[k]:
+            basis[:, k] = out / np.linalg.norm(out)
+    return stick_out

@@ -1,15 +1,49 @@
-"""Channels as a model predicts them, with its bodies and drives."""
+"""Channels as a model predicts them, with its bodies and the drives that it states."""
 
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.stated_drives import stated_drive_torques
+from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.loads import SLIP
 from ident.geometry.se3 import coAd, inverse
+from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor, spring_lengths
+
+
+def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
+    """Torques of rotors, friction and springs as the model states them, N m or N (N, n).
+
+    Coulomb friction changes its sign as `tanh(q̇ / SLIP)`, so that noise of a resting joint's velocity is no friction.
+
+    Args:
+        mechanism: The mechanism, with its drives.
+        motion: Motion of its joints, checked (N samples).
+    """
+    tree = mechanism.tree
+    drives = [mechanism.drives.get(freedom, NO_DRIVE) for freedom in tree.freedoms]
+    values = [(each.all_rotor, each.all_viscous, each.coulomb, each.stiffness) for each in drives]
+    rotor, viscous, coulomb, stiffness = np.array(values, float).reshape(-1, 4).T
+    stretched, at = spring_lengths(tree, motion.q, mechanism.springrefs), 0
+    for body, own in zip(tree.bodies, tree.body_coordinates(motion.q), strict=True):
+        part = slice(at, at := at + body.freedoms)
+        if body.is_ball and stiffness[part].any():
+            reference = Rotation.from_rotvec(mechanism.springrefs[part])
+            stretched[:, part] = (reference.inv() * Rotation.from_quat(own, scalar_first=True)).as_rotvec()
+    friction = viscous * motion.dq + coulomb * np.tanh(motion.dq / SLIP)
+    return np.asarray(rotor * motion.ddq + friction + stiffness * stretched)
+
+
+def stated_drive_channels(equations: Equations, motion: Motion) -> np.ndarray:
+    """Part of the drives, as the model states them, in the channels of equations: zero in a wrench (N, C)."""
+    out = np.zeros((len(motion), len(equations.channels)))
+    if equations.torques and equations.mechanism.drives:
+        torques = stated_drive_torques(equations.mechanism, motion)
+        out[:, -len(equations.torques) :] = torques[:, list(equations.torques)]
+    return out
 
 
 def predicted_channels(

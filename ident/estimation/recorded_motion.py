@@ -36,13 +36,6 @@ def base_motion_from_poses(
     return base_motion(np.stack(smoother(x, rate, cutoff or chosen_cutoff(x, rate))))
 
 
-def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
-    """True if there are velocities and accelerations, which a recording has for all joints or none."""
-    return any(
-        f"{joint}_velocity" in recording.measured and f"{joint}_acceleration" in recording.measured for joint in joints
-    )
-
-
 _CHOSEN = WeakKeyDictionary[Recording, dict[tuple[str, ...], float]]()
 
 
@@ -72,7 +65,9 @@ def motion_cutoff(
     Raises:
         InputError: None can be chosen, or it is out of range.
     """
-    if cutoff is None and _has_rates(recording, joints):
+    # A recording has velocities and accelerations of all joints or of none.
+    rates = any({f"{joint}_velocity", f"{joint}_acceleration"} <= recording.measured.keys() for joint in joints)
+    if cutoff is None and rates:
         return None
     if cutoff is None or cutoff == "auto":
         if not joints:
@@ -101,18 +96,16 @@ def recorded_motion(
     mechanism: Mechanism, recording: Recording, cutoff: float | None, smoother: Smoother = smoothed
 ) -> Motion:
     """Motion of the joints, and of a base on a carrier or tracked, smoothed by a low-pass or another function."""
+
+    def states(tree: Tree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if cutoff is None:
+            return recording.joint_states(tree.joints)
+        return joint_states(tree, np.stack(smoother(coordinates(recording, tree.joints), recording.rate, cutoff)))
+
     base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff, smoother)
     if mechanism.carrier is not None:
-        base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff, smoother))
-    return Motion(*_states(recording, mechanism.tree, cutoff, smoother), base)
-
-
-def _states(
-    recording: Recording, tree: Tree, cutoff: float | None, smoother: Smoother
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if cutoff is None:
-        return recording.joint_states(tree.joints)
-    return joint_states(tree, np.stack(smoother(coordinates(recording, tree.joints), recording.rate, cutoff)))
+        base = mechanism.carrier.motion(*states(mechanism.carrier.tree))
+    return Motion(*states(mechanism.tree), base)
 
 
 def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.estimation.channel_scales import beside_others
-from ident.estimation.least_noise import LEAST
+from ident.estimation.channel_scales import LEAST, beside_others
 from ident.estimation.measurement import Measurement
 from ident.recordings.sampled import Sampled
 from ident.trajectory.angles_alone import Trajectory, smoothed

@@ -9,9 +9,9 @@ from scipy.signal import butter, lfilter, sosfilt
 
 from ident.errors import ExcitationError
 from ident.estimation.chunks import remembered_sums
+from ident.estimation.excitation import separable
 from ident.estimation.noise import Sandwich, innovations, remembered
 from ident.estimation.samples import Samples
-from ident.estimation.separable import separable
 from ident.model.axes import Axes
 from ident.regression.robust import robust_fit, spread
 
@@ -31,7 +31,7 @@ class Columns:
         return samples
 
     straight = False
-    absorbed = None
+    absorbed, mixed = None, ()
     axes = Axes((), (), np.zeros((0, 0)))
 
     @property
