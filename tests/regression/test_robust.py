@@ -26,12 +26,13 @@ class Columns:
     names: tuple[str, ...]
     drives: tuple[str, ...] = ()
     offsets: tuple[int, ...] = ()
+    absorbed: np.ndarray | None = None
+    mixed: tuple[str, ...] = ()
 
     def checked(self, samples, where=""):
         return samples
 
     straight = False
-    absorbed, mixed = None, ()
     axes = Axes((), (), np.zeros((0, 0)))
 
     @property
