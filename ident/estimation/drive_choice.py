@@ -1,14 +1,10 @@
-"""Drives that are fitted by default, and servos and scales of torques, of a mechanism and a recording."""
+"""Drives that are fitted by default, and those that links take up."""
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
 from ident.model.axes import Axes
 from ident.model.stated import stated_values
-from ident.recordings.recording import Recording
 from ident.tolerances import DRIVE, USUAL_DRIVE
 
 
@@ -46,16 +42,3 @@ def absorbed_note(mechanism: Mechanism, lost: Sequence[str], mixed: Sequence[str
     if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
         return f"{note}."
     return f"{note}; bodies are computed with the model's {', '.join(stated)}."
-
-
-def servo_gains(recording: Recording, tree: Tree, torques: Sequence[int]) -> np.ndarray | None:
-    """`Equations.servos` of a recording, for the torques of some freedoms."""
-    if not recording.servos or not torques:
-        return None
-    servos = [recording.servos.get(tree.freedoms[k]) for k in torques]
-    return np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T
-
-
-def scale_deviations(recording: Recording, tree: Tree, torques: Sequence[int]) -> tuple[float, ...]:
-    """`Equations.scales` of a recording, for the torques of some freedoms."""
-    return tuple(float(recording.scales.get(tree.freedoms[k], 0.0)) for k in torques)

@@ -12,8 +12,8 @@ from ident.geometry.se3 import Ad, pose
 from ident.mechanism.tree import Tree
 from ident.model.adjoint import Value
 from ident.model.closed_form import BodyMotion, body_wrench
-from ident.model.regressor import spring_lengths
-from ident.tolerances import DRIVE, STRIBECK
+from ident.model.regressor import drive_signals
+from ident.tolerances import DRIVE
 
 SLIP = 0.003
 """Default velocity over which Coulomb friction changes sign, rad/s or m/s."""
@@ -67,14 +67,11 @@ def drive_torques(
         slips: Velocities of the m axes over which Coulomb friction changes sign (m,).
     """
     tree, axes = equations.mechanism.tree, equations.axes
-    dq, ddq = axes.moved(dq), axes.moved(ddq)
-    sign, relative = np.tanh(dq / slips), dq / (STRIBECK * axes.gears)
-    signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
-    signals["spring"] = spring_lengths(tree, q, equations.mechanism.springrefs)
+    signals = drive_signals(tree, axes, q, dq, ddq, slips, equations.mechanism.springrefs)
     at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
     torques: list[Value] = [0.0] * len(tree.freedoms)
     for kind, signal in signals.items():
-        for a, (name, own) in enumerate(zip(axes.names, signal, strict=False)):
+        for a, (name, own) in enumerate(zip(axes.names, signal, strict=True)):
             if (column := f"{DRIVE[kind]}({name})") in at:
                 for k, torque in axes.shared(a, at[column] * own).items():
                     torques[k] = torques[k] + torque

@@ -11,7 +11,8 @@ from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor, spring_lengths
+from ident.model.axes import Axes
+from ident.model.regressor import CHUNK, base_wrench_regressor, drive_signals, joint_torque_regressor
 
 
 def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
@@ -25,16 +26,15 @@ def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
     """
     tree = mechanism.tree
     drives = [mechanism.drives.get(freedom, NO_DRIVE) for freedom in tree.freedoms]
-    values = [(each.all_rotor, each.all_viscous, each.coulomb, each.stiffness) for each in drives]
-    rotor, viscous, coulomb, stiffness = np.array(values, float).reshape(-1, 4).T
-    stretched, at = spring_lengths(tree, motion.q, mechanism.springrefs), 0
+    signals = drive_signals(tree, Axes.of(tree), *motion.states, SLIP, mechanism.springrefs)
+    values, at = {kind: np.array([each.value(kind) for each in drives], float) for kind in signals}, 0
     for body, own in zip(tree.bodies, tree.body_coordinates(motion.q), strict=True):
         part = slice(at, at := at + body.freedoms)
-        if body.is_ball and stiffness[part].any():
+        if body.is_ball and values["spring"][part].any():
             reference = Rotation.from_rotvec(mechanism.springrefs[part])
-            stretched[:, part] = (reference.inv() * Rotation.from_quat(own, scalar_first=True)).as_rotvec()
-    friction = viscous * motion.dq + coulomb * np.tanh(motion.dq / SLIP)
-    return np.asarray(rotor * motion.ddq + friction + stiffness * stretched)
+            turned = reference.inv() * Rotation.from_quat(own, scalar_first=True)
+            signals["spring"][:, part] = turned.as_rotvec()
+    return np.sum([values[kind] * signal for kind, signal in signals.items()], axis=0)
 
 
 def stated_drive_channels(equations: Equations, motion: Motion) -> np.ndarray:

@@ -31,9 +31,8 @@ def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
             raise InputError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
         samples = piece if isinstance(piece, Samples) else _of_recording(piece, equations.mechanism.tree)
         fitting = equations.checked(samples, where)
-        if first is not None:
-            _compare(samples, first, where)
         first = first or samples
+        _compare(samples, first, where)
         yield fitting
     if first is None:
         raise InputError("Identification needs at least one piece of samples, got none.")
@@ -52,7 +51,7 @@ def _compare(samples: Samples, first: Samples, where: str) -> None:
             raise InputError(
                 f"{where}: '{name}' is {x.dtype} where the first piece has {before[name].dtype}; all need one type."
             )
-    if (samples.motion.base is None) != (first.motion.base is None):
-        raise InputError(f"{where}: either all pieces have 'base' or none has.")
-    if (samples.covariance is None) != (first.covariance is None):
-        raise InputError(f"{where}: either all pieces have 'covariance' or none has.")
+    optional = {"base": (samples.motion.base, first.motion.base), "covariance": (samples.covariance, first.covariance)}
+    for name, (own, other) in optional.items():
+        if (own is None) != (other is None):
+            raise InputError(f"{where}: either all pieces have '{name}' or none has.")

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arguments import checked_names
 from ident.errors import LogError
 from ident.estimation import repairs
-from ident.estimation.drive_choice import absorbed_note, drives_of, scale_deviations, servo_gains, usual_drives
+from ident.estimation.drive_choice import absorbed_note, drives_of, usual_drives
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.excitation import separable
 from ident.estimation.model_channels import predicted_channels
@@ -68,7 +68,6 @@ class Prepared:
         left_out: Spans whose samples are not used.
         clipped: Channels clipped by a sensor's range; their clipped samples are not used.
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
-        rests: Positions of the hinges and slides at rest throughout, by joint.
         drives: Names of the drives' columns before those that depend on others were left out.
         searches_stribeck: True if the data may add Stribeck friction to them.
     """
@@ -86,7 +85,6 @@ class Prepared:
     left_out: tuple[LeftOut, ...] = ()
     clipped: tuple[Clipped, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
-    rests: Mapping[str, float] = field(default_factory=dict)
     drives: tuple[str, ...] = ()
     searches_stribeck: bool = False
 
@@ -165,8 +163,7 @@ def prepared(
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
-    rests = repairs.rests(recording, tree)
-    notes += [repairs.rest_note(*each) for each in rests.items()]
+    notes += [repairs.rest_note(*each) for each in repairs.rests(recording, tree).items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
@@ -204,7 +201,6 @@ def prepared(
         stuck=stuck,
         clipped=clipped,
         steps=steps,
-        rests=rests,
         drives=drives,
         searches_stribeck=drive is None,
     )
@@ -241,12 +237,14 @@ def equations_of(
     known = [COMPONENTS.index(name) for name in channels if name in COMPONENTS]
     torques = tuple(freedoms.index(name) for name in channels[len(known) :])
     rows = coAd(inverse(frame))[known] if known else None
+    servos = [recording.servos.get(freedoms[k]) for k in torques] if recording.servos else []
+    gains = np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T
     sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows)
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     equations = Equations(
         *(mechanism, parameters, rows, torques, channels, drives if torques else ()),
-        servos=servo_gains(recording, mechanism.tree, torques),
-        scales=scale_deviations(recording, mechanism.tree, torques),
+        servos=gains if servos else None,
+        scales=tuple(float(recording.scales.get(freedoms[k], 0.0)) for k in torques),
         couplings=recording.couplings,
     )
     return separable(equations, samples) if equations.drives else equations, sensors
