@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from experiments.data.defaults import ACCELERATION, VELOCITY
-from ident.estimation.drive_choice import usual_drives
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import separable
+from ident.estimation.loads import usual_drives
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion

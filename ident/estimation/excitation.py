@@ -1,6 +1,7 @@
 """Excitation of base parameters, drives and offsets by a motion: checks, and the columns that it separates."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -71,8 +72,11 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
     norms = np.linalg.norm(root, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
-    if noise is None and _clearly_separate(root / norms):
-        return
+    if noise is None:
+        # No singular values are needed if the least, at least 1 / ‖R⁻¹‖_F, is large beside the largest, at most √r.
+        with suppress(np.linalg.LinAlgError):
+            if np.linalg.norm(np.linalg.inv(root / norms)) * np.sqrt(len(norms)) < 1 / SINGULAR:
+                return
     _, lengths, directions = np.linalg.svd(root / norms)
     floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
     if noise is not None:
@@ -87,15 +91,6 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
             "joints further.",
             names,
         )
-
-
-def _clearly_separate(unit: np.ndarray) -> bool:
-    """True if a matrix of unit-norm columns (r, r) is far from singular: `σ_min ≥ 1 / ‖R⁻¹‖_F`, and `σ_max ≤ √r`."""
-    try:
-        inverse = np.linalg.inv(unit)
-    except np.linalg.LinAlgError:
-        return False
-    return bool(np.linalg.norm(inverse) * np.sqrt(len(unit)) < 1 / SINGULAR)
 
 
 def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:

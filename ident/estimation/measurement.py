@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from ident.estimation import loads
-from ident.estimation.coordinate_states import base_motion, joint_states
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.recorded_motion import base_motion, joint_states
 from ident.estimation.setup import SetupParameter
 from ident.geometry.quaternion import small_rotation
 from ident.geometry.se3 import coAd, hat, inverse, pose

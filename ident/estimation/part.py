@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared, equations_of
 from ident.estimation.samples import Samples
 

@@ -10,10 +10,9 @@ import numpy as np
 from ident.arguments import checked_names
 from ident.errors import LogError
 from ident.estimation import repairs
-from ident.estimation.drive_choice import absorbed_note, drives_of, usual_drives
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.excitation import separable
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import absorbed_note, drives_of, predicted_channels, usual_drives
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples

@@ -1,4 +1,4 @@
-"""Motion of a recording: its own derivatives, or low-passed coordinates, at a chosen cut-off."""
+"""Motion from coordinates and their derivatives: a recording's own, or low-passed ones at a chosen cut-off."""
 
 from collections.abc import Callable, Sequence
 from weakref import WeakKeyDictionary
@@ -6,8 +6,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ident.errors import InputError
-from ident.estimation.coordinate_states import base_motion, joint_states
-from ident.geometry.quaternion import continuous_quaternions, without_jumps
+from ident.geometry.quaternion import continuous_quaternions, turning, without_jumps
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
@@ -19,6 +18,23 @@ Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np
 
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
+
+
+def joint_states(tree: Tree, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joint coordinates, velocities and accelerations from coordinates and their derivatives (3, …, n_q)."""
+    velocities, accelerations = [], []
+    for body, *own in zip(tree.bodies, *(tree.body_coordinates(x) for x in states), strict=True):
+        rates = turning(np.array(own)) if body.is_ball else own[1:]
+        velocities.append(rates[0])
+        accelerations.append(rates[1])
+    return states[0], np.concatenate(velocities, axis=-1), np.concatenate(accelerations, axis=-1)
+
+
+def base_motion(states: np.ndarray) -> BaseMotion:
+    """Motion of a base from its position and quaternion and their derivatives (3, …, 7)."""
+    w, dw = turning(states[..., 3:])
+    velocity, acceleration = (np.concatenate([states[d, ..., :3], x], axis=-1) for d, x in ((1, w), (2, dw)))
+    return BaseMotion.from_free_joint(states[0], velocity, acceleration)
 
 
 def base_motion_from_poses(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimation.equations import Equations
-from ident.estimation.model_channels import stated_drive_channels
+from ident.estimation.loads import stated_drive_channels
 from ident.estimation.samples import Samples
 
 

@@ -10,10 +10,8 @@ import numpy as np
 
 from ident.estimation.accumulator import accumulate
 from ident.estimation.channel_scales import least_noise
-from ident.estimation.drive_choice import drives_of
 from ident.estimation.equations import Equations
-from ident.estimation.loads import SLIP
-from ident.estimation.model_channels import stated_drive_torques
+from ident.estimation.loads import SLIP, drives_of, stated_drive_torques
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
 from ident.judgement.torque_loads import Load, best_load

@@ -19,9 +19,8 @@ from ident.estimation.accumulator import PROBE, Accumulator, accumulate, square_
 from ident.estimation.chunks import inverse_of, remembered_sums
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import check_excitation, noise_rows
-from ident.estimation.in_order import in_order
 from ident.estimation.noise import Sandwich
-from ident.estimation.pieces import Source, pieces
+from ident.estimation.pieces import Source, in_order, pieces
 from ident.estimation.samples import Samples, even
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
