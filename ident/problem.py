@@ -10,8 +10,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation import repairs
 from ident.estimation.equations import Equations
-from ident.estimation.flat_channels import flat_channels, without_channels
-from ident.estimation.part import Part
+from ident.estimation.part import Part, flat_channels, without_channels
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
@@ -157,7 +156,8 @@ def problem_of(
 def _with_rests(log: Prepared, part: slice) -> Prepared:
     """Recording with notes on joints that rest in the fitted part and move later."""
     inside = {} if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
-    more = [f"In what is fitted, {repairs.rest_note(*each)}" for each in inside.items() if each[0] not in log.rests]
+    always = repairs.rests(log.recording, log.mechanism.tree)
+    more = [f"In what is fitted, {repairs.rest_note(*each)}" for each in inside.items() if each[0] not in always]
     return replace(log, notes=(*log.notes, *more)) if more else log
 
 

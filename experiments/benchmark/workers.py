@@ -11,7 +11,7 @@ from experiments.benchmark.mechanisms import double_pendulum
 from experiments.benchmark.monte_carlo import BLOCKS, Trials
 from experiments.benchmark.timing import Effort, alternating
 from experiments.runs.workers import WorkerPool, worker_pool
-from ident.estimation.in_order import in_order
+from ident.estimation.pieces import in_order
 from ident.regression.ordinary import least_squares
 
 

@@ -14,7 +14,7 @@ from experiments.guesses.words import words
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import CURRENT
 from ident.judgement.checks import wrench_checks

@@ -8,8 +8,7 @@ from experiments.guesses.belief import DOUBTFUL, Belief, Quantity
 from experiments.guesses.joints import is_current
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import unit_of, words
-from ident.estimation.loads import SLIP
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.judgement.torque_checks import ALIKE, SCALE
 

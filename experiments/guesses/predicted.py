@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.guesses.log_contents import LogContents
-from ident.estimation.coordinate_states import joint_states
-from ident.estimation.loads import SLIP
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import SLIP, predicted_channels
+from ident.estimation.recorded_motion import joint_states
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.recordings.plausibility import rate_factor

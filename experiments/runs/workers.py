@@ -17,7 +17,7 @@ from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.environment import THREADS, environment, extra, seldom_collected
 from experiments.runs.signals import held_back
 from ident.errors import InputError
-from ident.estimation.in_order import in_order
+from ident.estimation.pieces import in_order
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from experiments.data.defaults import ACCELERATION, VELOCITY
-from ident.estimation.drive_choice import usual_drives
 from ident.estimation.equations import Equations
+from ident.estimation.excitation import separable
+from ident.estimation.loads import usual_drives
 from ident.estimation.samples import Samples
-from ident.estimation.separable import separable
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import drive_columns, drive_names, joint_torque_regressor

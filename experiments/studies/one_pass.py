@@ -11,8 +11,8 @@ from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
 from ident.estimation.channel_scales import beside_others
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.excitation import independent, separable
 from ident.estimation.samples import Samples
-from ident.estimation.separable import independent, separable
 from ident.files.column import UNITS
 from ident.judgement.checks import Checks, Unchecked, Weight
 from ident.judgement.diagnosis import FrameCheck

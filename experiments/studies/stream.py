@@ -24,8 +24,7 @@ from experiments.studies.stream_progress import Progress
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.in_order import in_order
-from ident.estimation.pieces import pieces
+from ident.estimation.pieces import in_order, pieces
 from ident.estimation.samples import Samples
 from ident.files import npz
 from ident.mechanism.motion import Motion

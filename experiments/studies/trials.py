@@ -14,7 +14,7 @@ from experiments.data.fitting import TrajectoryTrial, Trial
 from experiments.data.study_file import StudyFile
 from experiments.runs.checkpoint import Checkpoint
 from ident.errors import InputError
-from ident.estimation.in_order import in_order
+from ident.estimation.pieces import in_order
 from ident.recordings.recording import Recording
 from sim.simulation.simulate import simulate_many, with_noise
 

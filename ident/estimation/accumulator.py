@@ -107,18 +107,13 @@ class Accumulator:
     def with_chunk(self, chunk: Chunk) -> "Accumulator":
         """Accumulator with another chunk of samples."""
         samples, count = self.samples + chunk.samples, self.chunks + 1
-        grams = self.grams + chunk.grams(self.factor[:, self.order])
+        grams = self.grams + chunk.grams(self.factor[:, self.order], None)
         if _is_apart(grams.sum(axis=0), self.factor[:, self.order]):
             return replace(self, grams=grams, samples=samples, chunks=count)
         rows = np.vstack([self.root[:, self.order], _stacked(chunk.rows(1))])
         renewed = self._in(_factor(rows, self.order), self.order)
-        grams = renewed.grams + chunk.grams(renewed.factor[:, self.order])
+        grams = renewed.grams + chunk.grams(renewed.factor[:, self.order], None)
         return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
-
-
-def _first_factor(chunk: Chunk, order: np.ndarray) -> np.ndarray:
-    """Coordinates P for rows like those of the first chunk."""
-    return _factor(_stacked(chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))), order)
 
 
 def _stacked(rows: np.ndarray) -> np.ndarray:
@@ -141,6 +136,7 @@ def accumulate(
     start: Accumulator | None = None,
     factor: np.ndarray | None = None,
     factors: np.ndarray | None = None,
+    checked: bool = False,
 ) -> Accumulator:
     """Adds samples to an accumulator, chunk by chunk.
 
@@ -150,6 +146,7 @@ def accumulate(
         start: Accumulator of other samples.
         factor: Coordinates to start from, so that accumulators of several workers add without a change of coordinates.
         factors: Weight by which each row is multiplied (N, C).
+        checked: True for samples from `pieces`: for few samples a check costs as much as the sum.
 
     Returns:
         The accumulator of all samples.
@@ -157,28 +154,17 @@ def accumulate(
     Raises:
         InputError: Samples do not fit the equations, or a covariance is not positive definite.
     """
-    return accumulate_checked(equations, equations.checked(samples), start=start, factor=factor, factors=factors)
-
-
-def accumulate_checked(
-    equations: Equations,
-    samples: Samples,
-    *,
-    start: Accumulator | None = None,
-    factor: np.ndarray | None = None,
-    factors: np.ndarray | None = None,
-) -> Accumulator:
-    """`accumulate` for samples already checked, as from `pieces`: for few samples a check costs as much as the sum."""
+    samples = samples if checked else equations.checked(samples)
     weighted = samples.covariance is not None or factors is not None
     if start is not None and (start.names, start.weighted) != (equations.names, weighted):
         raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
-    total = start
+    total, (order, _) = start, equations.order(samples)
     for chunk in chunks(equations, samples, factors):
         if total is None:
-            order, _ = equations.order(samples)
-            own = _first_factor(chunk, order) if factor is None else factor
-            grams = np.zeros((len(equations.channels), *own.shape))
-            total = Accumulator(equations.names, own, order, grams, 0, 0, 0, weighted)
+            if factor is None:
+                factor = _factor(_stacked(chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))), order)
+            grams = np.zeros((len(equations.channels), *factor.shape))
+            total = Accumulator(equations.names, factor, order, grams, 0, 0, 0, weighted)
         total = total.with_chunk(chunk)
     return cast(Accumulator, total)
 

@@ -1,7 +1,12 @@
-"""Scale of each channel in weights and ratios: the spread of its signal, or that of its kind where it is flat.
+"""Scale of each channel in weights and ratios, and a lower bound of its noise.
+
+The scale is the spread of the signal, or that of its kind where it is flat.
 
 A flat channel has no scale of its own: its weight would be infinite. Where a whole kind is flat, the largest spread of
-all channels replaces it, and 1 where all are flat.
+all channels replaces it, and 1 where all are flat. With less noise than the bound a channel, however well it is fitted,
+would outweigh all others:
+
+floor_c = max(LEAST · scale_c, step_c / √12)
 """
 
 from collections.abc import Sequence
@@ -9,10 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
+from ident.recordings.resolution import UNIFORM, quanta
 
 FLAT, FLAT_TORQUE = 1e-3, 1e-6
 """Spread relative to the largest of its kind up to which a channel is flat: a force or a moment, which share a sensor,
 and a joint torque, of which a finger's is a thousandth of a hip's."""
+
+LEAST = 1e-3
+"""Smallest noise of a channel over its scale; few sensors are as good as that."""
 
 
 def channel_scales(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndarray:
@@ -35,3 +44,24 @@ def beside_others(spread: np.ndarray, channels: Sequence[str]) -> np.ndarray:
     of_all = float(spread.max(initial=0.0)) or 1.0
     largest = np.array([spread[kinds == kind].max() or of_all for kind in kinds])
     return np.where(spread <= np.where(kinds == "", FLAT_TORQUE, FLAT) * largest, largest, spread)
+
+
+def least_noise(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndarray:
+    """Lower bound of the standard deviation of each channel's noise (C,).
+
+    Args:
+        parts: Measured channels, in one piece or several, NaN where a sample is missing (N, C).
+        channels: Names of the channels.
+    """
+    return np.maximum(LEAST * channel_scales(parts, channels), rounding(parts))
+
+
+def rounding(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviation of each stream's rounding error, from its smallest step (s,).
+
+    Args:
+        parts: The streams, in one piece or several, NaN where a sample is missing (N, s).
+    """
+    steps = np.array([quanta(part.T) for part in parts])
+    smallest = np.where(steps > 0, steps, np.inf).min(axis=0)
+    return np.where(np.isfinite(smallest), UNIFORM * smallest, 0.0)

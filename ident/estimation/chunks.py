@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.estimation.equations import Equations
-from ident.estimation.noise import Grams, remembered_grams
+from ident.estimation.noise import remembered
 from ident.estimation.samples import Samples
 from ident.model import compiled
 from ident.model.regressor import CHUNK, program_inputs
@@ -25,6 +25,9 @@ INPUTS = 2**20
 SMALL = 16
 """Columns below which a general matrix product is faster than a symmetric one."""
 
+Memory = tuple[np.ndarray, np.ndarray] | None
+"""ρ of each channel's noise (C,), and its last z (C, r + 1), which is overwritten; see `noise.remembered`."""
+
 
 class Chunk(NamedTuple):
     """Chunk of the samples of equations.
@@ -32,15 +35,13 @@ class Chunk(NamedTuple):
     Attributes:
         samples: Number of samples n.
         rows: Function of k that returns the rows of every k-th sample, columns `[Y_b | Γ]` in order (r + 1, C, n).
-        grams: Function of an upper triangular factor that returns Gram matrices in its coordinates (C, r + 1, r + 1).
-        remembered: Function of ρ and last z of each channel, which it overwrites, that returns the Gram matrices of the
-            columns `noise.remembered` (C, r + 1, r + 1).
+        grams: Function of an upper triangular factor, and of the noise's memory or None, that returns Gram matrices of
+            the columns, or of the remembered ones, in the factor's coordinates (C, r + 1, r + 1).
     """
 
     samples: int
     rows: Callable[[int], np.ndarray]
-    grams: Callable[[np.ndarray], np.ndarray]
-    remembered: Grams
+    grams: Callable[[np.ndarray, Memory], np.ndarray]
 
 
 def chunks(equations: Equations, samples: Samples, factors: np.ndarray | None) -> Iterator[Chunk]:
@@ -52,34 +53,33 @@ def chunks(equations: Equations, samples: Samples, factors: np.ndarray | None) -
         factors: Weight by which each row is multiplied (N, C).
     """
     order, first = equations.order(samples)
-    if compiled.available() and _suits_compiled(equations, samples):
-        yield from _compiled_chunks(equations, samples, factors, order, first)
-        return
+    done = 0
+    if compiled.available() and equations.straight and samples.covariance is None:
+        for chunk in _compiled_chunks(equations, samples, factors, order, first):
+            yield chunk
+            done += chunk.samples
     if samples.covariance is not None:
         first = (0,) * len(first)  # Whitening mixes the channels.
-    for rows in equations.rows(samples, factors, order=order):
-        remembered = partial(remembered_grams, rows, first=first)
-        yield Chunk(rows.shape[2], partial(_every, rows), partial(_grams, rows, first), remembered)
+    if done < len(samples):
+        rest = None if factors is None else factors[done:]
+        for rows in equations.rows(samples[done:] if done else samples, rest, order=order):
+            yield Chunk(rows.shape[2], partial(_every, rows), partial(_grams, rows, first))
 
 
 def _every(rows: np.ndarray, step: int) -> np.ndarray:
     return rows[:, :, ::step]
 
 
-def _suits_compiled(equations: Equations, samples: Samples) -> bool:
-    return equations.straight and samples.covariance is None
-
-
 def _compiled_chunks(
     equations: Equations, samples: Samples, factors: np.ndarray | None, order: np.ndarray, first: Sequence[int]
 ) -> Iterator[Chunk]:
-    """Yields chunks of equations with all columns written by a program, except constant ones."""
+    """Yields chunks of equations with all columns written by a program, except constant ones, of a block at least."""
     program = equations.program(moving=samples.motion.base is not None, torques=False, order=order)
     memory = equations.block(compiled.COLUMN)
     program.fill(memory[: equations.parameters.rank].reshape(program.results, -1))
     numbers = np.array(program.numbers)
     size = max(CHUNK, INPUTS // (8 * max(program.inputs, 1)))
-    for start in range(0, len(samples), size):
+    for start in range(0, len(samples) - compiled.BLOCK + 1, size):
         part = samples[start : start + size]
         weights = None if factors is None else factors[start : start + size]
 
@@ -87,24 +87,14 @@ def _compiled_chunks(
             some = None if weights is None else weights[::step]
             return np.concatenate([x.copy() for x in equations.rows(part[::step], some, order=order)], axis=2)
 
-        def grams(factor: np.ndarray, part: Samples = part, weights: np.ndarray | None = weights) -> np.ndarray:
-            if len(part) < compiled.BLOCK:
-                return _grams(rows(1, part, weights), first, factor)
-            inputs = program_inputs(part.motion, equations.mechanism.gravity)
-            triangle = inverse_of(factor)
-            changed = changing(triangle)
-            return program.encoded.grams(numbers, inputs, memory, part.measured, weights, triangle, changed, first)
+        def grams(
+            factor: np.ndarray, noise: Memory, part: Samples = part, weights: np.ndarray | None = weights
+        ) -> np.ndarray:
+            inputs, triangle = program_inputs(part.motion, equations.mechanism.gravity), inverse_of(factor)
+            given = numbers, inputs, memory, part.measured, weights, triangle, changing(triangle), first, noise
+            return program.encoded.grams(*given)
 
-        def remembered(decay: np.ndarray, last: np.ndarray, part: Samples = part) -> np.ndarray:
-            if len(part) < compiled.BLOCK:
-                return remembered_grams(rows(1, part, None), decay, last, first)
-            inputs, unchanged = program_inputs(part.motion, equations.mechanism.gravity), np.eye(len(order))
-            none = np.zeros(0, int)
-            return program.encoded.grams(
-                numbers, inputs, memory, part.measured, None, unchanged, none, first, (decay, last)
-            )
-
-        yield Chunk(len(part), rows, grams, remembered)
+        yield Chunk(len(part), rows, grams)
 
 
 def remembered_sums(equations: Equations, samples: Samples, decay: np.ndarray, left: np.ndarray) -> np.ndarray:
@@ -117,30 +107,36 @@ def remembered_sums(equations: Equations, samples: Samples, decay: np.ndarray, l
         left: z of each channel at the sample before the first; overwritten by that of the last one (C, m).
     """
     order, _ = equations.order(samples)
-    place = np.argsort(order)[:-1]
+    place, unchanged = np.argsort(order)[:-1], np.eye(len(order))
     last = np.column_stack([left, np.zeros(len(left))])[:, order]
-    total = sum(chunk.remembered(decay, last) for chunk in chunks(equations, samples, None))
+    total = sum(chunk.grams(unchanged, (decay, last)) for chunk in chunks(equations, samples, None))
     left[:] = last[:, place]
     return np.asarray(total)[:, place[:, None], place]
 
 
-def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray) -> np.ndarray:
+def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray, memory: Memory) -> np.ndarray:
     """Gram matrices by BLAS (C, r + 1, r + 1).
 
     Args:
         rows: Columns first, in order (r + 1, C, n); changed in between and restored.
         first: First column that is not zero in each channel (C,).
         factor: Upper triangular (r + 1, r + 1).
+        memory: As for a chunk.
     """
     inverse = inverse_of(factor)
     changed = changing(inverse)
     grams = np.zeros((rows.shape[1], len(rows), len(rows)))
-    for gram, channel, start in zip(grams, np.moveaxis(rows, 1, 0), first, strict=True):
+    for c, (gram, start) in enumerate(zip(grams, first, strict=True)):
         own = changed[changed >= start]
+        channel = rows[:, c]
         Z, before = channel[start:], channel[own]
         Z[own - start] = inverse[start:, own].T @ Z
+        columns = Z
+        if memory is not None:
+            columns = remembered(Z, memory[0][c], memory[1][c, start:])
+            memory[1][c, start:] = columns[:, -1]
         # numpy computes Z Zᵀ by BLAS's symmetric product, which is slower than the general one for small Z: hence copy.
-        np.matmul(Z, (Z.copy() if len(Z) < SMALL else Z).T, out=gram[start:, start:])
+        np.matmul(columns, (columns.copy() if len(Z) < SMALL else columns).T, out=gram[start:, start:])
         channel[own] = before
     return grams
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.errors import InputError
-from ident.estimation.samples import Samples, check_samples, whitened
+from ident.estimation.samples import Samples, arrays_of, whitened
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.plane import out_of_plane
 from ident.model.axes import Axes, Couplings
@@ -142,8 +142,31 @@ class Equations:
         Raises:
             InputError: They do not fit or are not finite; the message names the array and the place in it.
         """
-        check_samples(samples, self.mechanism.tree, len(self.channels), where)
-        return replace(samples, motion=samples.motion.checked_further(self.mechanism.tree))
+        tree, channels = self.mechanism.tree, len(self.channels)
+        widths = {"q": sum(body.coordinates for body in tree.bodies), "measured": channels}
+        widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
+        for name, x in arrays_of(samples).items():
+            if not isinstance(x, np.ndarray) or x.dtype.kind not in "fiu":
+                kind = getattr(x, "dtype", type(x))
+                raise InputError(f"{where}: '{name}' must be an array of real numbers, got {kind}.")
+            if x.ndim != 2 or x.shape[1] != widths[name] or len(x) != len(samples) or not len(x):
+                raise InputError(
+                    f"{where}: '{name}' needs a row for each of {len(samples)} samples and {widths[name]} columns, got "
+                    f"{x.shape}."
+                )
+            # Adding up needs no memory; only arrays whose sum is not finite are searched.
+            with np.errstate(invalid="ignore", over="ignore"):
+                suspect = not np.isfinite(x.sum(dtype=float))
+            if suspect and not (finite := np.isfinite(x).all(axis=1)).all():
+                raise InputError(
+                    f"{where}: '{name}' needs finite numbers; sample {finite.argmin()} has NaN or infinity."
+                )
+        shapes = ((channels, channels), (len(samples), channels, channels))
+        if samples.covariance is not None and np.shape(samples.covariance) not in shapes:
+            raise InputError(
+                f"{where}: 'covariance' needs the shape {shapes[0]} or {shapes[1]}, got {np.shape(samples.covariance)}."
+            )
+        return replace(samples, motion=samples.motion.checked_further(tree))
 
     def order(self, samples: Samples) -> tuple[np.ndarray, tuple[int, ...]]:
         """Order of the columns `[Y_b | drives | offsets | measured]` in which channels with few columns come in last.
@@ -217,29 +240,27 @@ class Equations:
             Columns first, measurements last (columns + 1, C, chunk).
         """
         arm, rank = self.mechanism, self.parameters.rank
-        down = arm.gravity.astype(float)
         moving, (wrench, torques) = samples.motion.base is not None, self._parts()
-        of_wrench = self.program(moving=moving, torques=False, order=order) if wrench else None
-        of_torques = self.program(moving=moving, torques=True, order=order) if torques else None
-        used = [program for program in (of_wrench, of_torques) if program]
-        size = min(min(map(chunk, used)), len(samples))
-        block, straight = self.block(size), self.straight
-        of_base = block[:rank] if straight else np.zeros((rank, 6, size))
-        felt = np.zeros((rank, len(arm.tree.freedoms) if torques else 0, size))
-        programs = [(out, program) for out, program in ((of_base, of_wrench), (felt, of_torques)) if program]
-        for out, program in programs:
-            program.fill(out.reshape(-1, size))
+        kinds = [kind for kind, channels in ((False, wrench), (True, torques)) if channels]
+        programs = {kind: self.program(moving=moving, torques=kind, order=order) for kind in kinds}
+        size = min(*map(chunk, programs.values()), len(samples))
+        block = self.block(size)
+        blocks = {kind: np.zeros((rank, len(arm.tree.freedoms) if kind else 6, size)) for kind in kinds}
+        if self.straight:
+            blocks[False] = block[:rank]
+        for kind, program in programs.items():
+            program.fill(blocks[kind].reshape(-1, size))
         for first in range(0, len(samples), size):
             part = samples[first : first + size]
-            count, inputs = len(part), program_inputs(part.motion, down)
-            for out, program in programs:
-                program.run(inputs, out.reshape(-1, size)[:, :count])
+            count, inputs = len(part), program_inputs(part.motion, arm.gravity)
             rows = block[:, :, :count]
-            if not straight and wrench:
-                Y = of_base[:, :, :count]
+            for kind, program in programs.items():
+                program.run(inputs, blocks[kind].reshape(-1, size)[:, :count])
+            if wrench and not self.straight:
+                Y = blocks[False][:, :, :count]
                 rows[:rank, wrench] = Y if self.wrench is None else self.wrench @ Y
             if torques:
-                rows[:rank, torques] = felt[:, list(self.torques), :count]
+                rows[:rank, torques] = blocks[True][:, list(self.torques), :count]
                 rows[rank : rank + len(self.drives), torques] = self._drives(part)
             rows[-1] = part.measured.T
             if part.covariance is not None:

@@ -1,6 +1,7 @@
-"""Checks that a motion excites the base parameters of a mechanism, so that they can be separated."""
+"""Excitation of base parameters, drives and offsets by a motion: checks, and the columns that it separates."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,12 @@ ABOVE_NOISE = 1.5
 
 FEW_SAMPLES = 1000
 """Number of samples by which the noise of the regressor is estimated."""
+
+INDEPENDENT = 1e-6
+"""Distance of a unit-norm column from the span of others below which it depends on them."""
+
+MIXED = 1e-3
+"""Coefficient of a unit-norm column in another from which the one takes up the other."""
 
 
 def noise_rows(
@@ -65,8 +72,11 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
     norms = np.linalg.norm(root, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
-    if noise is None and _clearly_separate(root / norms):
-        return
+    if noise is None:
+        # No singular values are needed if the least, at least 1 / ‖R⁻¹‖_F, is large beside the largest, at most √r.
+        with suppress(np.linalg.LinAlgError):
+            if np.linalg.norm(np.linalg.inv(root / norms)) * np.sqrt(len(norms)) < 1 / SINGULAR:
+                return
     _, lengths, directions = np.linalg.svd(root / norms)
     floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
     if noise is not None:
@@ -81,15 +91,6 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
             "joints further.",
             names,
         )
-
-
-def _clearly_separate(unit: np.ndarray) -> bool:
-    """True if a matrix of unit-norm columns (r, r) is far from singular: `σ_min ≥ 1 / ‖R⁻¹‖_F`, and `σ_max ≤ √r`."""
-    try:
-        inverse = np.linalg.inv(unit)
-    except np.linalg.LinAlgError:
-        return False
-    return bool(np.linalg.norm(inverse) * np.sqrt(len(unit)) < 1 / SINGULAR)
 
 
 def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:
@@ -119,3 +120,50 @@ def contributing(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
     """Names of the columns that contribute notably to combinations that are not excited (k, r)."""
     size = np.linalg.norm(hidden, axis=0)
     return [name for name, share in zip(names, size, strict=True) if share > 0.1 * size.max()]
+
+
+def separable(equations: Equations, samples: Samples) -> Equations:
+    """Equations without the drives and offsets whose columns depend on those before them.
+
+    Drives that are left out add to the coefficients that take them up (`absorbed`).
+
+    Raises:
+        InputError: Samples do not fit the equations.
+    """
+    columns = accumulate(equations, samples).root[:, : len(equations.names)]
+    mask = independent(columns)
+    kept = dict(zip(equations.names, mask, strict=True))
+    without = replace(
+        equations,
+        drives=tuple(name for name in equations.drives if kept[name]),
+        offsets=tuple(k for k in equations.offsets if kept[f"offset({equations.channels[k]})"]),
+    )
+    rank, count = equations.parameters.rank, equations.parameters.rank + len(equations.drives)
+    stays = mask[:count] | (np.arange(count) < rank)
+    if stays.all():
+        return without
+    sizes = np.maximum(np.linalg.norm(columns[:, :count], axis=0), 1e-300)
+    unit, names = columns[:, :count] / sizes, np.array(equations.names[:count])
+    combined = np.linalg.lstsq(unit[:, stays], unit[:, ~stays], rcond=INDEPENDENT)[0]
+    units = combined.T * sizes[~stays, None] / sizes[stays]
+    absorbed = {name: each[stays] + each[~stays] @ units for name, each in equations.absorbed.items()}
+    absorbed |= dict(zip(names[~stays].tolist(), units, strict=True))
+    takes = {*names[stays][(np.abs(combined) > MIXED).any(axis=1)].tolist(), *equations.mixed}
+    of_motors = tuple(f"({motor})" for motor in equations.axes.motors)
+    mixed = (name for name in without.drives if name in takes and name.endswith(of_motors))
+    return replace(without, absorbed=absorbed, mixed=tuple(mixed))
+
+
+def independent(columns: np.ndarray) -> np.ndarray:
+    """Mask of the columns of a matrix (m, k) that are independent of those before them (k,)."""
+    # Not by the diagonal of a triangular factor, which lacks a part of the columns after a dependent one.
+    sizes, basis = np.linalg.norm(columns, axis=0), np.zeros_like(columns)
+    stick_out = np.zeros(len(sizes), bool)
+    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
+        out = column
+        for _ in range(2):  # One pass leaves rounding errors along the others.
+            out = out - basis @ (basis.T @ out)
+        stick_out[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
+        if stick_out[k]:
+            basis[:, k] = out / np.linalg.norm(out)
+    return stick_out

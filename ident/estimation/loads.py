@@ -1,19 +1,28 @@
-"""Wrenches on the bodies of a mechanism and joint torques, for numbers or for signals of a tape.
+"""Wrenches on the bodies of a mechanism, joint torques and drives, for numbers or for signals of a tape.
 
 Γ_i = Y_i φ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + K (q - q_0) + …
 
 Drives of motors that move several joints together have their angles, R q, in place of q, and add Rᵀ τ_motor.
 """
 
-import numpy as np
+from collections.abc import Sequence
+from typing import Any
 
-from ident.estimation.equations import Equations
-from ident.geometry.se3 import Ad, pose
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ident.estimation.equations import COMPONENTS, Equations
+from ident.geometry.se3 import Ad, coAd, inverse, pose
+from ident.mechanism.drives import NO_DRIVE
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.adjoint import Value
+from ident.model.axes import Axes
 from ident.model.closed_form import BodyMotion, body_wrench
-from ident.model.regressor import spring_lengths
-from ident.tolerances import DRIVE, STRIBECK
+from ident.model.regressor import CHUNK, base_wrench_regressor, drive_signals, joint_torque_regressor
+from ident.model.stated import stated_values
+from ident.tolerances import DRIVE, USUAL_DRIVE
 
 SLIP = 0.003
 """Default velocity over which Coulomb friction changes sign, rad/s or m/s."""
@@ -67,15 +76,100 @@ def drive_torques(
         slips: Velocities of the m axes over which Coulomb friction changes sign (m,).
     """
     tree, axes = equations.mechanism.tree, equations.axes
-    dq, ddq = axes.moved(dq), axes.moved(ddq)
-    sign, relative = np.tanh(dq / slips), dq / (STRIBECK * axes.gears)
-    signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
-    signals["spring"] = spring_lengths(tree, q, equations.mechanism.springrefs)
+    signals = drive_signals(tree, axes, q, dq, ddq, slips, equations.mechanism.springrefs)
     at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
     torques: list[Value] = [0.0] * len(tree.freedoms)
     for kind, signal in signals.items():
-        for a, (name, own) in enumerate(zip(axes.names, signal, strict=False)):
+        for a, (name, own) in enumerate(zip(axes.names, signal, strict=True)):
             if (column := f"{DRIVE[kind]}({name})") in at:
                 for k, torque in axes.shared(a, at[column] * own).items():
                     torques[k] = torques[k] + torque
     return torques
+
+
+def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
+    """Torques of rotors, friction and springs as the model states them, N m or N (N, n).
+
+    Coulomb friction changes its sign as `tanh(q̇ / SLIP)`, so that noise of a resting joint's velocity is no friction.
+
+    Args:
+        mechanism: The mechanism, with its drives.
+        motion: Motion of its joints, checked (N samples).
+    """
+    tree = mechanism.tree
+    drives = [mechanism.drives.get(freedom, NO_DRIVE) for freedom in tree.freedoms]
+    signals = drive_signals(tree, Axes.of(tree), *motion.states, SLIP, mechanism.springrefs)
+    values, at = {kind: np.array([each.value(kind) for each in drives], float) for kind in signals}, 0
+    for body, own in zip(tree.bodies, tree.body_coordinates(motion.q), strict=True):
+        part = slice(at, at := at + body.freedoms)
+        if body.is_ball and values["spring"][part].any():
+            reference = Rotation.from_rotvec(mechanism.springrefs[part])
+            turned = reference.inv() * Rotation.from_quat(own, scalar_first=True)
+            signals["spring"][:, part] = turned.as_rotvec()
+    return np.sum([values[kind] * signal for kind, signal in signals.items()], axis=0)
+
+
+def stated_drive_channels(equations: Equations, motion: Motion) -> np.ndarray:
+    """Part of the drives, as the model states them, in the channels of equations: zero in a wrench (N, C)."""
+    out = np.zeros((len(motion), len(equations.channels)))
+    if equations.torques and equations.mechanism.drives:
+        torques = stated_drive_torques(equations.mechanism, motion)
+        out[:, -len(equations.torques) :] = torques[:, list(equations.torques)]
+    return out
+
+
+def predicted_channels(
+    mechanism: Mechanism, motion: Motion, frame: np.ndarray, *, torques: bool = False
+) -> dict[str, np.ndarray]:
+    """Components of the total wrench in a frame, and joint torques if requested, as the model predicts them (N,) each.
+
+    It predicts with its prior and with the drives that it states.
+    """
+    in_frame = coAd(inverse(frame))
+    wrenches, felt = [], []
+    for first in range(0, len(motion), CHUNK):
+        part = motion[first : first + CHUNK]
+        given: dict[str, Any] = {"gravity": mechanism.gravity, "base": part.base}
+        Y = base_wrench_regressor(mechanism.tree, *part.states, **given)
+        wrenches.append(Y @ mechanism.known @ in_frame.T)
+        if torques:
+            links = joint_torque_regressor(mechanism.tree, *part.states, **given) @ mechanism.known
+            felt.append(links + stated_drive_torques(mechanism, part) if mechanism.drives else links)
+    predicted = dict(zip(COMPONENTS, np.concatenate(wrenches).T, strict=True))
+    return predicted | (dict(zip(mechanism.tree.freedoms, np.concatenate(felt).T, strict=True)) if torques else {})
+
+
+def drives_of(axes: Axes, kinds: Sequence[str], torques: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns of some kinds of drives that act on the freedoms whose torques are measured.
+
+    Args:
+        axes: Axes on which drives act.
+        kinds: The kinds, out of `DRIVE`.
+        torques: Indices of those freedoms.
+    """
+    each = (f"{DRIVE[kind]}({name})" for kind in kinds for k in torques for name in axes.acting(kind, k))
+    return tuple(dict.fromkeys(each))
+
+
+def usual_drives(mechanism: Mechanism, torques: Sequence[int], axes: Axes | None = None) -> tuple[str, ...]:
+    """Names of the columns that are fitted by default: rotor inertia and friction, and springs that the model has.
+
+    Args:
+        mechanism: The mechanism.
+        torques: Indices of the freedoms whose torques are measured.
+        axes: Axes on which drives act, by default the freedoms alone.
+    """
+    axes = Axes.of(mechanism.tree) if axes is None else axes
+    freedoms = [mechanism.tree.freedoms[k] for k in torques]
+    hinges = [name for name in freedoms if name in mechanism.tree.joints and name in mechanism.drives]
+    springs = [name for name in hinges if mechanism.drives[name].stiffness]
+    return (*drives_of(axes, USUAL_DRIVE, torques), *(f"{DRIVE['spring']}({name})" for name in springs))
+
+
+def absorbed_note(mechanism: Mechanism, lost: Sequence[str], mixed: Sequence[str] = ()) -> str:
+    """Note on drives whose columns depend on those of the links, and of the mixed drives of other motors."""
+    beside = f" and from {', '.join(mixed)}" if mixed else ""
+    note = f"{', '.join(lost)} cannot be told from the links' inertias{beside}, which take them up"
+    if not (stated := [name for name, value in zip(lost, stated_values(mechanism, lost), strict=True) if value]):
+        return f"{note}."
+    return f"{note}; bodies are computed with the model's {', '.join(stated)}."

@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from ident.estimation import loads
-from ident.estimation.coordinate_states import base_motion, joint_states
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.recorded_motion import base_motion, joint_states
 from ident.estimation.setup import SetupParameter
 from ident.geometry.quaternion import small_rotation
 from ident.geometry.se3 import coAd, hat, inverse, pose
@@ -141,17 +141,22 @@ class Measurement:
         """
         program = self._channels_program
         every = np.arange(program.results)
-        return self._run(program, states, wrenches, theta, every, (every, program.results))
+        return self._run(program, states, wrenches, theta, every, every, program.results)
 
     def derivatives(
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
         n, channels = self.coordinates, len(self.equations.channels)
-        program, _ = self._gradients_program
-        wanted, place = self._wanted(columns)
-        number = 3 * n + len(columns)
-        out = self._run(program, states, wrenches, theta, wanted, (place, channels * (1 + number)))
+        program, nonzero = self._gradients_program
+        number, every = 3 * n + len(columns), np.arange(channels)
+        position = np.zeros(nonzero.shape, int)
+        position[nonzero] = np.arange(channels, channels + nonzero.sum())
+        wanted = position[:, np.append(np.arange(3 * n), 3 * n + columns)].ravel()
+        place = np.flatnonzero(wanted)
+        # Results that are identically zero are neither computed nor copied.
+        wanted, place = np.append(every, wanted[place]), np.append(every, channels + place)
+        out = self._run(program, states, wrenches, theta, wanted, place, channels * (1 + number))
         by = out[channels:].reshape(channels, number, -1)
         return out[:channels], by[:, : 3 * n].reshape(channels, 3, n, -1), by[:, 3 * n :]
 
@@ -160,25 +165,6 @@ class Measurement:
         n, (_, nonzero) = self.coordinates, self._gradients_program
         return np.asarray(nonzero[:, : 3 * n].reshape(-1, 3, n).any(axis=1)), nonzero[:, 3 * n + columns]
 
-    def _wanted(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Results of the gradients' program that are wanted, the channels first, and their places (r,) each.
-
-        The places are among the channels and all their derivatives by states and by the given entries of θ.
-        """
-        if (key := columns.tobytes()) not in self._places:
-            n, channels = self.coordinates, len(self.equations.channels)
-            nonzero = self._gradients_program[1]
-            position = np.zeros(nonzero.shape, int)
-            position[nonzero] = np.arange(channels, channels + nonzero.sum())
-            wanted = position[:, np.append(np.arange(3 * n), 3 * n + columns)].ravel()
-            place, every = np.flatnonzero(wanted), np.arange(channels)
-            self._places[key] = np.append(every, wanted[place]), np.append(every, channels + place)
-        return self._places[key]
-
-    @cached_property
-    def _places(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
-        return {}
-
     def _run(
         self,
         program: Program,
@@ -186,13 +172,13 @@ class Measurement:
         wrenches: np.ndarray,
         theta: np.ndarray,
         wanted: np.ndarray,
-        places: tuple[np.ndarray, int],
+        place: np.ndarray,
+        number: int,
     ) -> np.ndarray:
         """Some results of a program at places among zeros (k, N), those of one sample adjacent in memory."""
         rows = [*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T]
         constants = np.concatenate([theta, self._slips])
         inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
-        place, number = places
         out = np.zeros((len(wrenches), number))
         size = min(CHUNK_COMPILED if compiled.available() else CHUNK, len(wrenches))
         some = np.zeros((program.results, size))
@@ -249,39 +235,31 @@ class Measurement:
     def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray) -> list[Value]:
         """Channels on a tape, from states (3, n), wrenches (2, k, 6), θ (p,) and slips (m,)."""
         equations, tree = self.equations, self.tilted(theta)
-        root, base, (q, dq, ddq) = self._root(states, theta)
-        motions, gains = closed_form.body_motions(tree, root, q, dq, ddq), self.gains(theta)
-        inertial, drives = loads.inertial_wrenches(equations, motions, theta), list[Value]()
+        motion = self.motion(states)
+        root, base = self._root(motion, theta)
+        motions, gains = closed_form.body_motions(tree, root, *motion.states), self.gains(theta)
+        drives = np.zeros(len(tree.freedoms))
         if equations.torques:
-            drives = loads.drive_torques(equations, q, dq, ddq, theta, slips)
-        own = self._read(tree, motions, q, inertial, drives, base, theta)
+            drives = np.array(loads.drive_torques(equations, *motion.states, theta, slips))
+
+        def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
+            """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
+            wrench = self._in_sensor(np.sum(felt, axis=0), base, at)
+            torques = loads.joint_torques(tree, motions, motion.q, felt) if equations.torques else []
+            return [*wrench, *(torques[k] + drives[k] for k in equations.torques)]
+
+        own = read(loads.inertial_wrenches(equations, motions, theta), drives, theta)
         out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):
             out[k] = out[k] + offset
-        out = self._with_servos(out, q, dq, theta)
+        out = self._with_servos(out, motion.q, motion.dq, theta)
         if not self.contacts:
             return out
         touch = self._less_contacts(motions, base, wrenches[0], theta)
         noise = self._less_contacts(motions, base, wrenches[1], theta * 0)
-        of_touch = self._read(tree, motions, q, touch, [], base, theta)
-        of_noise = self._read(tree, motions, q, noise, [], base, theta * 0)
+        of_touch, of_noise = read(touch, 0 * drives, theta), read(noise, 0 * drives, theta * 0)
         return [a + g * b + c for a, g, b, c in zip(out, gains, of_touch, of_noise, strict=True)]
-
-    def _read(
-        self,
-        tree: Tree,
-        motions: list[closed_form.BodyMotion],
-        q: np.ndarray,
-        felt: list[np.ndarray],
-        drives: list[Value],
-        base: np.ndarray,
-        theta: np.ndarray,
-    ) -> list[Value]:
-        """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
-        wrench = self._in_sensor(np.sum(felt, axis=0), base, theta)
-        torques = loads.joint_torques(tree, motions, q, felt) if self.equations.torques else []
-        return [*wrench, *(torques[k] + drives[k] if drives else torques[k] for k in self.equations.torques)]
 
     def encoders(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Readings of the encoders of hinges and slides by freedom, zero for balls (…, n), at coordinates (…, n_q)."""
@@ -348,24 +326,13 @@ class Measurement:
         moved = carrier.motion(*joint_states(carrier.tree, base)) if carrier else moved
         return Motion(*joint_states(self.tree, states[..., self.of_base :]), moved)
 
-    def _root(
-        self, states: np.ndarray, theta: np.ndarray
-    ) -> tuple[closed_form.BodyMotion, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Motion of the base, its pose in the world, and joint coordinates, velocities and accelerations."""
-        gravity, carrier = self.gravity(theta), self.equations.mechanism.carrier
-        base, joints = states[:, : self.of_base], joint_states(self.tree, states[:, self.of_base :])
-        at_rest = closed_form.base_motion(np.zeros(3), np.zeros(3), -gravity)
-        if carrier is not None:
-            last = closed_form.body_motions(carrier.tree, at_rest, *joint_states(carrier.tree, base))[-1]
-            root = closed_form.base_motion(*(last.R.T @ x for x in (last.w, last.dw, last.a)))
-            return root, pose(last.R, last.p), joints
-        if not self.moving:
-            return at_rest, np.eye(4), joints
-        motion = base_motion(base)
-        V, dV = motion.V, motion.dV
-        a = dV[:3] + np.cross(V[3:], V[:3]) - motion.T[:3, :3].T @ gravity
-        root = closed_form.base_motion(V[3:], dV[3:], a)
-        return root, motion.T, joints
+    def _root(self, motion: Motion, theta: np.ndarray) -> tuple[closed_form.BodyMotion, np.ndarray]:
+        """Motion of the base in a motion of one sample, and its pose in the world."""
+        gravity, base = self.gravity(theta), motion.base
+        if base is None:
+            return closed_form.base_motion(np.zeros(3), np.zeros(3), -gravity), np.eye(4)
+        v, w, dv, dw = base.V[:3], base.V[3:], base.dV[:3], base.dV[3:]
+        return closed_form.base_motion(w, dw, dv + np.cross(w, v) - base.T[:3, :3].T @ gravity), base.T
 
     def _less_contacts(
         self, motions: list[closed_form.BodyMotion], base: np.ndarray, wrenches: np.ndarray, theta: np.ndarray

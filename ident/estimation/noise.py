@@ -1,13 +1,9 @@
 """Noise that is correlated over time, and its effect on the covariance of a fit."""
 
 from collections.abc import Callable, Iterable
-from functools import partial
 
 import numpy as np
 from scipy.linalg import lapack
-
-Grams = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Function of ρ and last z that returns Gram matrices, see `Sandwich.add_sums`."""
 
 STRETCH = 1.2
 """Assumed ratio of the noise's correlation time to that of the residuals."""
@@ -104,52 +100,25 @@ def autoregressive(x: np.ndarray, rho: float, before: np.ndarray | float = 0.0) 
     return np.asarray(y.reshape(x.shape))
 
 
-def remembered_grams(
-    rows: np.ndarray, decay: np.ndarray, last: np.ndarray, first: Iterable[int] | None = None
-) -> np.ndarray:
-    """Gram matrices of the `remembered` columns of each channel (C, k, k).
-
-    Args:
-        rows: Columns first (k, C, n).
-        decay: ρ of each channel's noise (C,).
-        last: z of each channel at the sample before the first; overwritten by that of the last one (C, k).
-        first: First column that is not zero in each channel, by default 0 (C,).
-    """
-    out = np.zeros((len(decay), len(rows), len(rows)))
-    for c, start in enumerate([0] * len(decay) if first is None else first):
-        z = remembered(rows[start:, c], decay[c], last[c, start:])
-        last[c, start:], out[c, start:, start:] = z[:, -1], z @ z.T
-    return out
-
-
-def _remembered_sums(chunks: Iterable[np.ndarray], decay: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """Sum of the `remembered_grams` of consecutive chunks (C, k, k)."""
-    return sum((remembered_grams(rows, decay, left) for rows in chunks), np.zeros(1))
-
-
 class Sandwich:
     """Middle factor of a sandwich covariance, `M = Σ_nm Y_nᵀ Γ(n - m) Y_m`, accumulated part by part.
 
-    The noise's covariance Γ is from `innovations`. If `steady`, the noise has constant size over a part and channels
-    are independent; otherwise both follow from the residuals of each sample.
+    The noise's covariance Γ is from `innovations`.
     """
 
-    def __init__(self, columns: int, channels: int, *, steady: bool) -> None:
-        self._steady = steady
+    def __init__(self, columns: int, channels: int) -> None:
         self._middle = np.zeros((columns, columns))
         self._tail = np.zeros(channels)
         self._left = np.zeros((channels, columns))
 
-    def add(self, chunks: Iterable[np.ndarray], pull: np.ndarray, taken: float) -> "Sandwich":
-        """Adds the next part.
+    def add(self, chunks: Iterable[np.ndarray], pull: np.ndarray, taken: float) -> None:
+        """Adds the next part, whose noise may be correlated between channels and of any size in each sample.
 
         Args:
             chunks: Columns of its samples, some at a time, columns first (m, C, n).
             pull: Contribution of each residual to the normal equations, for least squares the residual itself (C, N).
             taken: Mean number of parameters determined by a channel's samples.
         """
-        if self._steady:
-            return self.add_sums(partial(_remembered_sums, chunks), pull, taken)
         decay, size = innovations(pull, taken)
         first = 0
         for rows in chunks:
@@ -160,10 +129,9 @@ class Sandwich:
             pulls = sum(each * u[first:last] for each, u in zip(z, size, strict=True))
             self._middle += pulls @ pulls.T
             first = last
-        return self
 
-    def add_sums(self, grams: Grams, pull: np.ndarray, taken: float) -> "Sandwich":
-        """Adds the next part to a steady one.
+    def add_steady(self, grams: Callable[[np.ndarray, np.ndarray], np.ndarray], pull: np.ndarray, taken: float) -> None:
+        """Adds the next part, whose noise has constant size and is independent between channels.
 
         Args:
             grams: Function of each channel's ρ and its last z (C, m), which it overwrites, that returns the Gram
@@ -174,7 +142,6 @@ class Sandwich:
         variance = (size**2).mean(axis=1)
         self._middle += np.tensordot(variance, grams(decay, self._left), axes=1)
         self._tail = variance * decay**2 / (1 - decay**2)
-        return self
 
     @property
     def middle(self) -> np.ndarray:

@@ -1,6 +1,11 @@
-"""Sources of samples: one piece, or many that need not fit into memory together."""
+"""Sources of samples: one piece, or many that need not fit into memory together; and an ordered map over pieces."""
 
-from collections.abc import Iterable, Iterator
+import os
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Executor, Future
+from itertools import islice
+from typing import TypeVar
 
 from ident.errors import InputError
 from ident.estimation.equations import Equations
@@ -8,6 +13,9 @@ from ident.estimation.samples import Samples, arrays_of
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 Source = Samples | Recording | Iterable[Samples | Recording]
 """One piece, or an iterable of pieces that need not fit into memory together."""
@@ -31,9 +39,10 @@ def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
             raise InputError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
         samples = piece if isinstance(piece, Samples) else _of_recording(piece, equations.mechanism.tree)
         fitting = equations.checked(samples, where)
-        if first is not None:
+        if first is None:
+            first = samples
+        else:
             _compare(samples, first, where)
-        first = first or samples
         yield fitting
     if first is None:
         raise InputError("Identification needs at least one piece of samples, got none.")
@@ -52,7 +61,42 @@ def _compare(samples: Samples, first: Samples, where: str) -> None:
             raise InputError(
                 f"{where}: '{name}' is {x.dtype} where the first piece has {before[name].dtype}; all need one type."
             )
-    if (samples.motion.base is None) != (first.motion.base is None):
-        raise InputError(f"{where}: either all pieces have 'base' or none has.")
-    if (samples.covariance is None) != (first.covariance is None):
-        raise InputError(f"{where}: either all pieces have 'covariance' or none has.")
+    optional = {"base": (samples.motion.base, first.motion.base), "covariance": (samples.covariance, first.covariance)}
+    for name, (own, other) in optional.items():
+        if (own is None) != (other is None):
+            raise InputError(f"{where}: either all pieces have '{name}' or none has.")
+
+
+def in_order(
+    executor: Executor, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int | None = None
+) -> Generator[Result, None, None]:
+    """Yields `map(function, items)` computed by an executor, in the order of the items.
+
+    An item is drawn and submitted only when fewer than `ahead` results are pending or not yet taken, so that items may
+    be large and endless. Pending work is cancelled when the iterator is closed or anything fails; an error is raised
+    at its item's turn, after the results of all items before it.
+
+    Args:
+        executor: Any executor: threads, processes, a cluster's. It stays open.
+        function: Function of an item; for other processes a module-level function or a partial of one.
+        items: Arguments, drawn one by one in the thread that takes the results.
+        ahead: Largest number of items submitted and not yet taken; more than the number of workers keeps all of them
+            busy. By default twice the number of local processors.
+
+    Raises:
+        InputError: `ahead` is not positive.
+    """
+    ahead = 2 * (os.cpu_count() or 1) if ahead is None else ahead
+    if ahead < 1:
+        raise InputError(f"At least one item must be submitted ahead, got {ahead}.")
+    waiting = iter(items)
+    pending: deque[Future[Result]] = deque()
+    try:
+        while True:
+            pending.extend(executor.submit(function, item) for item in islice(waiting, ahead - len(pending)))
+            if not pending:
+                return
+            yield pending.popleft().result()
+    finally:
+        for future in pending:
+            future.cancel()

@@ -10,13 +10,12 @@ import numpy as np
 from ident.arguments import checked_names
 from ident.errors import LogError
 from ident.estimation import repairs
-from ident.estimation.drive_choice import absorbed_note, drives_of, scale_deviations, servo_gains, usual_drives
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.excitation import separable
+from ident.estimation.loads import absorbed_note, drives_of, predicted_channels, usual_drives
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
-from ident.estimation.separable import separable
 from ident.files.table import BASE
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
@@ -24,7 +23,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Axes
 from ident.model.regressor import drive_kinds
-from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
+from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
@@ -68,7 +67,6 @@ class Prepared:
         left_out: Spans whose samples are not used.
         clipped: Channels clipped by a sensor's range; their clipped samples are not used.
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
-        rests: Positions of the hinges and slides at rest throughout, by joint.
         drives: Names of the drives' columns before those that depend on others were left out.
         searches_stribeck: True if the data may add Stribeck friction to them.
     """
@@ -86,7 +84,6 @@ class Prepared:
     left_out: tuple[LeftOut, ...] = ()
     clipped: tuple[Clipped, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
-    rests: Mapping[str, float] = field(default_factory=dict)
     drives: tuple[str, ...] = ()
     searches_stribeck: bool = False
 
@@ -116,20 +113,15 @@ class Prepared:
         names = [f"{joint}_{kind}" for joint in self.mechanism.joints for kind in ("position", "torque")]
         names += [f"{name}_{kind}" for name in self.recording.wrenches for kind in ("force", "torque")]
         inside = covered(self.recording, (*names, BASE))
-        return inside if self.edge == 0 else ~_widened(~inside, self.edge)
+        out = inside.copy()
+        for first, end in runs(~inside):
+            out[max(0, first - self.edge) : end + self.edge] = False
+        return out
 
     @property
     def edge(self) -> int:
         """Number of samples left out at either end, where the filter settles."""
         return 0 if self.cutoff is None else settling(self.recording.rate, self.cutoff)
-
-
-def _widened(samples: np.ndarray, reach: int) -> np.ndarray:
-    """Mask of the samples with a true one at most `reach` samples away (N,)."""
-    out = np.zeros(len(samples), bool)
-    for first, end in runs(samples):
-        out[max(0, first - reach) : end + reach] = True
-    return out
 
 
 def prepared(
@@ -159,7 +151,7 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    tree, rate = mechanism.tree, recording.rate
+    tree = mechanism.tree
     mechanism = _with_known_bodies(mechanism, recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
@@ -170,60 +162,44 @@ def prepared(
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
-    rests = repairs.rests(recording, tree)
-    notes += [repairs.rest_note(*each) for each in rests.items()]
+    notes += [repairs.rest_note(*each) for each in repairs.rests(recording, tree).items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
     constant |= _constant_together(recording, wrench)
     wrench = np.where(np.isin(COMPONENTS, (*constant, *leave_out)), np.nan, wrench)
     torques = recording.torques_at(tree, motion)
-    torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
-    channels = _channels(mechanism, frame, wrench, torques)
-    if asked and not channels.torques:
+    torques = torques if torques is None or cutoff is None else low_pass(torques, recording.rate, cutoff)
+    every = dict(zip(COMPONENTS, wrench.T, strict=True))
+    every |= {} if torques is None else dict(zip(tree.freedoms, torques.T, strict=True))
+    measured = {name: x for name, x in every.items() if np.isfinite(x).all()}
+    felt = [k for k, freedom in enumerate(tree.freedoms) if freedom in measured]
+    if asked and not felt:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive or ())}.")
-    if not channels.names and leave_out and (recording.wrenches or torques is not None):
+    if not measured and leave_out and (recording.wrenches or torques is not None):
         raise LogError(f"{name} has nothing to fit: all that it measures is left out, {', '.join(leave_out)}.")
-    if not channels.names and constant:
+    if not measured and constant:
         raise LogError(f"Every measured channel of {name} is constant ({', '.join(constant)}); nothing is to fit.")
-    if not channels.names:
+    if not measured:
         raise LogError(
             f"{name} has neither a wrench nor a joint torque to fit. {suggested_mapping(recording.unused, tree.joints)}"
         )
     stuck = repairs.stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
-    rows = channels.wrench
-    sensors = Sensors(rows is not None, bool(channels.torques), motion.base is not None, rows)
-    parameters = structural_base_parameters(mechanism, sensors=sensors)
-    notes += _hidden(mechanism, sensors, parameters, channels.names)
-    notes += [parameters.remark] if parameters.remark else []
     axes = Axes.of(tree, recording.couplings)
-    chosen = drives_of(axes, asked, range(len(tree.freedoms))) if channels.torques else ()
-    drives = usual_drives(mechanism, channels.torques, axes) if drive is None else chosen
-    equations = Equations(
-        *(mechanism, parameters, rows, channels.torques, channels.names, drives),
-        servos=servo_gains(recording, tree, channels.torques),
-        scales=scale_deviations(recording, tree, channels.torques),
-        couplings=recording.couplings,
-    )
-    samples = Samples(motion, channels.measured)
-    fitted = separable(equations, samples) if drives else equations
-    if lost := [name for name in drives if name not in fitted.drives]:
-        notes.append(absorbed_note(mechanism, lost, fitted.mixed))
-    all_notes = (*recording.notes, *notes)
+    chosen = drives_of(axes, asked, range(len(tree.freedoms))) if felt else ()
+    drives = usual_drives(mechanism, felt, axes) if drive is None else chosen
+    samples = Samples(motion, np.column_stack(list(measured.values())))
+    equations, sensors = equations_of(mechanism, recording, frame, samples, tuple(measured), drives)
+    notes += _hidden(equations, sensors)
+    notes += [equations.parameters.remark] if equations.parameters.remark else []
+    if lost := [name for name in drives if name not in equations.drives]:
+        notes.append(absorbed_note(mechanism, lost, equations.mixed))
     return Prepared(
-        mechanism,
-        recording,
-        fitted,
-        samples,
-        sensors,
-        frame,
-        wrench,
-        cutoff,
-        all_notes,
-        stuck,
+        *(mechanism, recording, equations, samples, sensors, frame, wrench, cutoff),
+        notes=(*recording.notes, *notes),
+        stuck=stuck,
         clipped=clipped,
         steps=steps,
-        rests=rests,
         drives=drives,
         searches_stribeck=drive is None,
     )
@@ -238,42 +214,49 @@ def _with_known_bodies(mechanism: Mechanism, recording: Recording) -> Mechanism:
     return replace(mechanism, prior_known={**before, **stated})
 
 
-@dataclass(frozen=True, eq=False)
-class _Channels:
-    """Measured components of a wrench, and measured joint torques.
+def equations_of(
+    mechanism: Mechanism,
+    recording: Recording,
+    frame: np.ndarray,
+    samples: Samples,
+    channels: tuple[str, ...],
+    drives: tuple[str, ...],
+) -> tuple[Equations, Sensors]:
+    """Equations of channels without the drives that the motion does not separate, and the measured quantities.
 
-    Attributes:
-        names: Names of the channels.
-        measured: Measured channels (N, C).
-        wrench: Rows that map Γ in the base frame to the channels of the wrench (k, 6), None without any.
-        torques: Indices of the joint torques among the velocities.
+    Args:
+        mechanism: The mechanism.
+        recording: The recording.
+        frame: Pose of the frame in which components of the wrench are expressed (4, 4).
+        samples: Motion and these channels.
+        channels: Names of components of the wrench, and then of freedoms with a torque.
+        drives: Names of the drives' columns, left out without torques.
     """
+    freedoms = mechanism.tree.freedoms
+    known = [COMPONENTS.index(name) for name in channels if name in COMPONENTS]
+    torques = tuple(freedoms.index(name) for name in channels[len(known) :])
+    rows = coAd(inverse(frame))[known] if known else None
+    servos = [recording.servos.get(freedoms[k]) for k in torques] if recording.servos else []
+    gains = np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T
+    sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows)
+    parameters = structural_base_parameters(mechanism, sensors=sensors)
+    equations = Equations(
+        *(mechanism, parameters, rows, torques, channels, drives if torques else ()),
+        servos=gains if servos else None,
+        scales=tuple(float(recording.scales.get(freedoms[k], 0.0)) for k in torques),
+        couplings=recording.couplings,
+    )
+    return separable(equations, samples) if equations.drives else equations, sensors
 
-    names: tuple[str, ...]
-    measured: np.ndarray
-    wrench: np.ndarray | None
-    torques: tuple[int, ...]
 
-
-def _channels(mechanism: Mechanism, frame: np.ndarray, wrench: np.ndarray, torques: np.ndarray | None) -> _Channels:
-    known = np.flatnonzero(np.isfinite(wrench).all(axis=0))
-    torques = np.full((len(wrench), 0), np.nan) if torques is None else torques
-    felt = np.flatnonzero(np.isfinite(torques).all(axis=0))
-    names = [COMPONENTS[k] for k in known] + [mechanism.tree.freedoms[k] for k in felt]
-    rows = coAd(inverse(frame))[known] if len(known) else None
-    return _Channels(tuple(names), np.hstack([wrench[:, known], torques[:, felt]]), rows, tuple(felt.tolist()))
-
-
-def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, channels: Sequence[str]) -> list[str]:
+def _hidden(equations: Equations, sensors: Sensors) -> list[str]:
     """Note on the base parameters that cannot be identified without the missing components of the wrench."""
-    if not sensors.base_wrench:
-        return []
-    whole = replace(sensors, channels=None)
-    every = structural_base_parameters(mechanism, sensors=whole).rank
-    if every == parameters.rank:
+    whole, rank = replace(sensors, channels=None), equations.parameters.rank
+    every = structural_base_parameters(equations.mechanism, sensors=whole).rank if sensors.base_wrench else rank
+    if every == rank:
         return []
     return [
-        f"{every - parameters.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
+        f"{every - rank} of {every} base parameters cannot be seen in {', '.join(equations.channels)}, whatever the "
         "motion; they take the other components of the wrench."
     ]
 
@@ -306,27 +289,12 @@ def _constant_together(recording: Recording, wrench: np.ndarray) -> dict[str, fl
     return {name: float(x[0]) + 0.0 for name, x in zip(COMPONENTS, wrench.T, strict=True) if np.ptp(x) == 0}
 
 
-class Filtered(NamedTuple):
-    """Motion and channels of a recording for least squares.
-
-    Attributes:
-        motion: Joint states, and the motion of the base.
-        measured: Measured channels, filtered like the states (N, C).
-        raw: Unfiltered channels (N, C).
-    """
-
-    motion: Motion
-    measured: np.ndarray
-    raw: np.ndarray
-
-
-def filtered(prepared: Prepared, cutoff: float | None) -> Filtered:
-    """States and channels of a recording low-passed at a cut-off, Hz; prepared states and raw channels for None."""
+def filtered(prepared: Prepared, cutoff: float | None) -> tuple[Samples, np.ndarray]:
+    """Samples low-passed at a cut-off, Hz, and their unfiltered channels (N, C); with prepared states for None."""
     mechanism, recording = prepared.mechanism, prepared.recording
-    tree, rate = mechanism.tree, recording.rate
     motion = prepared.samples.motion if cutoff is None else recorded_motion(mechanism, recording, cutoff)
-    _, wrench = _wrench(tree, recording, motion, None, [])
-    torques = recording.torques_at(tree, motion)
-    known, felt = np.isfinite(prepared.wrench).all(axis=0), list(prepared.equations.torques)
-    raw = np.hstack([wrench[:, known], np.empty((len(wrench), 0)) if torques is None else torques[:, felt]])
-    return Filtered(motion, raw if cutoff is None else low_pass(raw, rate, cutoff), raw)
+    _, raw = _wrench(mechanism.tree, recording, motion, None, [])
+    raw = raw[:, np.isfinite(prepared.wrench).all(axis=0)]
+    if (torques := recording.torques_at(mechanism.tree, motion)) is not None:
+        raw = np.hstack([raw, torques[:, list(prepared.equations.torques)]])
+    return Samples(motion, raw if cutoff is None else low_pass(raw, recording.rate, cutoff)), raw

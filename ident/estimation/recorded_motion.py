@@ -1,4 +1,4 @@
-"""Motion of a recording: its own derivatives, or low-passed coordinates, at a chosen cut-off."""
+"""Motion from coordinates and their derivatives: a recording's own, or low-passed ones at a chosen cut-off."""
 
 from collections.abc import Callable, Sequence
 from weakref import WeakKeyDictionary
@@ -6,8 +6,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ident.errors import InputError
-from ident.estimation.coordinate_states import base_motion, joint_states
-from ident.geometry.quaternion import continuous_quaternions, without_jumps
+from ident.geometry.quaternion import continuous_quaternions, turning, without_jumps
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
@@ -19,6 +18,23 @@ Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np
 
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
+
+
+def joint_states(tree: Tree, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joint coordinates, velocities and accelerations from coordinates and their derivatives (3, …, n_q)."""
+    velocities, accelerations = [], []
+    for body, *own in zip(tree.bodies, *(tree.body_coordinates(x) for x in states), strict=True):
+        rates = turning(np.array(own)) if body.is_ball else own[1:]
+        velocities.append(rates[0])
+        accelerations.append(rates[1])
+    return states[0], np.concatenate(velocities, axis=-1), np.concatenate(accelerations, axis=-1)
+
+
+def base_motion(states: np.ndarray) -> BaseMotion:
+    """Motion of a base from its position and quaternion and their derivatives (3, …, 7)."""
+    w, dw = turning(states[..., 3:])
+    velocity, acceleration = (np.concatenate([states[d, ..., :3], x], axis=-1) for d, x in ((1, w), (2, dw)))
+    return BaseMotion.from_free_joint(states[0], velocity, acceleration)
 
 
 def base_motion_from_poses(
@@ -34,13 +50,6 @@ def base_motion_from_poses(
     """
     x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
     return base_motion(np.stack(smoother(x, rate, cutoff or chosen_cutoff(x, rate))))
-
-
-def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
-    """True if there are velocities and accelerations, which a recording has for all joints or none."""
-    return any(
-        f"{joint}_velocity" in recording.measured and f"{joint}_acceleration" in recording.measured for joint in joints
-    )
 
 
 _CHOSEN = WeakKeyDictionary[Recording, dict[tuple[str, ...], float]]()
@@ -72,7 +81,9 @@ def motion_cutoff(
     Raises:
         InputError: None can be chosen, or it is out of range.
     """
-    if cutoff is None and _has_rates(recording, joints):
+    # A recording has velocities and accelerations of all joints or of none.
+    rates = any({f"{joint}_velocity", f"{joint}_acceleration"} <= recording.measured.keys() for joint in joints)
+    if cutoff is None and rates:
         return None
     if cutoff is None or cutoff == "auto":
         if not joints:
@@ -101,18 +112,16 @@ def recorded_motion(
     mechanism: Mechanism, recording: Recording, cutoff: float | None, smoother: Smoother = smoothed
 ) -> Motion:
     """Motion of the joints, and of a base on a carrier or tracked, smoothed by a low-pass or another function."""
+
+    def states(tree: Tree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if cutoff is None:
+            return recording.joint_states(tree.joints)
+        return joint_states(tree, np.stack(smoother(coordinates(recording, tree.joints), recording.rate, cutoff)))
+
     base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff, smoother)
     if mechanism.carrier is not None:
-        base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff, smoother))
-    return Motion(*_states(recording, mechanism.tree, cutoff, smoother), base)
-
-
-def _states(
-    recording: Recording, tree: Tree, cutoff: float | None, smoother: Smoother
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if cutoff is None:
-        return recording.joint_states(tree.joints)
-    return joint_states(tree, np.stack(smoother(coordinates(recording, tree.joints), recording.rate, cutoff)))
+        base = mechanism.carrier.motion(*states(mechanism.carrier.tree))
+    return Motion(*states(mechanism.tree), base)
 
 
 def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:

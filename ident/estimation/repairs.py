@@ -1,6 +1,6 @@
 """Repairs of a recording before a fit: clipped samples, outliers and constant channels; and coordinates at rest."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -66,13 +66,15 @@ def _components(recording: Recording, tree: Tree) -> Iterator[tuple[str, tuple[s
             yield f"{body.joint}_torque", body.freedom_names
 
 
+def _columns(recording: Recording, tree: Tree, read: Callable[[str], np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of the components of wrenches and torques by name, from a function that reads a channel."""
+    every = _components(recording, tree)
+    return {name: x for channel, names in every for name, x in zip(names, read(channel).T, strict=True)}
+
+
 def steps(recording: Recording, tree: Tree) -> dict[str, float]:
     """Resolution of recorded channels by name, and of coordinates as `JOINT_position`, where it can be detected."""
-    columns = {
-        name: x
-        for channel, names in _components(recording, tree)
-        for name, x in zip(names, recording.as_measured(channel).columns.T, strict=True)
-    }
+    columns = _columns(recording, tree, lambda channel: recording.as_measured(channel).columns)
     columns |= {name: recording.as_measured(name).columns[:, 0] for name in _positions(tree)}
     return {name: step for name, x in columns.items() if (step := quantum(x))}
 
@@ -131,11 +133,7 @@ def constants(recording: Recording, tree: Tree, part: slice = slice(None)) -> di
 
     The estimated noise of such a channel would be zero, and its weight infinite.
     """
-    columns = {
-        name: x
-        for channel, names in _components(recording, tree)
-        for name, x in zip(names, recording[channel].reshape(len(recording.time), -1)[part].T, strict=True)
-    }
+    columns = _columns(recording, tree, lambda channel: recording[channel].reshape(len(recording.time), -1)[part])
     return {name: float(x[0]) + 0.0 for name, x in columns.items() if _optional(name, tree) and np.ptp(x) == 0}
 
 

@@ -2,14 +2,12 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 
 from ident.errors import InputError
 from ident.mechanism import motion
 from ident.mechanism.motion import Motion, Which
-from ident.mechanism.tree import Tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,35 +85,3 @@ def joined(parts: Sequence[Samples]) -> Samples:
 def arrays_of(samples: Samples) -> dict[str, np.ndarray]:
     """Arrays by their names in messages."""
     return {"q": samples.motion.q, "dq": samples.motion.dq, "ddq": samples.motion.ddq, "measured": samples.measured}
-
-
-def check_samples(samples: Samples, tree: Tree, channels: int = 6, where: str = "The samples") -> None:
-    """Checks that samples fit a mechanism and a number of channels, and are finite.
-
-    Raises:
-        InputError: They do not; the message names the array and the place in it.
-    """
-    widths = {"q": sum(body.coordinates for body in tree.bodies), "measured": channels}
-    widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
-    for name, x in arrays_of(samples).items():
-        if not isinstance(x, np.ndarray) or x.dtype.kind not in "fiu":
-            raise InputError(f"{where}: '{name}' must be an array of real numbers, got {getattr(x, 'dtype', type(x))}.")
-        if x.ndim != 2 or x.shape[1] != widths[name] or len(x) != len(samples) or not len(x):
-            raise InputError(
-                f"{where}: '{name}' needs a row for each of {len(samples)} samples and {widths[name]} columns, got "
-                f"{x.shape}."
-            )
-    # A sum needs no memory; only arrays whose sum is not finite are searched.
-    with np.errstate(invalid="ignore", over="ignore"):
-        suspects = [name for name, x in arrays_of(samples).items() if not isfinite(x.sum(dtype=float))]
-    for name in suspects:
-        finite = np.isfinite(arrays_of(samples)[name].astype(float)).all(axis=1)
-        if not finite.all():
-            raise InputError(
-                f"{where}: '{name}' needs finite numbers; sample {int(np.argmin(finite))} has NaN or infinity."
-            )
-    shapes = ((channels, channels), (len(samples), channels, channels))
-    if samples.covariance is not None and np.shape(samples.covariance) not in shapes:
-        raise InputError(
-            f"{where}: 'covariance' needs the shape {shapes[0]} or {shapes[1]}, got {np.shape(samples.covariance)}."
-        )

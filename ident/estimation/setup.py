@@ -109,7 +109,8 @@ def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dic
     ground = (GROUND,) if wrench and held else ()
     together = ground if held else tuple(contacts) if wrench else ()
     channels = equations.channels[0 if held else len(equations.channels) - len(equations.torques) :]
-    commanded, scales = _commanded(equations), equations.scaled
+    commanded = [name for k, name in enumerate(equations.channels) if k not in equations.sensed]
+    scales = equations.scaled
     hinges = [(body, {"joints": (body.joint,)}) for body in tree.bodies if body.coordinates and body.turns]
     return {
         "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
@@ -124,11 +125,6 @@ def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dic
         "angles": [Subject(body.joint, (None,), place) for body, place in hinges],
         "axes": [Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges],
     }
-
-
-def _commanded(equations: Equations) -> list[str]:
-    """Names of the channels that are commands of servos."""
-    return [equations.channels[k] for k in range(len(equations.channels)) if k not in equations.sensed]
 
 
 def across(direction: np.ndarray) -> list[int]:

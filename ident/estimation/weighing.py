@@ -9,6 +9,7 @@ Cryst. A32, 1976, doi:10.1107/S0567739476001873).
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.errors import ExcitationError
 from ident.geometry.se3 import hat
@@ -23,13 +24,12 @@ with it."""
 
 @dataclass(frozen=True, eq=False)
 class Weighing:
-    """Mass, first moments and offsets, in the sensor's frame.
+    """Mass and first moments in the sensor's frame, and its mounting.
 
     Attributes:
         mass: Mass, kg.
         std: Standard deviation of the mass, kg.
         moment: First moments `m c`, kg m (3,).
-        offsets: Constant offsets of the six channels, N and N m (6,).
         rotation: Rotation of the stated axes that fits the forces best, identity unless clearly better (3, 3).
         opposite: True if the forces have the opposite sign.
     """
@@ -37,14 +37,13 @@ class Weighing:
     mass: float
     std: float
     moment: np.ndarray
-    offsets: np.ndarray
     rotation: np.ndarray
     opposite: bool
 
     @property
     def angle(self) -> float:
         """Angle of the rotation, rad."""
-        return float(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1, 1)))
+        return float(Rotation.from_matrix(self.rotation).magnitude())
 
 
 def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
@@ -73,16 +72,14 @@ def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
     design = np.concatenate([across, np.broadcast_to(np.eye(3), across.shape)], axis=2).reshape(-1, 6)
     first = np.linalg.lstsq(design, moment.ravel(), rcond=1e-9)[0]
     rotation, opposite = _turned(f, g, left)
-    offsets = np.concatenate([(force + mass * gravity).mean(axis=0), first[3:]])
-    return Weighing(mass, std, first[:3], offsets, rotation, opposite)
+    return Weighing(mass, std, first[:3], rotation, opposite)
 
 
 def _turned(f: np.ndarray, g: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, bool]:
     """Rotation, and True for the opposite sign, with which forces fit gravity clearly better; else the identity."""
     best, out = BETTER**2 * (left**2).sum(), (np.eye(3), bool((f * g).sum() > 0))
     for opposite in (False, True):
-        U, _, Vt = np.linalg.svd((f if opposite else -f).T @ g)
-        R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+        R = Rotation.align_vectors(f if opposite else -f, g)[0].as_matrix()
         along = g @ R.T
         mass = (f * along).sum() / (along**2).sum()
         squares = ((f - mass * along) ** 2).sum()

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimation.equations import Equations
+from ident.estimation.loads import stated_drive_channels
 from ident.estimation.samples import Samples
-from ident.estimation.stated_drives import stated_drive_channels
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from ident.estimate import Estimate
-from ident.estimation.excitation import excited
-from ident.estimation.separable import separable
+from ident.estimation.excitation import excited, separable
 from ident.estimators.candidate import Candidate
 from ident.judgement.candidates import MODEL
 from ident.problem import Problem

@@ -9,10 +9,9 @@ import numpy as np
 from ident.errors import ExcitationError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
-from ident.estimation.excitation import excited
+from ident.estimation.excitation import excited, separable
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
-from ident.estimation.separable import separable
 from ident.estimators.candidate import Candidate
 from ident.estimators.predictions import Predictions
 from ident.judgement.candidates import LEAST_SQUARES, MODEL

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ident.estimation.separable import separable
+from ident.estimation.excitation import separable
 from ident.geometry.inertia import body_of_parameter
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding

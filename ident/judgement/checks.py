@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis

@@ -9,13 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
-from ident.estimation.drive_choice import drives_of
+from ident.estimation.channel_scales import least_noise
 from ident.estimation.equations import Equations
-from ident.estimation.least_noise import least_noise
-from ident.estimation.loads import SLIP
+from ident.estimation.loads import SLIP, drives_of, stated_drive_torques
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
-from ident.estimation.stated_drives import stated_drive_torques
 from ident.judgement.torque_loads import Load, best_load
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism

@@ -128,13 +128,32 @@ def drive_columns(
         axes: Axes on which drives act, by default the freedoms alone.
     """
     kinds, axes = drive_kinds(drive), Axes.of(tree) if axes is None else axes
-    dq = axes.moved(motion.dq)
-    sign = np.sign(dq) if slips is None else np.tanh(dq / slips)
-    low = sign / (1 + (dq / (STRIBECK * axes.gears)) ** 2)
-    signal = {"rotor": axes.moved(motion.ddq), "viscous": dq, "coulomb": sign, "stribeck": low}
-    if "spring" in kinds:
-        signal["spring"] = axes.moved(spring_lengths(tree, motion.q, references))
-    return [signal[kind][:, None, :] * axes.matrix.T for kind in kinds]
+    signals = drive_signals(tree, axes, *motion.states, slips, references)
+    return [signals[kind][:, None, :] * axes.matrix.T for kind in kinds]
+
+
+def drive_signals(
+    tree: Tree,
+    axes: Axes,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    slips: np.ndarray | float | None,
+    references: np.ndarray | float,
+) -> dict[str, np.ndarray]:
+    """Torque of each kind of drive for a coefficient of one, at the m axes (…, m), from numbers or signals of a tape.
+
+    Args:
+        tree: The mechanism's tree.
+        axes: Axes on which drives act.
+        q: Joint coordinates (…, n_q).
+        dq: Joint velocities (…, n); `ddq` accelerations.
+        slips: As for `drive_columns`, also `references`.
+    """
+    dq, ddq = axes.moved(dq), axes.moved(ddq)
+    sign, relative = np.sign(dq) if slips is None else np.tanh(dq / slips), dq / (STRIBECK * axes.gears)
+    signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
+    return signals | {"spring": axes.moved(spring_lengths(tree, q, references))}
 
 
 def spring_lengths(tree: Tree, q: np.ndarray, references: np.ndarray | float) -> np.ndarray:

@@ -17,7 +17,7 @@ from ident.errors import InputError
 from ident.estimation.channel_scales import beside_others
 from ident.estimation.equations import Equations
 from ident.estimation.part import Part, length
-from ident.estimation.preparation import Filtered, Prepared, filtered
+from ident.estimation.preparation import Prepared, filtered
 from ident.estimation.recorded_motion import usual_cutoff
 from ident.estimation.samples import Samples
 from ident.recordings.smoothing import HIGHEST, settling
@@ -154,18 +154,17 @@ def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:
 def _halves(part: Part[slice], equations: Equations, cutoff: float | None, thin: int) -> tuple[_Sums, _Sums]:
     """Sums over either half of a part of a recording."""
     log, span = part
-    own, size = filtered(log, cutoff), len(log.samples)
+    (own, raw), size = filtered(log, cutoff), len(log.samples)
     edge = 0 if cutoff is None else min(settling(log.recording.rate, cutoff), size // SETTLES)
     taken = log.taken(slice(max(span.start, edge), min(span.stop, size - edge)))[::thin]
     first, second = np.array_split(taken, 2)
-    return _sums(own, first, equations), _sums(own, second, equations)
+    return _sums(own[first], raw[first], equations), _sums(own[second], raw[second], equations)
 
 
-def _sums(own: Filtered, taken: np.ndarray, equations: Equations) -> _Sums:
-    samples, first = Samples(own.motion[taken], own.measured[taken]), 0
-    counts, raw = _counting(samples, equations), own.raw[taken]
+def _sums(samples: Samples, raw: np.ndarray, equations: Equations) -> _Sums:
+    counts, first = _counting(samples, equations), 0
     grams = np.zeros((len(equations.channels), len(equations.names) + 2, len(equations.names) + 2))
-    for rows in equations.rows(samples) if len(taken) else ():
+    for rows in equations.rows(samples) if len(samples) else ():
         part = slice(first, first + rows.shape[2])
         for channel, gram in enumerate(grams):
             counting = counts[part, channel]

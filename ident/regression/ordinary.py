@@ -15,13 +15,12 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.estimation.accumulator import PROBE, Accumulator, accumulate_checked, square_root, triangle_of
+from ident.estimation.accumulator import PROBE, Accumulator, accumulate, square_root, triangle_of
 from ident.estimation.chunks import inverse_of, remembered_sums
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import check_excitation, noise_rows
-from ident.estimation.in_order import in_order
 from ident.estimation.noise import Sandwich
-from ident.estimation.pieces import Source, pieces
+from ident.estimation.pieces import Source, in_order, pieces
 from ident.estimation.samples import Samples, even
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
@@ -166,13 +165,13 @@ def least_squares(
     first = next(stream)
     noise = None if state_noise is None else noise_rows(equations, first, state_noise)
     if executor is None:
-        accumulated = accumulate_checked(equations, first, factor=factor)
+        accumulated = accumulate(equations, first, factor=factor, checked=True)
         for piece in stream:
-            accumulated = accumulate_checked(equations, piece, start=accumulated)
+            accumulated = accumulate(equations, piece, start=accumulated, checked=True)
     else:
         # Accumulators in common coordinates add without a change of coordinates.
-        factor = accumulate_checked(equations, first[:PROBE]).factor if factor is None else factor
-        work = partial(accumulate_checked, equations, factor=factor)
+        factor = accumulate(equations, first[:PROBE], checked=True).factor if factor is None else factor
+        work = partial(accumulate, equations, factor=factor, checked=True)
         accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
     return solve(accumulated, equations, noise)
 
@@ -272,7 +271,7 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
         InputError: These are not as many samples as the fit was made of, or they are weighted otherwise.
     """
     equations, samples, m = fit.equations, 0, len(fit.names)
-    sandwich = Sandwich(m, len(equations.channels), steady=steady)
+    sandwich = Sandwich(m, len(equations.channels))
     # Parts of one size, long enough to estimate the correlation, whatever the pieces are.
     for part in even(pieces(source, equations), PIECE):
         samples += len(part)
@@ -284,7 +283,7 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
         residual = np.hstack([r[-1] - np.tensordot(fit.values, r[:-1], axes=1) for r in equations.rows(part)])
         taken = m * len(part) / fit.rows
         if steady:
-            sandwich.add_sums(partial(remembered_sums, equations, part), residual, taken)
+            sandwich.add_steady(partial(remembered_sums, equations, part), residual, taken)
         else:
             sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:

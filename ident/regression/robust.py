@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
+from ident.estimation.channel_scales import least_noise
 from ident.estimation.chunks import remembered_sums
 from ident.estimation.equations import Equations
-from ident.estimation.least_noise import least_noise
 from ident.estimation.noise import Sandwich
 from ident.estimation.samples import Samples
 from ident.regression.ordinary import Fit, huber_white, least_squares, solve
@@ -75,8 +75,8 @@ def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) 
     """
     bread = solve(accumulate(fit.equations, samples, factors=held), fit.equations).bread
     channels = len(fit.equations.channels)
-    sandwich = Sandwich(len(fit.values), channels, steady=True)
-    sandwich.add_sums(partial(remembered_sums, fit.equations, samples), pull.T, len(fit.values) / channels)
+    sandwich = Sandwich(len(fit.values), channels)
+    sandwich.add_steady(partial(remembered_sums, fit.equations, samples), pull.T, len(fit.values) / channels)
     return bread @ sandwich.middle @ bread
 
 

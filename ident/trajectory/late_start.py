@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import ExcitationError
-from ident.estimation.channel_scales import beside_others
-from ident.estimation.least_noise import LEAST
+from ident.estimation.channel_scales import LEAST, beside_others
 from ident.estimation.measurement import Measurement
 from ident.trajectory.angles_alone import Trajectory, smoothed
 from ident.trajectory.fit.fitted import TrajectoryFit

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimation.channel_scales import channel_scales
-from ident.estimation.least_noise import least_noise, rounding
+from ident.estimation.channel_scales import channel_scales, least_noise, rounding
 from ident.estimation.measurement import Measurement
 from ident.recordings.resolution import at_rest, white_noise
 from ident.setup import Shift

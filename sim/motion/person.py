@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
-from ident.estimation.coordinate_states import base_motion, joint_states
+from ident.estimation.recorded_motion import base_motion, joint_states
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.motion import Motion

@@ -76,8 +76,7 @@ def test_flat_channels_are_weighted_finitely_where_excitation_is_judged():
 
 
 def test_ratios_of_flat_channels_are_those_of_their_kind():
-    estimate = ident.identify(PENDULUM, faulty(1), estimator="weighted")
-    held = estimate.held_out
+    held = ident.identify(PENDULUM, faulty(1), estimator="weighted").held_out
     measured = held.samples.measured * [0, 1, 1, 1, 1, 1]
     versions = tuple(replace(each, measured=measured) for each in held.versions)
     held = replace(held, versions=versions, residual=np.ones_like(measured))

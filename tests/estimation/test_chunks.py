@@ -67,7 +67,7 @@ def test_gram_matrices_are_those_of_all_rows(seed):
     Z = np.linalg.solve(factor.T, np.moveaxis(rows, 1, 0))
     for on in (False, True):
         with compiled.switched(on):
-            grams = sum(chunk.grams(factor) for chunk in chunks(equations, samples, factors))
+            grams = sum(chunk.grams(factor, None) for chunk in chunks(equations, samples, factors))
         expected = Z @ np.swapaxes(Z, 1, 2)
         np.testing.assert_allclose(grams, expected, rtol=0, atol=1e-11 * abs(expected).max())
 

@@ -6,7 +6,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from ident.estimation.in_order import in_order
+from ident.estimation.pieces import in_order
 
 
 def test_it_is_map_whoever_finishes_first():

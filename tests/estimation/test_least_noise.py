@@ -12,7 +12,7 @@ from slow_pendulum import recorded
 
 import ident
 from experiments.studies.identification import prepare
-from ident.estimation.least_noise import LEAST, least_noise
+from ident.estimation.channel_scales import LEAST, least_noise
 from sim.models.notes import ModelNote
 
 T = np.arange(1000) / 100

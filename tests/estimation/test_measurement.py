@@ -6,9 +6,9 @@ from measurements import at, random_inputs, random_measurement
 from mechanisms import JOINTS, SCREWS, moved_states, random_pose, random_tree, unhat
 from scipy.spatial.transform import Rotation
 
-from ident.estimation.coordinate_states import base_motion, joint_states
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP
+from ident.estimation.recorded_motion import base_motion, joint_states
 from ident.estimation.setup import setup_parameters
 from ident.geometry.se3 import Ad, coAd, inverse, pose
 from ident.mechanism.body import BASE

@@ -9,9 +9,8 @@ from random_models import ARM, random_model, random_model_states
 
 import ident
 import sim
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import predicted_channels, stated_drive_torques
 from ident.estimation.preparation import prepared
-from ident.estimation.stated_drives import stated_drive_torques
 from ident.judgement.torque_checks import torque_checks
 from ident.mechanism.drives import Drive
 from ident.mechanism.motion import Motion

@@ -7,7 +7,7 @@ import pytest
 from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_twist
 
 from ident.errors import ModelError
-from ident.estimation.coordinate_states import joint_states
+from ident.estimation.recorded_motion import joint_states
 from ident.mechanism.body import Body
 from ident.mechanism.follower import Follower
 from ident.mechanism.mechanism import Mechanism

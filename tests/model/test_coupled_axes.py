@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from measurements import random_inputs, random_measurement
 
-from ident.estimation.drive_choice import drives_of, usual_drives
-from ident.estimation.loads import SLIP
+from ident.estimation.loads import SLIP, drives_of, usual_drives
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.model.axes import Axes

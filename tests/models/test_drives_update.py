@@ -11,7 +11,7 @@ import pytest
 import ident
 import sim
 from ident.errors import ModelError
-from ident.estimation.model_channels import predicted_channels
+from ident.estimation.loads import predicted_channels
 from ident.mechanism.drives import Drive
 from sim.models.model_update import write_model
 

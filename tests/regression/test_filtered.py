@@ -30,7 +30,7 @@ def ready(seed=0, noise=1.0):
 
 def predicted(log, part, fit, k=0):
     """Channels that least squares predict from states filtered at their own cut-off."""
-    motion = filtered(log, fit.cutoffs[k]).motion[log.taken(part)]
+    motion = filtered(log, fit.cutoffs[k])[0].motion[log.taken(part)]
     zero = Samples(motion, np.zeros((len(motion), len(log.equations.channels))))
     return -Candidate(log.equations, fit.values[[k]]).residuals(zero)[0]
 

@@ -12,10 +12,13 @@ rng = np.random.default_rng(0)
 MEASURED, RESIDUAL = rng.normal(size=(100, 3)) + 5, 0.1 * rng.normal(size=(100, 3))
 
 
+FIT = SimpleNamespace(equations=SimpleNamespace(channels=("hip", "knee", "foot")))
+
+
 def held(resting, versions=(MEASURED,), chosen=None, residual=RESIDUAL, **more):
     samples = tuple(sampled(*(np.full((100, 2), k) for k in range(3)), x) for x in versions)
     chosen = np.zeros(residual.shape, int) if chosen is None else chosen
-    return HeldOut(np.arange(100.0), (0,), samples, chosen, SimpleNamespace(), residual, resting, **more)
+    return HeldOut(np.arange(100.0), (0,), samples, chosen, FIT, residual, resting, **more)
 
 
 def rests(*spans):

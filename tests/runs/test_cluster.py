@@ -23,7 +23,7 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 import scenes
 from experiments import multicontact, stream, sweep
 from experiments.runs.workers import worker_pool
-from ident.estimation.in_order import in_order
+from ident.estimation.pieces import in_order
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 

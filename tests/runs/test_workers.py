@@ -11,7 +11,7 @@ from tasks import blocked_signals, die, dies_in_the_middle_of_its_result, never_
 
 from experiments import multicontact, runs
 from experiments.runs.workers import worker_pool
-from ident.estimation.in_order import in_order
+from ident.estimation.pieces import in_order
 
 LARGE = bytes(2_000_000)
 """More bytes than a pipe holds."""

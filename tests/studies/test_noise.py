@@ -20,7 +20,7 @@ from experiments.noise.recordings import noisy_recording
 from experiments.studies import competitors
 from experiments.studies.noise_processes import autoregressive
 from ident.errors import InputError
-from ident.estimation.in_order import in_order
+from ident.estimation.pieces import in_order
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 

@@ -14,8 +14,8 @@ from experiments.studies.one_pass import separated, with_offsets
 from experiments.studies.stream_progress import FILE
 from ident.estimation.accumulator import accumulate
 from ident.estimation.equations import Equations
+from ident.estimation.excitation import independent
 from ident.estimation.samples import Samples
-from ident.estimation.separable import independent
 from ident.mechanism.motion import Motion
 from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
