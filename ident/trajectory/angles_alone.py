@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from ident.recordings.despike import GROSS
 from ident.recordings.gaps import longest_step
 from ident.recordings.sampled import Sampled
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Local, Spline
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 
 PASSES = 4
 """Largest number of smoothing passes: small outliers show once large ones are removed."""
@@ -76,11 +76,10 @@ def smoothed(coordinates: Sampled, T: float) -> Trajectory:
     for part in _stretches(coordinates):
         time, columns = coordinates.time[part], coordinates.values[part].T
         spline = Spline.over(time[0], time[-1], T)
-        local, stiffness = spline.local(time), T**6 / (time[-1] - time[0]) * spline.penalty[None]
-        penalty = _banded(np.arange(spline.intervals), stiffness, spline.size)
-        products = _products(local, slice(None), spline.size)
+        basis, penalty = spline.design(time), T**6 / (time[-1] - time[0]) * (spline.roots.T @ spline.roots)
+        how = basis, basis.T @ basis, penalty
         splines.append(spline)
-        coefficients.append(np.stack([_without_outliers(local, x, products, penalty) for x in columns], axis=1))
+        coefficients.append(np.stack([_without_outliers(x, *how) for x in columns], axis=1))
     return Trajectory(splines, coefficients)
 
 
@@ -98,21 +97,25 @@ def _stretches(coordinates: Sampled) -> list[slice]:
     return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
 
 
-def _without_outliers(local: Local, x: np.ndarray, products: np.ndarray, penalty: np.ndarray) -> np.ndarray:
+def _without_outliers(
+    x: np.ndarray, basis: sparse.csr_matrix, products: sparse.csr_matrix, penalty: sparse.csr_matrix
+) -> np.ndarray:
     """Coefficients of one coordinate (size,), fitted without gross outliers among its samples (N,).
 
     Args:
-        local: Spline functions at the samples.
         x: The samples, NaN where one is missing (N,).
-        products: Sum of the functions' products over all samples, as a lower band (6, size).
-        penalty: Penalty of one sample, likewise.
+        basis: Spline functions at the samples (N, size).
+        products: Sum of their products (size, size).
+        penalty: Penalty of one sample (size, size).
     """
     there = np.isfinite(x)
     penalty = max(np.count_nonzero(there) - 1, 1) * penalty
     for _ in range(PASSES):
-        c = _solved(local, x, there, products, penalty)
-        residual = (x - sum(local.basis[0, :, a] * c[local.interval + a] for a in range(LOCAL)))[there]
-        outliers = _outliers(residual)
+        own = basis if there.all() else basis[there]
+        normal = (products if there.all() else own.T @ own) + penalty
+        band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(LOCAL)])
+        c = np.asarray(linalg.solveh_banded(band, own.T @ x[there], lower=True))
+        outliers = _outliers(x[there] - own @ c)
         if not outliers.any():
             break
         there[np.flatnonzero(there)[outliers]] = False
@@ -130,29 +133,4 @@ def _outliers(residual: np.ndarray) -> np.ndarray:
         beside = np.pad(size, 1)
         most = np.maximum(beside[:-2], beside[2:])
         out[1:-1] = (size > GROSS * np.quantile(size, MOST) / NORMAL_QUANTILE) & (size >= most)
-    return out
-
-
-def _solved(local: Local, x: np.ndarray, there: np.ndarray, products: np.ndarray, penalty: np.ndarray) -> np.ndarray:
-    """Coefficients that minimise the squared residuals of the samples present plus the penalty (size,)."""
-    size, present = penalty.shape[1], np.where(there, x, 0)
-    # The sum over few of many samples would be lost in the rounding of a difference.
-    most = 2 * np.count_nonzero(there) > len(x)
-    own = products - _products(local, ~there, size) if most else _products(local, there, size)
-    right = sum(np.bincount(local.interval + a, local.basis[0, :, a] * present, size) for a in range(LOCAL))
-    return np.asarray(linalg.solveh_banded(own + penalty, right, lower=True))
-
-
-def _products(local: Local, some: np.ndarray | slice, size: int) -> np.ndarray:
-    """Sum over some samples of the products of spline functions there, as a lower band (6, size)."""
-    basis = local.basis[0, some]
-    return _banded(local.interval[some], basis[:, :, None] * basis[:, None, :], size)
-
-
-def _banded(first: np.ndarray, blocks: np.ndarray, size: int) -> np.ndarray:
-    """Sum of blocks (N, 6, 6), or of a repeated one, at rows from `first` (N,), as a lower band (6, size)."""
-    blocks, out = np.broadcast_to(blocks, (len(first), LOCAL, LOCAL)), np.zeros((LOCAL, size))
-    for a in range(LOCAL):
-        for b in range(a, LOCAL):
-            out[b - a] += np.bincount(first + a, blocks[:, a, b], size)
     return out

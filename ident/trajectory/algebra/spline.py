@@ -92,6 +92,12 @@ class Spline:
             polynomials = polynomials[:, 1:] * np.arange(1, orders)
         return Local(interval, np.array(basis))
 
+    def design(self, time: np.ndarray) -> sparse.csr_matrix:
+        """Values of all functions at times, s (N, size)."""
+        local = self.local(time)
+        at = (local.interval[:, None] + np.arange(LOCAL)).ravel()
+        return sparse.csr_matrix((local.basis[0].ravel(), at, LOCAL * np.arange(len(time) + 1)), (len(time), self.size))
+
     def within(self, first: float, last: float) -> slice:
         """Indices of the functions whose middle lies between two times."""
         before = LOCAL / 2 - DEGREE
@@ -129,7 +135,7 @@ class Spline:
         return self.penalty_root.T @ self.penalty_root
 
     @cached_property
-    def _roots(self) -> sparse.csr_matrix:
+    def roots(self) -> sparse.csr_matrix:
         """R of all intervals, `∫ x⃛² dt = |R c|²` (3 intervals, size)."""
         rows, columns = (x.ravel() for x in np.indices((len(self.penalty_root), LOCAL)))
         first = np.arange(self.intervals)[:, None]
@@ -140,7 +146,7 @@ class Spline:
     def bent(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
         """`√λ R c` of coefficients c (size n, k) with λ (n,), whose squares add up to `Σ_j λ_j ∫ x⃛_j² dt` (m n, k)."""
         scaled = coefficients.reshape(self.size, len(jerk), -1) * np.sqrt(jerk)[:, None]
-        return np.asarray(self._roots @ scaled.reshape(self.size, -1)).reshape(-1, coefficients.shape[-1])
+        return np.asarray(self.roots @ scaled.reshape(self.size, -1)).reshape(-1, coefficients.shape[-1])
 
     def penalised(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
         """`λ P c`, half the gradient of that sum, of coefficients c (size n, k)."""
@@ -148,13 +154,13 @@ class Spline:
 
     def _unbent(self, bent: np.ndarray, jerk: np.ndarray) -> np.ndarray:
         """`√λ Rᵀ u` of vectors u like `bent` (size n, k)."""
-        out = np.asarray(self._roots.T @ bent.reshape(self._roots.shape[0], -1)).reshape(self.size, len(jerk), -1)
+        out = np.asarray(self.roots.T @ bent.reshape(self.roots.shape[0], -1)).reshape(self.size, len(jerk), -1)
         return (out * np.sqrt(jerk)[:, None]).reshape(-1, bent.shape[-1])
 
     def squared_jerk(self, coefficients: np.ndarray) -> np.ndarray:
         """`∫ x⃛² dt` (n,) of splines with coefficients (size, n)."""
-        return np.asarray(((self._roots @ coefficients) ** 2).sum(axis=0))
+        return np.asarray(((self.roots @ coefficients) ** 2).sum(axis=0))
 
     def penalty_scores(self, rng: np.random.Generator, jerk: np.ndarray, draws: int) -> np.ndarray:
         """Random gradients of the penalties at motions of the prior, of covariance `λ_j P` (size n, draws)."""
-        return self._unbent(rng.normal(size=(self._roots.shape[0] * len(jerk), draws)), jerk)
+        return self._unbent(rng.normal(size=(self.roots.shape[0] * len(jerk), draws)), jerk)
