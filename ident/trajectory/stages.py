@@ -146,7 +146,8 @@ class Stages:
 
     def _begun(self, steps: Sequence[float], share: int) -> TrajectoryEstimate:
         pieces, selected, counts = self._cut(steps, share)
-        alone = smoothed(pieces, executor=self.executor)
+        # A moving base is followed by cameras, whose errors last; encoders have none that do.
+        alone = smoothed(pieces, coloured=self.measurement.of_base > 0, executor=self.executor)
         theta = self.prior.mean[: len(self.measurement.names)]
         reversals = None
         if rubbing(self.measurement.equations):

@@ -21,8 +21,11 @@ REWEIGHTED = 4
 TOGETHER = 8
 """Number of coordinates smoothed at once, between many calls and many zero blocks: they do not interact."""
 
-FIRST_FITS, FITS = 3, 40
-"""Rounds of smoothing: before the noise is estimated, and with it."""
+FITS = 40
+"""Rounds of smoothing."""
+
+WHITE: Sequence[tuple[int, tuple[str, ...], bool]] = (3, ("states", "jerk"), False), (FITS, (), False)
+"""Fits by which coordinates are smoothed: rounds, what is kept of the noise, and whether it may be correlated."""
 
 SMOOTH = 2 * np.pi
 """Angular frequency ω of a motion as smooth as the first guess of λ, rad/s: its jerk is ω³ times its size."""
@@ -117,20 +120,26 @@ OF_STATES = "states", "states_rho", "floor_states", "jerk"
 
 
 def smoothed(
-    pieces: Sequence[Piece], noises: Sequence[Noise] | None = None, *, executor: Executor | None = None
+    pieces: Sequence[Piece],
+    noises: Sequence[Noise] | None = None,
+    *,
+    coloured: bool = False,
+    executor: Executor | None = None,
 ) -> Start:
     """Every coordinate smoothed alone, with smoothness, and noise unless given, by restricted likelihood.
 
     Args:
         pieces: Measured samples.
         noises: The noise of every recording, if known.
+        coloured: True if it may be correlated over time.
         executor: Executor for the pieces; by default they are computed here.
     """
     none = np.zeros(0)
     own = _first_noises(pieces) if noises is None else noises
     own = [replace(noise, channels=none, channels_rho=none, floor_channels=none, alike=()) for noise in own]
     groups = [slice(first, first + TOGETHER) for first in range(0, len(own[0].jerk), TOGETHER)]
-    starts = [_smoothed(pieces, own, some, executor, known=noises is not None) for some in groups]
+    rounds = [(FITS, ("states",), False)] if noises is not None else [*WHITE, *[(FITS, (), True)] * coloured]
+    starts = [_smoothed(pieces, own, some, executor, rounds) for some in groups]
     joined = list[Noise]()
     for noise, *groups_of in zip(own, *(each.noises for each in starts), strict=True):
         parts: dict[str, Any] = {k: np.concatenate([getattr(x, k) for x in groups_of], axis=-1) for k in OF_STATES}
@@ -140,22 +149,25 @@ def smoothed(
 
 
 def _smoothed(
-    pieces: Sequence[Piece], noises: Sequence[Noise], some: slice, executor: Executor | None, *, known: bool
+    pieces: Sequence[Piece],
+    noises: Sequence[Noise],
+    some: slice,
+    executor: Executor | None,
+    fits: Sequence[tuple[int, tuple[str, ...], bool]],
 ) -> Start:
-    """Some of the coordinates, each smoothed alone, with estimated or known noise."""
+    """Some of the coordinates, each smoothed alone, by fits as `WHITE`."""
     none = np.zeros(0)
     bare = [_bare(piece, some) for piece in pieces]
     own = [replace(noise, **{k: getattr(noise, k)[..., some] for k in OF_STATES}) for noise in noises]
     begin = Start(none, own, [_interpolated(piece) for piece in bare])
-    at_first = [] if known else [(FIRST_FITS, ("states", "jerk"))]
-    for rounds, kept in [*at_first, (FITS, ("states",) if known else ())]:
+    for rounds, kept, coloured in fits:
         fit = iteration.fit(
             _Coordinates(),
             bare,
             begin,
             prior=Prior(none, np.zeros((0, 0))),
             free=np.zeros(0, bool),
-            coloured=False,
+            coloured=coloured,
             kept=kept,
             executor=executor,
             rounds=rounds,
