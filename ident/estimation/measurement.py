@@ -91,12 +91,13 @@ class Measurement:
     @cached_property
     def zeros(self) -> dict[int, int]:
         """Indices in θ of the coordinates' zeros, by coordinate."""
-        at, out = self.of_base, {}
-        for body in self.tree.bodies:
-            if body.joint and (own := self.of_kind("zero", body.joint)):
-                out[at] = own[None]
-            at += body.coordinates
-        return out
+        kinds = [self.of_kind("zero", body.joint) if body.joint else {} for body in self.tree.bodies]
+        return {int(at[0]): own[None] for at, own in zip(self._places, kinds, strict=True) if own}
+
+    @cached_property
+    def _places(self) -> list[np.ndarray]:
+        """Indices of the coordinates of each body's joint."""
+        return self.tree.body_coordinates(np.arange(self.of_base, self.coordinates))
 
     @cached_property
     def setup_at(self) -> dict[int, SetupParameter]:
@@ -118,13 +119,12 @@ class Measurement:
     @cached_property
     def turning(self) -> np.ndarray:
         """Masks of the coordinates that turn each body, those of the base among them (b, n)."""
-        out, at = np.zeros((len(self.tree.bodies), self.coordinates), bool), self.of_base
-        out[:, :at] = True
-        for i, body in enumerate(self.tree.bodies):
+        out = np.zeros((len(self.tree.bodies), self.coordinates), bool)
+        out[:, : self.of_base] = True
+        for i, (body, own) in enumerate(zip(self.tree.bodies, self._places, strict=True)):
             if body.parent >= 0:
                 out[i] = out[body.parent]
-            out[i, at : at + body.coordinates] = body.is_ball or body.turns
-            at += body.coordinates
+            out[i, own] = body.is_ball or body.turns
         return out
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
@@ -218,11 +218,9 @@ class Measurement:
         """
         tape, wanted, channels = self._recorded()
         gradients = [gradient(channel, wanted) for channel in channels]
-        nonzero = [[isinstance(d, Signal) or d != 0 for d in row] for row in gradients]
-        kept = [
-            d for row, some in zip(gradients, nonzero, strict=True) for d, there in zip(row, some, strict=True) if there
-        ]
-        return Program.of(tape, channels + kept), np.array(nonzero, bool).reshape(len(channels), len(wanted))
+        nonzero = np.array([[isinstance(d, Signal) or d != 0 for d in row] for row in gradients], bool)
+        kept = [gradients[c][k] for c, k in np.argwhere(nonzero)]
+        return Program.of(tape, channels + kept), nonzero.reshape(len(channels), len(wanted))
 
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
         """Tape of the channels, its inputs that are states and θ, and the channels."""
@@ -349,11 +347,7 @@ class Measurement:
 
     def _in_sensor(self, total: np.ndarray, base: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Measured components of a total wrench: in the ground sensor's frame, else in the world's or base's axes."""
-        if not self.components:
-            return np.zeros(0)
-        if self.in_world_axes:
-            return np.concatenate([base[:3, :3] @ total[:3], base[:3, :3] @ total[3:]])
-        if self.frame is None:
-            return total[list(self.components)]
-        to_sensor = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
-        return (to_sensor @ total)[list(self.components)]
+        change = coAd(pose(base[:3, :3], np.zeros(3))) if self.in_world_axes else np.eye(6)
+        if self.frame is not None:
+            change = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
+        return (change @ total)[list(self.components)]

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
-from ident.estimation.part import Part
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import Part, prepared
 from ident.parameters.prior import known_covariance
 from ident.trajectory import estimate as estimate_module
 from ident.trajectory.estimate import trajectory_estimate
