@@ -238,7 +238,7 @@ class Measurement:
         motions, gains = closed_form.body_motions(tree, root, *motion.states), self.gains(theta)
         drives = np.zeros(len(tree.freedoms))
         if equations.torques:
-            drives = np.array(loads.drive_torques(equations, *motion.states, theta, slips))
+            drives = loads.drive_torques(equations, motion.states, theta, slips)
 
         def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
             """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
@@ -251,7 +251,11 @@ class Measurement:
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):
             out[k] = out[k] + offset
-        out = self._with_servos(out, motion.q, motion.dq, theta)
+        if equations.servos is not None:
+            # Commands u take the place of torques: kp u = τ + kp q + kv q̇.
+            lengths, first = self.encoders(motion.q, theta), len(self.components)
+            for at, (k, kp, kv) in enumerate(zip(equations.torques, *equations.servos, strict=True), first):
+                out[at] = out[at] + kp * lengths[k] + kv * motion.dq[k]
         if not self.contacts:
             return out
         touch = self._less_contacts(motions, base, wrenches[0], theta)
@@ -264,17 +268,6 @@ class Measurement:
         zeros = [self.of_kind("zero", freedom).get(None) for freedom in self.tree.freedoms]
         off = np.array([0.0 if at is None else theta[at] for at in zeros])
         return self.tree.freedom_coordinates(q) + off
-
-    def _with_servos(self, channels: list[Value], q: np.ndarray, dq: np.ndarray, theta: np.ndarray) -> list[Value]:
-        """Channels of commanded joints in terms of their commands, `kp u = τ + kp q + kv q̇`."""
-        servos, torques = self.equations.servos, self.equations.torques
-        if servos is None:
-            return channels
-        lengths, out = self.encoders(q, theta), list(channels)
-        for at, (k, kp, kv) in enumerate(zip(torques, *servos, strict=True), len(channels) - len(torques)):
-            if kp:
-                out[at] = out[at] + kp * lengths[k] + kv * dq[k]
-        return out
 
     def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
         """Set-up parameters of a kind as a vector, zeros where there are none (3,)."""
