@@ -92,9 +92,8 @@ class Prepared:
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
-        return np.all(
-            [(time < each.start) | (time > each.end) for each in self.left_out] or [np.isfinite(time)], axis=0
-        )
+        outside = [(time < each.start) | (time > each.end) for each in self.left_out]
+        return np.all([np.isfinite(time), *outside], axis=0)
 
     def taken(self, part: slice | np.ndarray) -> np.ndarray:
         """Indices of the samples of a part that are neither left out, nor clipped in any channel, nor in a gap.
@@ -115,9 +114,8 @@ class Prepared:
         """Mask of the samples that lie neither in a gap of a used channel nor within the filter's reach of one (N,)."""
         names = [f"{joint}_{kind}" for joint in self.mechanism.joints for kind in ("position", "torque")]
         names += [f"{name}_{kind}" for name in self.recording.wrenches for kind in ("force", "torque")]
-        inside = covered(self.recording, (*names, BASE))
-        out = inside.copy()
-        for first, end in runs(~inside):
+        out = covered(self.recording, (*names, BASE))
+        for first, end in runs(~out):
             out[max(0, first - self.edge) : end + self.edge] = False
         return out
 
