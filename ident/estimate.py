@@ -17,8 +17,7 @@ from ident.display.parameters import Groups, Parameter, intervals, parameters_of
 from ident.display.text import estimate_summary, headline, ratios
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
-from ident.estimation.part import Part
-from ident.estimation.preparation import Prepared
+from ident.estimation.preparation import Part, Prepared
 from ident.estimation.samples import Samples, joined
 from ident.files.objects import load_object, save_object
 from ident.judgement.candidates import ESTIMATE

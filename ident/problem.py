@@ -10,8 +10,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation import repairs
 from ident.estimation.equations import Equations
-from ident.estimation.part import Part, flat_channels, without_channels
-from ident.estimation.preparation import Prepared
+from ident.estimation.preparation import Part, Prepared, flat_channels, without_channels
 from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
 from ident.recordings.gaps import stretches

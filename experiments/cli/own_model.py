@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from ident.estimation.part import Part
+    from ident.estimation.preparation import Part
     from ident.mechanism.mechanism import Mechanism
 
 

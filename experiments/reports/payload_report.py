@@ -14,7 +14,7 @@ from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
-from ident.estimation.part import length
+from ident.estimation.preparation import length
 from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import QUANTITIES, Payload, RigidBody, SensorParameter

@@ -11,11 +11,13 @@ from ident.estimation.loads import usual_drives
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.model.regressor import drive_columns, drive_names, joint_torque_regressor
+from ident.model import regressor
+from ident.model.axes import Axes
+from ident.model.regressor import drive_names, joint_torque_regressor
 from ident.model.stated import column_place, stated_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.prior import DRIVE_KNOWN
-from ident.tolerances import DRIVE, STRIBECK
+from ident.tolerances import STRIBECK
 
 SLIP = 0.03
 """Velocity over which Coulomb friction changes its sign in a design, rad/s or m/s: a motion slower than that says
@@ -46,11 +48,12 @@ def determined(mechanism: Mechanism, parameters: BaseParameters, drive: Sequence
 
 def drive_signals(mechanism: Mechanism, drives: Sequence[str], motion: Motion) -> np.ndarray:
     """Columns of drives (N, n, d)."""
-    tree, kinds = mechanism.tree, tuple(DRIVE)
-    slips, out = np.full(len(tree.freedoms), SLIP), np.zeros((*motion.dq.shape, len(drives)))
-    columns = dict(zip(kinds, drive_columns(tree, motion, kinds, slips, mechanism.springrefs), strict=True))
+    signals = regressor.drive_signals(
+        mechanism.tree, Axes.of(mechanism.tree), motion.states, SLIP, mechanism.springrefs
+    )
+    out = np.zeros((*motion.dq.shape, len(drives)))
     for column, (kind, k) in enumerate(_places(mechanism, drives)):
-        out[:, k, column] = columns[kind][:, k, k]
+        out[:, k, column] = signals[kind][:, k]
     return out
 
 

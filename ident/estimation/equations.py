@@ -12,12 +12,11 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.plane import out_of_plane
 from ident.model.axes import Axes, Couplings
 from ident.model.compiled import zeros
-from ident.model.regressor import chunk, drive_columns, drive_names, program_inputs, regressor_program
-from ident.model.stated import stated_values
+from ident.model.regressor import chunk, drive_signals, program_inputs, regressor_program
+from ident.model.stated import column_place, stated_values
 from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
-from ident.tolerances import DRIVE
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of a wrench's components."""
@@ -39,7 +38,7 @@ class Equations:
             for its six components.
         torques: Indices, among the velocities, of the joint torques that are channels, after those of the wrench.
         channels: Names of the C channels.
-        drives: Names of the columns of rotor inertia and friction, out of `drive_names`.
+        drives: Names of the columns of rotor inertia and friction, such as `Fv(elbow)`.
         offsets: Indices of the channels that have a constant offset.
         slips: Velocities over which Coulomb friction changes sign, rad/s or m/s, as `Fc tanh(q̇ / slip)`, of the m
             axes (m,); None for a jump.
@@ -274,9 +273,8 @@ class Equations:
 
     def _drives(self, samples: Samples) -> np.ndarray:
         """Columns of rotor inertia and friction (d, torques, chunk)."""
-        tree, kinds, axes = self.mechanism.tree, tuple(DRIVE), self.axes
-        at_rest = self.mechanism.springrefs
-        columns = np.concatenate(drive_columns(tree, samples.motion, kinds, self.slips, at_rest, axes), axis=2)
-        every = drive_names(tree, kinds, axes)
-        chosen = columns[:, list(self.torques)][..., [every.index(name) for name in self.drives]]
-        return chosen.transpose(2, 1, 0)
+        tree, axes, torques = self.mechanism.tree, self.axes, list(self.torques)
+        signals = drive_signals(tree, axes, samples.motion.states, self.slips, self.mechanism.springrefs)
+        places = [(kind, axes.names.index(axis)) for kind, axis in map(column_place, self.drives)]
+        columns = [np.outer(axes.matrix[a, torques], signals[kind][:, a]) for kind, a in places]
+        return np.reshape(columns, (len(places), len(torques), len(samples)))

@@ -64,27 +64,20 @@ def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches
 
 
 def drive_torques(
-    equations: Equations, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray, slips: np.ndarray
-) -> list[Value]:
-    """Torques of rotor inertia, friction and springs of the n freedoms, zero without a column for them.
+    equations: Equations, states: tuple[np.ndarray, np.ndarray, np.ndarray], theta: np.ndarray, slips: np.ndarray
+) -> np.ndarray:
+    """Torques of rotor inertia, friction and springs of the n freedoms, zero without a column for them (n,).
 
     Args:
         equations: Equations with the drives' columns.
-        q: Joint coordinates (n_q,).
-        dq: Joint velocities (n,); `ddq` accelerations.
+        states: Joint coordinates (n_q,), velocities and accelerations (n,).
         theta: Parameters, those of the drives after ψ.
         slips: Velocities of the m axes over which Coulomb friction changes sign (m,).
     """
-    tree, axes = equations.mechanism.tree, equations.axes
-    signals = drive_signals(tree, axes, q, dq, ddq, slips, equations.mechanism.springrefs)
-    at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
-    torques: list[Value] = [0.0] * len(tree.freedoms)
-    for kind, signal in signals.items():
-        for a, (name, own) in enumerate(zip(axes.names, signal, strict=True)):
-            if (column := f"{DRIVE[kind]}({name})") in at:
-                for k, torque in axes.shared(a, at[column] * own).items():
-                    torques[k] = torques[k] + torque
-    return torques
+    axes, at = equations.axes, dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
+    signals = drive_signals(equations.mechanism.tree, axes, states, slips, equations.mechanism.springrefs)
+    each = [[at.get(f"{DRIVE[kind]}({name})", 0.0) for name in axes.names] * own for kind, own in signals.items()]
+    return np.asarray(axes.matrix.T @ np.sum(each, axis=0))
 
 
 def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
@@ -98,7 +91,7 @@ def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
     """
     tree = mechanism.tree
     drives = [mechanism.drives.get(freedom, NO_DRIVE) for freedom in tree.freedoms]
-    signals = drive_signals(tree, Axes.of(tree), *motion.states, SLIP, mechanism.springrefs)
+    signals = drive_signals(tree, Axes.of(tree), motion.states, SLIP, mechanism.springrefs)
     values, at = {kind: np.array([each.value(kind) for each in drives], float) for kind in signals}, 0
     for body, own in zip(tree.bodies, tree.body_coordinates(motion.q), strict=True):
         part = slice(at, at := at + body.freedoms)

@@ -91,12 +91,13 @@ class Measurement:
     @cached_property
     def zeros(self) -> dict[int, int]:
         """Indices in θ of the coordinates' zeros, by coordinate."""
-        at, out = self.of_base, {}
-        for body in self.tree.bodies:
-            if body.joint and (own := self.of_kind("zero", body.joint)):
-                out[at] = own[None]
-            at += body.coordinates
-        return out
+        kinds = [self.of_kind("zero", body.joint) if body.joint else {} for body in self.tree.bodies]
+        return {int(at[0]): own[None] for at, own in zip(self._places, kinds, strict=True) if own}
+
+    @cached_property
+    def _places(self) -> list[np.ndarray]:
+        """Indices of the coordinates of each body's joint."""
+        return self.tree.body_coordinates(np.arange(self.of_base, self.coordinates))
 
     @cached_property
     def setup_at(self) -> dict[int, SetupParameter]:
@@ -118,13 +119,12 @@ class Measurement:
     @cached_property
     def turning(self) -> np.ndarray:
         """Masks of the coordinates that turn each body, those of the base among them (b, n)."""
-        out, at = np.zeros((len(self.tree.bodies), self.coordinates), bool), self.of_base
-        out[:, :at] = True
-        for i, body in enumerate(self.tree.bodies):
+        out = np.zeros((len(self.tree.bodies), self.coordinates), bool)
+        out[:, : self.of_base] = True
+        for i, (body, own) in enumerate(zip(self.tree.bodies, self._places, strict=True)):
             if body.parent >= 0:
                 out[i] = out[body.parent]
-            out[i, at : at + body.coordinates] = body.is_ball or body.turns
-            at += body.coordinates
+            out[i, own] = body.is_ball or body.turns
         return out
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
@@ -218,11 +218,9 @@ class Measurement:
         """
         tape, wanted, channels = self._recorded()
         gradients = [gradient(channel, wanted) for channel in channels]
-        nonzero = [[isinstance(d, Signal) or d != 0 for d in row] for row in gradients]
-        kept = [
-            d for row, some in zip(gradients, nonzero, strict=True) for d, there in zip(row, some, strict=True) if there
-        ]
-        return Program.of(tape, channels + kept), np.array(nonzero, bool).reshape(len(channels), len(wanted))
+        nonzero = np.array([[isinstance(d, Signal) or d != 0 for d in row] for row in gradients], bool)
+        kept = [gradients[c][k] for c, k in np.argwhere(nonzero)]
+        return Program.of(tape, channels + kept), nonzero.reshape(len(channels), len(wanted))
 
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
         """Tape of the channels, its inputs that are states and θ, and the channels."""
@@ -240,7 +238,7 @@ class Measurement:
         motions, gains = closed_form.body_motions(tree, root, *motion.states), self.gains(theta)
         drives = np.zeros(len(tree.freedoms))
         if equations.torques:
-            drives = np.array(loads.drive_torques(equations, *motion.states, theta, slips))
+            drives = loads.drive_torques(equations, motion.states, theta, slips)
 
         def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
             """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
@@ -253,7 +251,11 @@ class Measurement:
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):
             out[k] = out[k] + offset
-        out = self._with_servos(out, motion.q, motion.dq, theta)
+        if equations.servos is not None:
+            # Commands u take the place of torques: kp u = τ + kp q + kv q̇.
+            lengths, first = self.encoders(motion.q, theta), len(self.components)
+            for at, (k, kp, kv) in enumerate(zip(equations.torques, *equations.servos, strict=True), first):
+                out[at] = out[at] + kp * lengths[k] + kv * motion.dq[k]
         if not self.contacts:
             return out
         touch = self._less_contacts(motions, base, wrenches[0], theta)
@@ -266,17 +268,6 @@ class Measurement:
         zeros = [self.of_kind("zero", freedom).get(None) for freedom in self.tree.freedoms]
         off = np.array([0.0 if at is None else theta[at] for at in zeros])
         return self.tree.freedom_coordinates(q) + off
-
-    def _with_servos(self, channels: list[Value], q: np.ndarray, dq: np.ndarray, theta: np.ndarray) -> list[Value]:
-        """Channels of commanded joints in terms of their commands, `kp u = τ + kp q + kv q̇`."""
-        servos, torques = self.equations.servos, self.equations.torques
-        if servos is None:
-            return channels
-        lengths, out = self.encoders(q, theta), list(channels)
-        for at, (k, kp, kv) in enumerate(zip(torques, *servos, strict=True), len(channels) - len(torques)):
-            if kp:
-                out[at] = out[at] + kp * lengths[k] + kv * dq[k]
-        return out
 
     def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
         """Set-up parameters of a kind as a vector, zeros where there are none (3,)."""
@@ -349,11 +340,7 @@ class Measurement:
 
     def _in_sensor(self, total: np.ndarray, base: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Measured components of a total wrench: in the ground sensor's frame, else in the world's or base's axes."""
-        if not self.components:
-            return np.zeros(0)
-        if self.in_world_axes:
-            return np.concatenate([base[:3, :3] @ total[:3], base[:3, :3] @ total[3:]])
-        if self.frame is None:
-            return total[list(self.components)]
-        to_sensor = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
-        return (to_sensor @ total)[list(self.components)]
+        change = coAd(pose(base[:3, :3], np.zeros(3))) if self.in_world_axes else np.eye(6)
+        if self.frame is not None:
+            change = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
+        return (change @ total)[list(self.components)]

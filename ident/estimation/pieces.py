@@ -39,10 +39,9 @@ def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
             raise InputError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
         samples = piece if isinstance(piece, Samples) else _of_recording(piece, equations.mechanism.tree)
         fitting = equations.checked(samples, where)
-        if first is None:
-            first = samples
-        else:
+        if first is not None:
             _compare(samples, first, where)
+        first = first or samples
         yield fitting
     if first is None:
         raise InputError("Identification needs at least one piece of samples, got none.")

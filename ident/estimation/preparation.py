@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from ident.recordings.runs import runs
 from ident.recordings.smoothing import low_pass, settling
 from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import GROUND
+
+Chosen = TypeVar("Chosen", bound=slice | np.ndarray, covariant=True)
+"""A span of samples, or their indices."""
 
 
 class LeftOut(NamedTuple):
@@ -89,9 +92,8 @@ class Prepared:
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
-        return np.all(
-            [(time < each.start) | (time > each.end) for each in self.left_out] or [np.isfinite(time)], axis=0
-        )
+        outside = [(time < each.start) | (time > each.end) for each in self.left_out]
+        return np.all([np.isfinite(time), *outside], axis=0)
 
     def taken(self, part: slice | np.ndarray) -> np.ndarray:
         """Indices of the samples of a part that are neither left out, nor clipped in any channel, nor in a gap.
@@ -112,9 +114,8 @@ class Prepared:
         """Mask of the samples that lie neither in a gap of a used channel nor within the filter's reach of one (N,)."""
         names = [f"{joint}_{kind}" for joint in self.mechanism.joints for kind in ("position", "torque")]
         names += [f"{name}_{kind}" for name in self.recording.wrenches for kind in ("force", "torque")]
-        inside = covered(self.recording, (*names, BASE))
-        out = inside.copy()
-        for first, end in runs(~inside):
+        out = covered(self.recording, (*names, BASE))
+        for first, end in runs(~out):
             out[max(0, first - self.edge) : end + self.edge] = False
         return out
 
@@ -287,6 +288,74 @@ def _constant_together(recording: Recording, wrench: np.ndarray) -> dict[str, fl
     if GROUND in recording.wrenches or not wrench.any():
         return {}
     return {name: float(x[0]) + 0.0 for name, x in zip(COMPONENTS, wrench.T, strict=True) if np.ptp(x) == 0}
+
+
+class Part(NamedTuple, Generic[Chosen]):
+    """Part of a recording.
+
+    Attributes:
+        log: The recording.
+        samples: The samples of it, of which those left out, clipped or in a gap are not used.
+    """
+
+    log: Prepared
+    samples: Chosen
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Indices of the used samples."""
+        return self.log.taken(self.samples)
+
+    @property
+    def used(self) -> Samples:
+        """The used samples."""
+        return self.log.samples[self.indices]
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the used samples, s."""
+        return self.log.recording.time[self.indices]
+
+    def of(self, log: Prepared) -> "Part[Chosen]":
+        """The same samples of another version of the recording."""
+        return Part(log, self.samples)
+
+
+def length(parts: Sequence[Part[slice]]) -> int:
+    """Number of samples of parts that are spans."""
+    return sum(part.samples.stop - part.samples.start for part in parts)
+
+
+def flat_channels(parts: Sequence[Part[slice]]) -> dict[str, float]:
+    """Channels that are constant in the parts of recordings to fit, with their values."""
+    every = [repairs.constants(part.log.recording, part.log.mechanism.tree, part.samples) for part in parts]
+    return {name: x for name, x in every[0].items() if all(each.get(name) == x for each in every)}
+
+
+def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
+    """Recording without channels that are constant in the fitted samples; a note or a finding reports them.
+
+    Args:
+        log: The recording.
+        flat: Channels to leave out and their values.
+    """
+    mechanism, motion, old, notes = log.mechanism, log.samples.motion, log.equations, list(log.notes)
+    kept = [k for k, name in enumerate(old.channels) if name not in flat]
+    samples = replace(log.samples, measured=log.samples.measured[:, kept])
+    channels = tuple(old.channels[k] for k in kept)
+    equations, sensors = equations_of(mechanism, log.recording, log.frame, samples, channels, log.drives)
+    predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
+    stuck = repairs.stuck(flat, predicted, notes, in_fitted=True)
+    return replace(
+        log,
+        recording=repairs.without_channels(log.recording, mechanism.tree, flat),
+        equations=equations,
+        samples=samples,
+        sensors=sensors,
+        wrench=np.where(np.isin(COMPONENTS, list(flat)), np.nan, log.wrench),
+        notes=tuple(notes),
+        stuck=(*log.stuck, *stuck),
+    )
 
 
 def filtered(prepared: Prepared, cutoff: float | None) -> tuple[Samples, np.ndarray]:

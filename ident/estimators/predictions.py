@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.estimation.part import Part
+from ident.estimation.preparation import Part
 from ident.estimation.samples import Samples, joined
 from ident.estimators.candidate import Candidate
 from ident.problem import Problem

@@ -14,7 +14,6 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.mechanism.tree import Tree
-from ident.model.adjoint import Value
 
 Couplings = Mapping[str, Mapping[str, float]]
 """Rows of R: by the motors' names, the numbers other than zero by the names of the joints."""
@@ -87,10 +86,3 @@ class Axes:
             return x
         of_motors = [sum(x[..., k] * row[k] for k in np.flatnonzero(row)) for row in self.rows]
         return np.concatenate([x, np.stack(of_motors, axis=-1)], axis=-1)
-
-    def shared(self, axis: int, torque: Value) -> dict[int, Value]:
-        """Torques of the freedoms that one of an axis makes, by their indices."""
-        if axis < len(self.freedoms):
-            return {axis: torque}
-        row = self.rows[axis - len(self.freedoms)]
-        return {int(k): torque * row[k] for k in np.flatnonzero(row)}

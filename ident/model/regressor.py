@@ -101,59 +101,33 @@ def joint_torque_regressor(
     return np.concatenate([Y, *own], axis=2) if own else Y
 
 
-def drive_names(tree: Tree, drive: Sequence[str], axes: Axes | None = None) -> tuple[str, ...]:
-    """Names of the columns of `drive_columns`, by default of the freedoms alone: `Ia(elbow)`, `Fv(elbow)`."""
-    names = tree.freedoms if axes is None else axes.names
-    return tuple(f"{DRIVE[kind]}({name})" for kind in drive_kinds(drive) for name in names)
+def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
+    """Names of the columns of `drive_columns`: `Ia(elbow)`, `Fv(elbow)`."""
+    return tuple(f"{DRIVE[kind]}({name})" for kind in drive_kinds(drive) for name in tree.freedoms)
 
 
-def drive_columns(
-    tree: Tree,
-    motion: Motion,
-    drive: Sequence[str],
-    slips: np.ndarray | None = None,
-    references: np.ndarray | float = 0.0,
-    axes: Axes | None = None,
-) -> list[np.ndarray]:
-    """Columns of rotor inertia, friction and springs, one block (N, n, m) of m axes for each kind.
-
-    Blocks of the n freedoms alone are diagonal.
-
-    Args:
-        tree: The mechanism's tree.
-        motion: The motion.
-        drive: Kinds of columns.
-        slips: Velocity scales of the smoothed sign of friction (m,), by default none: it jumps.
-        references: Coordinates at which springs are at rest (n,), by default zero.
-        axes: Axes on which drives act, by default the freedoms alone.
-    """
-    kinds, axes = drive_kinds(drive), Axes.of(tree) if axes is None else axes
-    signals = drive_signals(tree, axes, *motion.states, slips, references)
-    return [signals[kind][:, None, :] * axes.matrix.T for kind in kinds]
+def drive_columns(tree: Tree, motion: Motion, drive: Sequence[str]) -> list[np.ndarray]:
+    """Columns of rotor inertia, friction and springs of the freedoms, one diagonal block (N, n, n) for each kind."""
+    signals = drive_signals(tree, Axes.of(tree), motion.states, None, 0.0)
+    return [signals[kind][:, None, :] * np.eye(len(tree.freedoms)) for kind in drive_kinds(drive)]
 
 
 def drive_signals(
-    tree: Tree,
-    axes: Axes,
-    q: np.ndarray,
-    dq: np.ndarray,
-    ddq: np.ndarray,
-    slips: np.ndarray | float | None,
-    references: np.ndarray | float,
+    tree: Tree, axes: Axes, states: Sequence[np.ndarray], slips: np.ndarray | float | None, rests: np.ndarray | float
 ) -> dict[str, np.ndarray]:
     """Torque of each kind of drive for a coefficient of one, at the m axes (…, m), from numbers or signals of a tape.
 
     Args:
         tree: The mechanism's tree.
         axes: Axes on which drives act.
-        q: Joint coordinates (…, n_q).
-        dq: Joint velocities (…, n); `ddq` accelerations.
-        slips: As for `drive_columns`, also `references`.
+        states: Joint coordinates (…, n_q), velocities and accelerations (…, n).
+        slips: Velocity scales of the smoothed sign of friction (m,), None for a jump.
+        rests: Coordinates at which springs are at rest (n,).
     """
-    dq, ddq = axes.moved(dq), axes.moved(ddq)
+    dq, ddq = axes.moved(states[1]), axes.moved(states[2])
     sign, relative = np.sign(dq) if slips is None else np.tanh(dq / slips), dq / (STRIBECK * axes.gears)
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
-    return signals | {"spring": axes.moved(spring_lengths(tree, q, references))}
+    return signals | {"spring": axes.moved(spring_lengths(tree, states[0], rests))}
 
 
 def spring_lengths(tree: Tree, q: np.ndarray, references: np.ndarray | float) -> np.ndarray:

@@ -16,8 +16,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.channel_scales import beside_others
 from ident.estimation.equations import Equations
-from ident.estimation.part import Part, length
-from ident.estimation.preparation import Prepared, filtered
+from ident.estimation.preparation import Part, Prepared, filtered, length
 from ident.estimation.recorded_motion import usual_cutoff
 from ident.estimation.samples import Samples
 from ident.recordings.smoothing import HIGHEST, settling

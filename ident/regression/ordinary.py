@@ -15,8 +15,15 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.estimation.accumulator import PROBE, Accumulator, accumulate, square_root, triangle_of
-from ident.estimation.chunks import inverse_of, remembered_sums
+from ident.estimation.accumulator import (
+    PROBE,
+    Accumulator,
+    accumulate,
+    inverse_of,
+    remembered_sums,
+    square_root,
+    triangle_of,
+)
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import check_excitation, noise_rows
 from ident.estimation.noise import Sandwich

@@ -9,9 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from ident.estimation.accumulator import accumulate
+from ident.estimation.accumulator import accumulate, remembered_sums
 from ident.estimation.channel_scales import least_noise
-from ident.estimation.chunks import remembered_sums
 from ident.estimation.equations import Equations
 from ident.estimation.noise import Sandwich
 from ident.estimation.samples import Samples

@@ -9,8 +9,7 @@ import numpy as np
 from ident.arguments import checked_names
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
-from ident.estimation.part import Part, length
-from ident.estimation.preparation import Prepared
+from ident.estimation.preparation import Part, Prepared, length
 from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND

@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.errors import ExcitationError, InputError
 from ident.estimation.measurement import Measurement
-from ident.estimation.part import Part, length
+from ident.estimation.preparation import Part, length
 from ident.estimation.setup import SetupParameter
 from ident.trajectory.alternatives import better
 from ident.trajectory.fit import iteration

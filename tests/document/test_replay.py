@@ -20,7 +20,7 @@ from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
 from experiments.document.tabular import Table
 from experiments.document.writer import Output, written
 from experiments.reports.identify_replay import place
-from ident.estimation.part import Part
+from ident.estimation.preparation import Part
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place

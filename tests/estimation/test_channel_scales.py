@@ -9,8 +9,7 @@ import ident
 from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.excitation import excited
-from ident.estimation.part import Part
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import Part, prepared
 from ident.regression.filtered import filtered_least_squares
 from ident.trajectory.late_start import unexplained
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mechanisms import random_states, random_tree
 
-from ident.estimation.chunks import chunks, remembered_sums
+from ident.estimation.accumulator import chunks, remembered_sums
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism

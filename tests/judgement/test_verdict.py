@@ -12,8 +12,7 @@ from test_torque_checks import NO_HAND, log
 
 import ident
 import sim
-from ident.estimation.part import Part
-from ident.estimation.preparation import LeftOut
+from ident.estimation.preparation import LeftOut, Part
 from ident.judgement.body_findings import tool_findings
 from ident.judgement.finding import Finding
 from ident.judgement.fit_findings import course_findings, prior_findings, slow_residual_findings

@@ -11,8 +11,7 @@ from recorded_faults import PENDULUM, angles_and_wrench, faulty, wrench_of
 
 import ident
 import sim
-from ident.estimation.part import Part
-from ident.estimation.preparation import filtered, prepared
+from ident.estimation.preparation import Part, filtered, prepared
 from ident.estimation.samples import Samples
 from ident.estimators.candidate import Candidate
 from ident.regression.filtered import _Sums, filtered_least_squares

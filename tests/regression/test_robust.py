@@ -8,7 +8,7 @@ from scipy import linalg
 from scipy.signal import butter, lfilter, sosfilt
 
 from ident.errors import ExcitationError
-from ident.estimation.chunks import remembered_sums
+from ident.estimation.accumulator import remembered_sums
 from ident.estimation.excitation import separable
 from ident.estimation.noise import Sandwich, innovations, remembered
 from ident.estimation.samples import Samples

@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, streams, ticks, z_of
 
 import ident
-from ident.estimation.part import Part
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import Part, prepared
 from ident.recordings.wrench import Sensor, transform_wrench
 from ident.setup import PRIORS
 from ident.trajectory.estimate import trajectory_estimate

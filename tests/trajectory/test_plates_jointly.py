@@ -8,8 +8,7 @@ import walker
 import ident
 import scenes
 import sim
-from ident.estimation.part import Part
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import Part, prepared
 from ident.judgement.setup_findings import setup_findings
 from ident.recordings.wrench import transform_wrench
 from ident.setup import PRIORS

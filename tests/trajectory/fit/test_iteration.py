@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
-from ident.estimation.part import Part
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import Part, prepared
 from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Tolerance
