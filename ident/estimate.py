@@ -23,7 +23,7 @@ from ident.files.objects import load_object, save_object
 from ident.judgement.candidates import ESTIMATE
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
-from ident.judgement.evidence import Evidence
+from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding
 from ident.judgement.judges import findings
 from ident.judgement.residuals import correlation_time, explained_by_motion
@@ -72,6 +72,7 @@ class Estimate:
         widening: Factor on the standard deviations from the noise because of that.
         bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
             the drive free.
+        unmodelled: What the model may lack, the likeliest first.
     """
 
     logs: Sequence[Part[slice]]
@@ -86,6 +87,7 @@ class Estimate:
     filtered_at: float | None = None
     filtered_values: np.ndarray | None = None
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    unmodelled: Sequence[Unmodelled] = ()
 
     @property
     def prepared(self) -> Prepared:
@@ -376,6 +378,7 @@ class Estimate:
             model_error=None if joint is None else self.model_error,
             covariance_setup=self.covariance_setup,
             consistent=self.consistent(),
+            unmodelled=self.unmodelled,
         )
 
     @cached_property

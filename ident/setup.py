@@ -62,6 +62,8 @@ class SetupKind:
         own: True if each of several recordings may have its own.
         far: True if values beyond the reach of a local search are tried first.
         weighs: True if an error changes what the mechanism seems to weigh.
+        common: True if the channels of one instrument, a wrench or all joint torques, also share an error that is as
+            uncertain as each one's own, as of an amplifier or of a calibration weight.
         stated: True if it is estimated wherever a standard deviation is stated, and nowhere searched for.
     """
 
@@ -77,6 +79,7 @@ class SetupKind:
     own: bool = False
     far: bool = False
     weighs: bool = False
+    common: bool = False
     stated: bool = False
 
 
@@ -155,6 +158,7 @@ SETUP: Mapping[str, SetupKind] = {
         short="another gain of the channel {of}",
         label="gain of {of}, less 1",
         weighs=True,
+        common=True,
     ),
     "scale": SetupKind(
         std=0.1,

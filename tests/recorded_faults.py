@@ -69,3 +69,27 @@ def wrench_of(recording):
 def shortened(recording, samples):
     channels = {name: x[:samples] for name, x in recording.measured.items()}
     return replace(recording, time=recording.time[:samples], measured=channels)
+
+
+def with_torques(seed=0, *, pull=0.0, wrench=True):
+    """A recording of the joint torques, with the base wrench or without, while a cable pulls.
+
+    Args:
+        seed: Seed of the scene's noise.
+        pull: Stiffness of a cable from the last link to a place that rests beside the arm, N/m.
+        wrench: True for the base wrench besides.
+    """
+    recording = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed)
+    states = recording.noise_free.joint_states(JOINTS)
+    torques = ident.joint_torque_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    poses = PENDULUM.tree.poses(states[0])[:, [PENDULUM.tree.names.index(name) for name in ("link1", "link2")]]
+    at = poses[:, 1, :3, 3] + poses[:, 1, :3, :3] @ [0, 0, 0.3]
+    force = pull * ([0.3, 0.2, 1.5] - at)
+    # Both joints turn about x.
+    torques -= np.cross(at[:, None] - poses[:, :, :3, 3], force[:, None])[:, :, 0]
+    torques += 0.05 * np.random.default_rng(seed).normal(size=torques.shape)
+    carried = wrench_of(recording) - np.hstack([force, np.cross(at, force)])
+    whole = angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), carried)
+    kept = {name: x for name, x in whole.measured.items() if wrench or not name.startswith("ground")}
+    felt = {f"{joint}_torque": x for joint, x in zip(JOINTS, torques.T, strict=True)}
+    return ident.Recording(recording.time, kept | felt)

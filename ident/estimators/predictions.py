@@ -12,6 +12,8 @@ import numpy as np
 from ident.estimation.preparation import Part
 from ident.estimation.samples import Samples, joined
 from ident.estimators.candidate import Candidate
+from ident.judgement.evidence import Unmodelled
+from ident.judgement.unmodelled import Comparison, unmodelled
 from ident.problem import Problem
 from ident.regression.held_out import HeldOut, picked, where_moving
 from ident.regression.ordinary import Fit
@@ -128,6 +130,31 @@ class Predictions:
         return HeldOut(
             *problem.in_a_row, own.versions, own.chosen, fit, own.residual, resting, rivals=rivals, left_out=left_out
         )
+
+    def unmodelled(self, constant: float) -> tuple[Unmodelled, ...]:
+        """What the model may lack; recordings of which each is left out are divided in halves.
+
+        Args:
+            constant: Time constant of smoothing, s.
+        """
+        estimate, problem = self.estimate, self.problem
+        fitted = list(zip(self.logs, self._fitted, self._counting, strict=True))
+        judged = [(log, part.indices) for log, part in zip(self._judges, problem.judged, strict=True)]
+        if problem.leaves_out:
+            half = len(fitted) // 2
+            fitted, judged = fitted[:half], judged[half:]
+        thin = -(-sum(len(taken) for _, taken in judged) // COMPARED)
+        counting = np.concatenate([each for *_, each in fitted])
+        own = [estimate.setup[each.index].row.stated for each in estimate.search.deviations]
+        comparisons = []
+        for setup in (estimate, estimate.as_stated()) if own and not any(own) else (estimate,):
+            equations = self.logs[0].equations(setup)
+            m = len(equations.names)
+            used = joined([log.samples(setup, constant, taken) for log, taken, _ in fitted])
+            ahead = joined([log.samples(setup, constant, taken[::thin]) for log, taken in judged])
+            known = estimate.fit.prior.known[:m, :m]
+            comparisons.append(Comparison(equations, setup.fit.theta[:m], known, used, counting, ahead))
+        return unmodelled(comparisons)
 
     def _constants(self, candidate: Candidate, setup: TrajectoryEstimate) -> np.ndarray:
         """Time constants of smoothing, s, for all recordings to judge by or for each that is left out (1 or J, C)."""

@@ -16,6 +16,7 @@ from ident.estimators.candidate import Candidate
 from ident.estimators.predictions import Predictions
 from ident.judgement.candidates import LEAST_SQUARES, MODEL
 from ident.judgement.checks import wrench_checks
+from ident.judgement.fit_findings import beyond_fast_noise
 from ident.judgement.halves import disagreement, disagreements, widening, without
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
@@ -77,6 +78,7 @@ def trajectory(problem: Problem) -> Estimate:
     # All are compared in units of the channels as the estimate has them.
     scales = result.measurement.torque_gains(result.parameters_of(0))
     rivals = {name: predictions.of(each, result.as_stated()).residual / scales for name, each in others.items()}
+    asked = result.search.deviations or beyond_fast_noise(result.fit, first.channels)
     return Estimate(
         logs=logs,
         fit=fit,
@@ -90,6 +92,7 @@ def trajectory(problem: Problem) -> Estimate:
         disagreements=disagreements(result),
         widening=wider,
         bounded=result.bounds,
+        unmodelled=predictions.unmodelled(usual) if asked else (),
     )
 
 

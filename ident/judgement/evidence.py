@@ -15,6 +15,21 @@ from ident.regression.ordinary import Fit
 from ident.trajectory.result import TrajectoryEstimate
 
 
+@dataclass(frozen=True)
+class Unmodelled:
+    """Something that the model may lack.
+
+    Attributes:
+        kind: `force`, which depends on where a body is, or `length`, from its parent's frame to its joint.
+        body: Name of the body.
+        ratio: Residual of what was held out with it, over that without, geometric mean over the channels.
+    """
+
+    kind: str
+    body: str
+    ratio: float
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Evidence that judges read; a judge yields no finding where an estimate lacks its entries.
@@ -44,6 +59,7 @@ class Evidence:
         model_error: Share of each channel's residual that the motion explains beyond chance (C,).
         covariance_setup: Covariance of all coefficients with the uncertainty of the set-up (m, m).
         consistent: Physical bodies near the estimate.
+        unmodelled: What the model may lack, the likeliest first; empty where residuals are no more than fast noise.
     """
 
     fit: Fit
@@ -70,6 +86,7 @@ class Evidence:
     model_error: np.ndarray | None = None
     covariance_setup: np.ndarray | None = None
     consistent: ConsistentParameters | None = None
+    unmodelled: Sequence[Unmodelled] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:

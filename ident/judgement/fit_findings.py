@@ -1,6 +1,6 @@
 """Findings on a fit: its course, set-up errors, agreement of its parts, and residuals of each channel."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy import linalg
@@ -13,6 +13,7 @@ from ident.judgement.place import Place
 from ident.parameters.prior import known_covariance
 from ident.recordings.resolution import white_noise
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
+from ident.trajectory.fit.fitted import TrajectoryFit
 
 RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
@@ -114,16 +115,21 @@ def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
         yield Finding.of("residual_follows_motion", Place(channels=channels), channels=channels)
 
 
+def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
+    """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
+    large = dict[str, float]()
+    for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=True)):
+        fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
+        if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
+            large[channel] = float(noise / max(fast, TINIEST))
+    return large
+
+
 def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on channels whose residual is far above the sensor's noise; intervals include it."""
     if evidence.trajectory is None:
         return
-    fit, large = evidence.trajectory.fit, dict[str, float]()
-    for c, (channel, noise) in enumerate(zip(evidence.channels, fit.channel_noise, strict=True)):
-        fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
-        if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
-            large[channel] = float(noise / max(fast, TINIEST))
-    if large:
+    if large := beyond_fast_noise(evidence.trajectory.fit, evidence.channels):
         every = 1 < len(large) == len(evidence.channels)
         yield Finding.of("residual_above_fast_noise", Place(channels=tuple(large)), factors=large, all_channels=every)
 

@@ -31,6 +31,7 @@ from ident.judgement.torque_findings import (
     scale_findings,
     torque_findings,
 )
+from ident.judgement.unmodelled import unmodelled_findings
 from ident.judgement.weighing import common_gain_findings, mass_by_setup_findings
 from ident.judgement.wrench_findings import (
     base_findings,
@@ -67,6 +68,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     own_findings,
     prior_findings,
     model_error_findings,
+    unmodelled_findings,
     slow_residual_findings,
     posture_findings,
     inseparable_findings,

@@ -75,5 +75,5 @@ def common_gain_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     more = mass.value / weight.model - 1
     z = -float(special.ndtri(SIGNIFICANT / 2))
-    if abs(more) > HEAVY and abs(mass.value - weight.model) > z * mass.std_setup:
+    if abs(more) > HEAVY and abs(mass.value - weight.model) > z * mass.std:
         yield Finding.of("mass_or_common_gain", mass=mass.value, std=mass.std_setup, model=weight.model)

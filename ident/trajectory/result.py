@@ -1,5 +1,6 @@
 """Result of the trajectory estimate: parameters of each recording, and the uncertainty due to the set-up."""
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -7,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
+from ident.estimation.equations import COMPONENTS
 from ident.estimation.measurement import Measurement
 from ident.estimation.setup import SetupParameter
 from ident.trajectory.fit.fitted import TrajectoryFit
@@ -68,9 +70,9 @@ class TrajectoryEstimate:
         """Covariance of all parameters due to the uncertainty of the set-up (p, p).
 
         With B the derivative of the fitted parameters by the fixed ones h of the set-up, J and K the precision and the
-        scatter of h from the data, and Λ the precision of their prior,
+        scatter of h from the data, and L Lᵀ the covariance of their prior,
 
-            B Σ Bᵀ + B m mᵀ Bᵀ,        Σ = (J K⁻¹ J + Λ)⁻¹,        m = Σ J K⁻¹ u
+            B L Σ Lᵀ Bᵀ + B L m mᵀ Lᵀ Bᵀ,        Σ = (Lᵀ J K⁻¹ J L + 1)⁻¹,        m = Σ Lᵀ J K⁻¹ u
 
         The step m by which the data would move h counts as uncertainty, because h was not fitted.
         """
@@ -78,19 +80,31 @@ class TrajectoryEstimate:
         held, free = self.is_setup & ~fit.free, fit.counted
         p, inverse = fit.precision, inverse_of_precision(fit.precision[np.ix_(free, free)])
         B = -inverse @ p[np.ix_(free, held)]
-        prior, weight = np.sqrt(np.diag(fit.prior.known)[held]), fit.prior.weight
+        L = np.linalg.cholesky(self._setup_prior(np.flatnonzero(held)))
         alone = np.zeros((held.sum(), len(held)))
         alone[:, held] = np.eye(held.sum())
         alone[:, free] = B.T
-        known = np.outer(prior, prior)
-        J = (alone @ p @ alone.T) / known - weight * np.eye(len(prior))
-        K = (alone @ fit.scatter @ alone.T) / known - weight**2 * np.eye(len(prior))
-        u = (alone @ fit.gradient) / prior
+        known, weight = fit.prior.known[np.ix_(held, held)], fit.prior.weight
+        J = L.T @ (alone @ p @ alone.T - weight * known) @ L
+        K = L.T @ (alone @ fit.scatter @ alone.T - weight**2 * known) @ L
         JK = np.linalg.solve(K + TINY * max(np.trace(K), 1.0) * np.eye(len(K)), J).T
         covariance = np.linalg.inv(JK @ J + np.eye(len(J)))
-        moves = B @ ((covariance @ JK @ u) / prior)
+        by = B @ L
+        moves = by @ (covariance @ JK @ (L.T @ (alone @ fit.gradient)))
         out = np.zeros_like(p)
-        out[np.ix_(free, free)] = B @ (covariance / known) @ B.T + np.outer(moves, moves)
+        out[np.ix_(free, free)] = by @ covariance @ by.T + np.outer(moves, moves)
+        return out
+
+    def _setup_prior(self, fixed: np.ndarray) -> np.ndarray:
+        """Prior covariance of set-up parameters by their indices, with what those of one instrument share (h, h)."""
+        std = 1 / np.sqrt(np.diag(self.fit.prior.known)[fixed])
+        shared = defaultdict[object, list[int]](list)
+        for k, each in enumerate(self.setup[at] for at in fixed.tolist()):
+            if each.row.common:
+                shared[each.kind, each.log, each.place.get("wrenches"), each.of in COMPONENTS].append(k)
+        out = np.diag(std**2)
+        for own in (several for several in shared.values() if len(several) > 1):
+            out[np.ix_(own, own)] += np.outer(std[own], std[own])
         return out
 
     @cached_property

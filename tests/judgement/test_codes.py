@@ -43,6 +43,9 @@ EXAMPLES = {
     "unexplained_channels": [{"ratios": {"Fx": 0.98}, "part": "fitted"}],
     "poor_prediction": [{"ratios": {"Fx": 0.6, "Fy": 0.7}, "part": "held-out"}],
     "residual_follows_motion": [{"channels": ("Fx", "Mz")}],
+    "unmodelled": [
+        {"causes": [{"kind": "force", "body": "link2"}, {"kind": "length", "body": "link2"}], "ratio": 0.62},
+    ],
     "residual_above_fast_noise": [
         {"factors": {"Fx": 4.0, "Fy": 300.0}, "all_channels": False},
         {"factors": {"Fx": 4.0, "Fy": 300.0}, "all_channels": True},

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from coded import coded
 from recorded_faults import PENDULUM, TRUTH, faulty
@@ -38,3 +39,9 @@ def test_a_gain_of_all_channels_is_one_with_the_mass():
     assert not finding.doubt and finding.values["mass"] == pytest.approx(22.67, abs=0.005)
     assert finding.values["mass"] / finding.values["model"] == pytest.approx(1.08, abs=0.0005)
     assert abs(estimate.psi[0] - 1.08 * TRUTH[0]) < 0.1
+
+
+@pytest.mark.parametrize("gain", [0.92, 1.08])
+def test_a_gain_of_all_channels_is_in_the_intervals_with_the_set_up(gain):
+    estimate = ident.identify(PENDULUM, faulty(gains=(gain,) * 6))
+    assert (np.abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()

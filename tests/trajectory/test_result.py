@@ -5,12 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ident.estimation.setup import SetupParameter
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 
 NAMES = ("a", "b", "delay", "tilt of log 2")
 FREE, HELD = slice(0, 2), slice(2, 4)
 KNOWN = np.diag([0, 0, 4.0, 25.0])
+SETUP = SetupParameter("delay", "ground", None, 0.5), SetupParameter("gravity", "", 0, 0.2)
 
 
 def data(rng, of=NAMES):
@@ -18,7 +20,7 @@ def data(rng, of=NAMES):
     return rows.T @ rows
 
 
-def joint(information, *, scatter=None, gradient=0.0, weight=0.3):
+def joint(information, *, scatter=None, gradient=0.0, weight=0.3, setup=SETUP):
     """Trajectory estimate with the set-up held, whose prior had a weight in the fit.
 
     Args:
@@ -26,6 +28,7 @@ def joint(information, *, scatter=None, gradient=0.0, weight=0.3):
         scatter: Covariance of the data's right side; by default `information`, as for the assumed noise (4, 4).
         gradient: Precision times the step of the set-up that the data ask for (4,).
         weight: Weight of the prior.
+        setup: The two parameters of the set-up.
     """
     fit = SimpleNamespace(
         names=NAMES,
@@ -36,7 +39,7 @@ def joint(information, *, scatter=None, gradient=0.0, weight=0.3):
         gradient=np.zeros(4) + gradient,
         prior=SimpleNamespace(known=KNOWN, weight=weight),
     )
-    return TrajectoryEstimate(None, Search(fit), (1,), 0.1, False, setup=dict.fromkeys((2, 3)))
+    return TrajectoryEstimate(None, Search(fit), (1,), 0.1, False, setup=dict(enumerate(setup, 2)))
 
 
 @pytest.mark.parametrize("weight", [0.3, 1.0])
@@ -71,4 +74,17 @@ def test_what_no_data_see_of_the_set_up_adds_nothing():
     information[3] = information[:, 3] = 0
     added = joint(information).covariance_of_setup
     expected = np.linalg.inv((information + KNOWN)[:3, :3])[FREE, FREE] - np.linalg.inv(information[FREE, FREE])
+    np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("of", "common"), [(("Fx", "Mz"), True), (("Fx", "elbow"), False), (("hip", "elbow"), True)])
+def test_gains_of_one_instrument_share_an_error(of, common):
+    """It is as uncertain as each one's own; a plate and the joint torques are two instruments."""
+    gains = [SetupParameter("gain", each, None, 1, None, {"channels": (each,)}) for each in of]
+    information = data(np.random.default_rng(4))
+    covariance = np.diag([0.25, 0.04]) + common * np.outer([0.5, 0.2], [0.5, 0.2])
+    known = np.zeros((4, 4))
+    known[HELD, HELD] = np.linalg.inv(covariance)
+    expected = np.linalg.inv(information + known)[FREE, FREE] - np.linalg.inv(information[FREE, FREE])
+    added = joint(information, setup=gains).covariance_of_setup
     np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)

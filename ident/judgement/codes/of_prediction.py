@@ -77,6 +77,21 @@ def _follow_motion(channels: Sequence[str]) -> str:
     return f"Residuals of {listed(channels)} go with the motion: the model is not quite that of the mechanism."
 
 
+LACKS = {
+    "force": "a force on '{body}' that depends on where it is, as of a cable, a hose or a spring",
+    "length": "another distance of the joint of '{body}' from the body that carries it",
+}
+"""What a model may lack, in words."""
+
+
+def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
+    each = ", or ".join(LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
+    return (
+        f"The model lacks something that the parameters take up in part: what is held out would be predicted with "
+        f"{1 - ratio:.0%} less residual by {each}."
+    )
+
+
 _DEAD = "More is left over than the channel varies, as of a constant offset or a sensor that died"
 
 PREDICTION = {
@@ -86,5 +101,6 @@ PREDICTION = {
     "unexplained_channels": _ratios("Not explained by this motion", doubt=False),
     "poor_prediction": _ratios("Predicted poorly", doubt=False),
     "residual_follows_motion": Row(_follow_motion, doubt=True),
+    "unmodelled": Row(_unmodelled, doubt=True),
     "residual_above_fast_noise": Row(_beyond_fast_noise, doubt=False),
 }
