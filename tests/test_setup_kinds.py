@@ -135,4 +135,4 @@ def test_columns_files_and_arguments_take_every_kind():
     angles = ("rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
     assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", *angles]
     assert {key: factor for key, factor in DEVIATIONS.items() if factor != 1} == dict.fromkeys(angles, np.pi / 180)
-    assert OWN == ("offset", "delay", "lag")
+    assert OWN == ("offset", "friction", "delay", "lag")

@@ -76,7 +76,7 @@ def test_each_log_is_identified_alone_and_compared(result):
     assert len(each.trial_z) == int((each.trials["one"].from_data & each.trials["two"].from_data).sum()) > 5
     assert inside(each.trial_z) > 0.8
     # The turning joint rubs more than the lifting one: they are not alike, and that shows.
-    assert abs(each.alike_z[0]) > 5
+    assert abs(each.alike_z[0]) > 4
 
 
 def test_published_values_are_compared_with_both_deviations(result):
@@ -291,5 +291,5 @@ def test_the_pendulum_in_steel_has_the_published_inertias():
     for name in ("m2rz2", "m3rz3", "Ixx2", "Ixx3", "Ia(Joint2)"):
         (published,) = [x for x in entry.published if x.name == name]
         assert abs(each.published_z(published)) < 1.96, name
-        assert each.values[name][2] < 0.25 * abs(published.value), name
+        assert each.values[name][2] < 0.3 * abs(published.value), name
     assert (each.ratios[ESTIMATE] < 0.5).all() and (each.ratios[MODEL] > 0.9).all()
