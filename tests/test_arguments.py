@@ -31,8 +31,8 @@ WRONG += [(x, "needs standard deviations by name, out of mass, center, inertia; 
         ({"drive": ["coulomb", "stiction"]}, "^drive needs a list out of rotor, .*; got stiction"),
         ({"drive": "coulomb"}, "^drive needs a list out of rotor, .*; got coulomb"),
         ({"drive": 1}, "^drive needs a list"),
-        ({"own": "delay"}, "^own needs a list out of offset, delay, lag; got delay"),
-        ({"own": None}, "^own needs a list out of offset, delay, lag; got None"),
+        ({"own": "delay"}, "^own needs a list out of offset, friction, delay, lag; got delay"),
+        ({"own": None}, "^own needs a list out of offset, friction, delay, lag; got None"),
         (
             {"held_out": None},
             r"^held_out needs a Recording, the path of a log, .* or a list; got None",
