@@ -69,18 +69,22 @@ def disagreements(joint: TrajectoryEstimate) -> tuple[float, ...]:
 
     The estimate θ of all and θ_k of all but one differ by `θ_k - θ = -(P - P_k)⁻¹ g_k`, and the right side g_k of the
     one at θ is `(1 - P_k P⁻¹) s_k - P_k P⁻¹ Σ_j≠k s_j`, with the right sides s of the recordings at the truth, whose
-    covariance is that of their noise. Empty as well if the parameters are not determined without one of the recordings.
+    covariance is that of their noise. What a recording has of its own passes for its noise, so that z is in standard
+    deviations of the noise that the others have, if it has more. Empty as well if the parameters are not determined
+    without one of the recordings.
     """
     if len(joint.counts) < 3:
         return ()
     rank, out = joint.measurement.equations.parameters.rank, []
+    noise = np.log([each.channels for each in joint.fit.noises])
     for which in range(len(joint.counts)):
         try:
             theta, covariance = _difference(joint, which)
         except ExcitationError:
             return ()
         variances = np.maximum(np.diag(covariance)[:rank], LEAST_ADDED * np.diag(joint.fit.covariance)[:rank])
-        out.append(float(np.sqrt(((theta - joint.fit.theta)[:rank] ** 2 / variances).mean())))
+        louder = np.exp(max((noise[which] - np.median(np.delete(noise, which, axis=0), axis=0)).mean(), 0.0))
+        out.append(float(louder * np.sqrt(((theta - joint.fit.theta)[:rank] ** 2 / variances).mean())))
     return tuple(out)
 
 

@@ -56,6 +56,10 @@ the set-up, too, which are found later: somebody who bows gains .06 and is predi
 gains .06 and is predicted alike; of three people who lift, whose bodies the data hardly tell, two gain .15 and .26.
 """
 
+MAJORITY, FAR_LESS = 0.5, 30.0
+"""Share of the channels that must be predicted for pieces to decide on a prior; and standard deviations from the data,
+over those of the prior, above which it is used otherwise: noise, or a contact left out, can pass for excitation."""
+
 WEIGHED = 20
 """Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
@@ -234,18 +238,24 @@ class Stages:
     def preferred(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Exploring estimate of stages without a prior, or one with this prior if it predicts left-out pieces better.
 
-        Without pieces to leave out the prior is taken wherever it is more precise than the data.
+        Without pieces to leave out the prior is taken wherever it is more precise than the data, and where neither
+        predicts most channels, if it is far more precise.
         """
         fit = estimate.fit
         used = min(sum(len(piece.time) for piece in fit.pieces) / length(self.recordings), 1.0)
         part = np.ix_(~self.is_setup, ~self.is_setup)
-        if not (np.linalg.eigvals(used * fit.covariance[part] @ self.prior.precision[part]).real > 1).any():
+        most = np.linalg.eigvals(used * fit.covariance[part] @ self.prior.precision[part]).real.max()
+        if most < 1:
             return estimate
 
         def with_prior() -> TrajectoryEstimate:
             return self.refitted(self.carried(estimate), rounds=EXPLORED)
 
-        return better(estimate, "prior", with_prior, WORTH_A_PRIOR) if len(fit.pieces) > 1 else with_prior()
+        if len(fit.pieces) < 2:
+            return with_prior()
+        chosen = better(estimate, "prior", with_prior, WORTH_A_PRIOR)
+        neither = np.mean((chosen.errors.get("prior", np.zeros((2, 1))) < 1).any(axis=0)) < MAJORITY
+        return with_prior() if neither and most > FAR_LESS**2 and not chosen.known else chosen
 
     def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate near convergence with friction near reversals, and noise white or correlated over time."""

@@ -35,6 +35,7 @@ def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=Non
         free=np.array([True]),
         counted=np.array([True]),
         bounded=None,
+        noises=[SimpleNamespace(channels=np.ones(1))] * len(counts),
         shares=[(each(P), np.array([P * (x - theta)])) for P, x in zip(precision, estimates, strict=True)],
         scatter_shares=[each(K) for K in scatter],
         prior=SimpleNamespace(precision=each(known), mean=np.array([mean]), weight=1.0),

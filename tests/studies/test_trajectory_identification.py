@@ -141,7 +141,7 @@ def test_logs_are_given_once_and_have_the_same_channels(tmp_path, capsys):
     assert "one of them is given twice" in refusal(identify.main, [*given, str(path), str(path)], capsys)
     message = refusal(identify.main, [*given, str(path), str(planar)], capsys)
     assert "A log to fit besides the first needs the channels Fx, Fy, Fz" in message
-    with pytest.raises(ident.InputError, match="own needs a list out of offset, delay, lag; got clock"):
+    with pytest.raises(ident.InputError, match="own needs a list out of offset, friction, delay, lag; got clock"):
         ident.identify(PENDULUM, [recording, recording], own=["clock"])
     with pytest.raises(ident.InputError, match="Only the trajectory estimate"):
         ident.identify(PENDULUM, recording, estimator="ordinary", own=["delay"])
