@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior, joined
-from ident.trajectory.algebra.channel_groups import channel_groups
-from ident.trajectory.algebra.components import Component, components
+from ident.trajectory.algebra.groups import Group, channel_groups, components
 from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
 from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
 from ident.trajectory.algebra.sampling import Sampling
@@ -147,9 +146,7 @@ class ChannelEquations(NamedTuple):
     new: Innovations
     by_sample: tuple[np.ndarray, np.ndarray]
 
-    def rows(
-        self, component: Component, of_states: np.ndarray, of_theta: np.ndarray
-    ) -> Iterator[ChannelRows | NodeRows]:
+    def rows(self, component: Group, of_states: np.ndarray, of_theta: np.ndarray) -> Iterator[ChannelRows | NodeRows]:
         """Yields the rows of the channels in a component, grouped by what they depend on.
 
         Args:
@@ -162,11 +159,11 @@ class ChannelEquations(NamedTuple):
         own = every[(every >= first) & (every < first + number)]
         masks = of_states[own[:, None], coordinates], of_theta[own[:, None], columns]
         for group in channel_groups(*masks, self.at.intervals.room if self.nodes is None else NODES):
-            place = own[group.channels] - first, coordinates[group.coordinates], columns
-            if self.nodes is None:
-                yield ChannelRows.of(self.at, group, place, self.by_sample, self.new)
-            else:
-                yield NodeRows.of(self.nodes, group, place, self.by_sample, self.new)
+            channels = own[group.channels] - first
+            by_states = _picked(self.by_sample[0], channels, coordinates[group.coordinates])
+            by_theta = _picked(self.by_sample[1], channels, columns[group.columns])
+            given = group._replace(channels=channels), by_states, by_theta, self.new.of_streams(channels)
+            yield ChannelRows.of(self.at, *given) if self.nodes is None else NodeRows.of(self.nodes, *given)
 
     @property
     def when(self) -> np.ndarray:
@@ -194,7 +191,7 @@ class ComponentEquations(NamedTuple):
         states: Rows of measured coordinates and derivatives, by order of the derivative.
     """
 
-    component: Component
+    component: Group
     eliminated: Eliminated
     channels: list[tuple[int, ChannelRows | NodeRows]]
     states: dict[int, StateRows]
@@ -257,7 +254,7 @@ class NormalEquations(NamedTuple):
             for kind, of_kind in states.items():
                 of_states[kind][:, coordinates] = of_kind.taken(posterior)
             for clock, rows in channels:
-                of_channels[clock][:, rows.channels] = rows.taken(posterior)
+                of_channels[clock][:, rows.group.channels] = rows.taken(posterior)
             held[coordinates] = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], spline.penalty)
         return np.concatenate([*of_states, *of_channels], axis=1), held
 
@@ -297,6 +294,13 @@ def normal_equations(
         parts.append(ComponentEquations(component, eliminated, rows, state_rows))
     whole = joined([(*part.component[:2], part.eliminated) for part in parts], coefficients.shape[1], len(columns))
     return NormalEquations(whole, parts, channels, states)
+
+
+def _picked(derivatives: np.ndarray, channels: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Derivatives (N, C, …, n) of some channels by some of the coordinates or parameters."""
+    if len(channels) < derivatives.shape[1]:
+        derivatives = derivatives[:, channels]
+    return derivatives if len(last) == derivatives.shape[-1] else derivatives[..., last]
 
 
 def dependence(measurement: Predictor, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -383,7 +387,7 @@ def _states(
     }
 
 
-def _state_rows(piece: Piece, new: Innovations, kind: int, component: Component, zeros: Mapping[int, int]) -> StateRows:
+def _state_rows(piece: Piece, new: Innovations, kind: int, component: Group, zeros: Mapping[int, int]) -> StateRows:
     """Rows of the coordinates or a derivative, which depend on one coordinate each and on its zero if that is free."""
     coordinates, columns, _ = component
     own = {j: zeros[at] for j, at in enumerate(coordinates.tolist()) if kind == 0 and at in zeros}
