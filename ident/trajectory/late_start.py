@@ -16,6 +16,7 @@ from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, clocks
 from ident.trajectory.left_out import without_zeros
 from ident.trajectory.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
+from ident.trajectory.start import reweighted
 
 SPACING, FURTHEST = 0.05, 3.0
 """Delays to try: their spacing in seconds, half of which the score test covers, and the largest one in standard
@@ -34,11 +35,8 @@ IDLE = 4.0
 """Standard deviations below which a delay is removed again, about the significance level of a search among many
 candidates."""
 
-REWEIGHTED = 3
-"""Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
-
 TINY = 1e-150
-"""Least size of residuals and of columns, so that logarithms and scales of zeros are finite."""
+"""Least size of residuals, so that the logarithm of zeros is finite."""
 
 TRIED, COMPARED = 20_000, 400
 """Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
@@ -147,16 +145,10 @@ def compared(
 
 def unexplained(residual: np.ndarray, columns: np.ndarray, channels: Sequence[str]) -> float:
     """Mean logarithm of the channels' RMS residuals (M, C) after columns (M, C, k) are fitted."""
-    rms, A = np.sqrt((residual**2).mean(axis=0)), columns.transpose(1, 2, 0)
+    rms = np.sqrt((residual**2).mean(axis=0))
     least = LEAST * beside_others(rms, channels)
-    normals, rights = A @ columns.swapaxes(0, 1), (A @ residual.T[:, :, None])[..., 0]
-    for _ in range(REWEIGHTED):
-        weights = np.maximum(rms, least) ** -2
-        normal, right = np.tensordot(weights, normals, axes=1), weights @ rights
-        scale = np.sqrt(np.maximum(np.diag(normal), TINY))
-        step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-        rms = np.sqrt(((residual - columns @ step) ** 2).mean(axis=0))
-    return float(np.log(np.maximum(rms, TINY)).mean())
+    step, _ = reweighted(residual, columns, np.maximum(rms, least), least)
+    return float(np.log(np.maximum(np.sqrt(((residual - columns @ step) ** 2).mean(axis=0)), TINY)).mean())
 
 
 def _candidates(root: float, longest: float) -> np.ndarray:

@@ -22,7 +22,7 @@ from ident.trajectory.algebra.block_tridiagonal import WINDOW
 from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.rows import TOGETHER, Factors
 from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import Local, Spline
+from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.algebra.whitening import Innovations
 
 NODES = 14
@@ -76,15 +76,10 @@ class Nodes:
         places = np.arange(self.spline.intervals)[:, None] + _PLACES
         return self.spline.start + (places * self.spline.step).ravel()
 
-    @cached_property
-    def local(self) -> Local:
-        """Spline functions at the nodes."""
-        return Local(np.repeat(np.arange(self.spline.intervals), NODES), self.spline.local(self.time).basis)
-
     @property
     def basis(self) -> np.ndarray:
         """Values of the functions of an interval at its nodes, and of their first two derivatives (NODES, 6, 3)."""
-        return self.local.basis[:3, :NODES].transpose(1, 2, 0)
+        return self.sampling.local.basis[:3, :NODES].transpose(1, 2, 0)
 
     @cached_property
     def polynomials(self) -> np.ndarray:

@@ -43,23 +43,13 @@ class Linearised(NamedTuple):
 
     Attributes:
         cost: Cost at the point of linearisation, as in `Misfit`.
-        precision: Precision of θ (p, p).
-        gradient: Right side (p,).
-        step: Step of the coefficients at fixed θ (size n,).
-        by_theta: Change with a step of θ, `step - by_theta @ δθ` (size n, p).
-        pull: Part of the penalty that the right side leaves out (p,).
-        bend: The same of the precision (p, p).
+        eliminated: Normal equations of the free entries of θ, without factors.
         taken: Absorbed degrees of freedom of innovations and of their halves; zero for halves where ρ is zero (3, s).
         held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
     """
 
     cost: float
-    precision: np.ndarray
-    gradient: np.ndarray
-    step: np.ndarray
-    by_theta: np.ndarray
-    pull: np.ndarray
-    bend: np.ndarray
+    eliminated: Eliminated
     taken: np.ndarray
     held: np.ndarray
 
@@ -83,7 +73,7 @@ def misfit(
         if (nodes := _nodes(measurement, piece, when, noise)) is None:
             predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
         else:
-            x = nodes.local.combined(coefficients)
+            x = nodes.sampling.local.combined(coefficients)
             predicted = nodes.interpolated(measurement.values(x[:3], no_wrenches(x), theta).T).T
         channels.append(_channels(piece, own, when, local, predicted, noise))
     bends = piece.spline.squared_jerk(coefficients)
@@ -165,21 +155,6 @@ class ChannelEquations(NamedTuple):
             given = group._replace(channels=channels), by_states, by_theta, self.new.of_streams(channels)
             yield ChannelRows.of(self.at, *given) if self.nodes is None else NodeRows.of(self.nodes, *given)
 
-    @property
-    def when(self) -> np.ndarray:
-        """True times of the samples, s (M,)."""
-        return self.at.time
-
-    @property
-    def by_states(self) -> np.ndarray:
-        """Derivatives by coordinates and the coordinates' derivatives (c, 3, n, M)."""
-        return self.by_sample[0].transpose(1, 2, 3, 0)
-
-    @property
-    def by_theta(self) -> np.ndarray:
-        """Derivatives by θ (c, k, M)."""
-        return self.by_sample[1].transpose(1, 2, 0)
-
 
 class ComponentEquations(NamedTuple):
     """Normal equations of coordinates that no channel relates to the others.
@@ -227,17 +202,8 @@ class NormalEquations(NamedTuple):
             root: Root of the covariance of θ from all pieces (k, q).
         """
         taken, held = self.taken(root, spline)
-        return Linearised(
-            cost=_cost(self.innovations, noise, spline.squared_jerk(coefficients)),
-            precision=self.eliminated.precision,
-            gradient=self.eliminated.gradient,
-            step=self.eliminated.step,
-            by_theta=self.eliminated.by_theta,
-            pull=self.eliminated.pull,
-            bend=self.eliminated.bend,
-            taken=taken,
-            held=noise.jerk * held,
-        )
+        cost = _cost(self.innovations, noise, spline.squared_jerk(coefficients))
+        return Linearised(cost, self.eliminated._replace(factors=()), taken, noise.jerk * held)
 
     def taken(self, root: np.ndarray, spline: Spline) -> tuple[np.ndarray, np.ndarray]:
         """Absorbed degrees of freedom of all streams (3, s), and `tr(H⁻¹ P_j)` of the jerk's penalties (n,).
@@ -339,7 +305,7 @@ def _channel_equations(
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
         at = piece.at_channels(when)
         nodes = _nodes(measurement, piece, when, noise)
-        x = (at if nodes is None else nodes).local.combined(coefficients)
+        x = (at if nodes is None else nodes.sampling).local.combined(coefficients)
         wrenches = piece.wrenches if nodes is None else no_wrenches(x)
         values, by_states, by_theta = measurement.derivatives(x[:3], wrenches, theta, columns)
         by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
