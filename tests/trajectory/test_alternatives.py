@@ -10,8 +10,7 @@ from driven_arm import JOINTS
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from ident.estimation.part import Part
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import Part, prepared
 from ident.trajectory.estimate import trajectory_estimate
 
 KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
