@@ -51,40 +51,31 @@ def with_long_delays(search: Search, refit: Refit, measurement: Measurement, del
         measurement: Channels and parameters.
         delays: Indices of the delays in θ.
     """
-    tried = [at for at in delays if not search.fit.free[at] and search.fit.status != "interrupted"]
-    for at in tried:
-        if delay := likely_delay(search.fit, measurement, at):
-            search = _with(search, refit, at, delay)
+    for at in delays:
+        fit, own = search.fit, np.arange(len(search.fit.theta)) == at
+        if fit.free[at] or fit.status == "interrupted" or not (delay := likely_delay(fit, measurement, at)):
+            continue
+        try:
+            late = refit(replace(fit.end, theta=np.where(own, delay, fit.theta)), fit.free | own, SEARCH_ROUNDS)
+        except ExcitationError:
+            continue
+        better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
+        if better or late.status == "interrupted":
+            search = replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
     return search
 
 
 def without_idle_delays(search: Search, refit: Refit, delays: Sequence[int]) -> Search:
     """Search without delays that are no longer significant because a clock error, fitted later, explains them."""
-    fit = search.fit
-    idle = [each for each in search.deviations if each.index in delays]
-    idle = [
-        each for each in idle if abs(fit.theta[each.index]) < IDLE * np.sqrt(fit.covariance[each.index, each.index])
-    ]
+    fit, limits = search.fit, IDLE * np.sqrt(np.diag(search.fit.covariance))
+    ours = [each for each in search.deviations if each.index in delays]
+    idle = [each for each in ours if abs(fit.theta[each.index]) < limits[each.index]]
     if not idle or fit.status == "interrupted":
         return search
     held = np.isin(np.arange(len(fit.theta)), [each.index for each in idle])
     start = replace(fit.end, theta=np.where(held, 0.0, fit.theta))
     kept = tuple(each for each in search.deviations if each not in idle)
     return replace(search, fit=refit(start, fit.free & ~held, SEARCH_ROUNDS), deviations=kept)
-
-
-def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
-    """Search with a delay, if the channels' noise is smaller with it."""
-    fit, own = search.fit, np.arange(len(search.fit.theta)) == at
-    start = replace(fit.end, theta=np.where(own, delay, fit.theta))
-    try:
-        late = refit(start, fit.free | own, SEARCH_ROUNDS)
-    except ExcitationError:
-        return search
-    better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
-    if not better and late.status != "interrupted":
-        return search
-    return replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
 
 
 def likely_delay(fit: TrajectoryFit, measurement: Measurement, at: int) -> float:

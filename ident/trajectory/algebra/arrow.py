@@ -224,14 +224,13 @@ class Arrow:
             numpy.linalg.LinAlgError: Rows and penalty together do not determine the trajectory.
         """
         intervals, _, n = self._right.shape
-        P = self.spline.penalty
         for j, weight in enumerate(jerk):
-            self._normal[:, 1:, j, 1:, j] += weight * P
-        self._right[:, 1:] -= jerk * (P @ self.spline.windows(coefficients))
+            self._normal[:, 1:, j, 1:, j] += weight * self.spline.penalty
         factor = BlockTridiagonal.of_windows(self._normal.reshape(intervals, WINDOW * n, WINDOW * n)).factored()
         blocks = len(factor.diagonal)
         right = np.zeros((blocks * LOCAL, n, self._border.shape[2] + 1))
         right[: len(self._border), :, :-1], right[: len(self._border), :, -1] = self._border, _summed(self._right)
+        right[1 : len(self._border), :, -1] -= self.spline.penalised(coefficients.reshape(-1, 1), jerk).reshape(-1, n)
         right = right.reshape(blocks, LOCAL * n, -1)
         half = factor.solve_lower(right)
         gram = stacked(half).T @ stacked(half)

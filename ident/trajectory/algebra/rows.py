@@ -149,10 +149,8 @@ class ChannelRows:
             F[..., first:] -= (stacked(self.by_theta[some]) @ root).reshape(*F.shape[:-1], -1)
             quadratic = _dot(K, J) + _dot(F, F)
             across = self._across(K, J, some, moved) + self._across(F, F, some)
-            own, quadratic, across = (
-                slice(some.start + fresh, some.stop),
-                *(x.swapaxes(1, 2) for x in (quadratic, across)),
-            )
+            own = slice(some.start + fresh, some.stop)
+            quadratic, across = (x.swapaxes(1, 2) for x in (quadratic, across))
             before = self.at.intervals.before(quadratic, some.start)
             shares += self.factors.taken(quadratic[fresh:], across[fresh:], before[fresh:], own)
         return shares

@@ -115,7 +115,10 @@ def linearised(
     columns = np.arange(len(theta)) if columns is None else columns
     root = np.zeros((len(columns), 0)) if root is None else root
     equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
-    return equations.linearised(piece.spline, coefficients, noise, root)
+    taken, held = equations.taken(root, piece.spline)
+    every = [*equations.states.values(), *(each.new for each in equations.channels)]
+    cost = _cost(every, noise, piece.spline.squared_jerk(coefficients))
+    return Linearised(cost, equations.eliminated._replace(factors=()), taken, noise.jerk * held)
 
 
 class ChannelEquations(NamedTuple):
@@ -186,24 +189,6 @@ class NormalEquations(NamedTuple):
     components: list[ComponentEquations]
     channels: list[ChannelEquations]
     states: dict[int, Innovations]
-
-    @property
-    def innovations(self) -> list[Innovations]:
-        """Innovations of all streams."""
-        return [*self.states.values(), *(each.new for each in self.channels)]
-
-    def linearised(self, spline: Spline, coefficients: np.ndarray, noise: Noise, root: np.ndarray) -> Linearised:
-        """The linearised piece.
-
-        Args:
-            spline: Spline space of the trajectory.
-            coefficients: Spline coefficients (size, n).
-            noise: Standard deviations, correlation and smoothness.
-            root: Root of the covariance of θ from all pieces (k, q).
-        """
-        taken, held = self.taken(root, spline)
-        cost = _cost(self.innovations, noise, spline.squared_jerk(coefficients))
-        return Linearised(cost, self.eliminated._replace(factors=()), taken, noise.jerk * held)
 
     def taken(self, root: np.ndarray, spline: Spline) -> tuple[np.ndarray, np.ndarray]:
         """Absorbed degrees of freedom of all streams (3, s), and `tr(H⁻¹ P_j)` of the jerk's penalties (n,).
