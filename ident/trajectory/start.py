@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from ident.trajectory.fit.piece import Noise, Piece, Predictor, channel_times
 
 REWEIGHTED = 4
 """Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
-
-TOGETHER = 8
-"""Number of coordinates smoothed at once, between many calls and many zero blocks: they do not interact."""
 
 FITS = 40
 """Rounds of smoothing."""
@@ -82,10 +79,6 @@ def start(
     return Start(theta, noises, alone.coefficients)
 
 
-OF_STATES = "states", "states_rho", "floor_states", "jerk"
-"""Parts of the noise that belong to coordinates."""
-
-
 def smoothed(
     pieces: Sequence[Piece],
     noises: Sequence[Noise] | None = None,
@@ -101,60 +94,28 @@ def smoothed(
         coloured: True if it may be correlated over time.
         executor: Executor for the pieces; by default they are computed here.
     """
-    none = np.zeros(0)
-    own = _first_noises(pieces) if noises is None else noises
+    none, logs = np.zeros(0), range(max(piece.log for piece in pieces) + 1)
+    own = noises or [_first_noise([piece for piece in pieces if piece.log == log]) for log in logs]
     own = [replace(noise, channels=none, channels_rho=none, floor_channels=none, alike=()) for noise in own]
-    groups = [slice(first, first + TOGETHER) for first in range(0, len(own[0].jerk), TOGETHER)]
-    rounds = [(FITS, ("states",), False)] if noises is not None else [*WHITE, *[(FITS, (), True)] * coloured]
-    starts = [_smoothed(pieces, own, some, executor, rounds) for some in groups]
-    joined = list[Noise]()
-    for noise, *groups_of in zip(own, *(each.noises for each in starts), strict=True):
-        parts: dict[str, Any] = {k: np.concatenate([getattr(x, k) for x in groups_of], axis=-1) for k in OF_STATES}
-        joined.append(replace(noise, **parts))
-    places = [np.hstack(parts) for parts in zip(*(each.coefficients for each in starts), strict=True)]
-    return Start(none, joined, places)
-
-
-def _smoothed(
-    pieces: Sequence[Piece],
-    noises: Sequence[Noise],
-    some: slice,
-    executor: Executor | None,
-    fits: Sequence[tuple[int, tuple[str, ...], bool]],
-) -> Start:
-    """Some of the coordinates, each smoothed alone, by fits as `WHITE`."""
-    none = np.zeros(0)
-    bare = [_bare(piece, some) for piece in pieces]
-    own = [replace(noise, **{k: getattr(noise, k)[..., some] for k in OF_STATES}) for noise in noises]
-    begin = Start(none, own, [_interpolated(piece) for piece in bare])
-    for rounds, kept, coloured in fits:
-        fit = iteration.fit(
+    begin = Start(none, own, [_interpolated(piece) for piece in pieces])
+    bare = [
+        replace(piece, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
+        for piece in pieces
+    ]
+    fits = [*WHITE, *[(FITS, (), True)] * coloured] if noises is None else [(FITS, ("states",), False)]
+    for rounds, kept, may in fits:
+        begin = iteration.fit(
             COORDINATES,
             bare,
             begin,
             prior=Prior(none, np.zeros((0, 0))),
             free=np.zeros(0, bool),
-            coloured=coloured,
+            coloured=may,
             kept=kept,
             executor=executor,
             rounds=rounds,
-        )
-        begin = fit.end
+        ).end
     return begin
-
-
-def _bare(piece: Piece, some: slice) -> Piece:
-    """Piece with some of its coordinates and no channels."""
-    q, dq, ddq = piece.states
-    states = q[:, some], None if dq is None else dq[:, some], None if ddq is None else ddq[:, some]
-    none = np.zeros(0)
-    return replace(piece, states=states, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
-
-
-def _first_noises(pieces: Sequence[Piece]) -> list[Noise]:
-    """First guesses of the coordinates' noise and smoothness of every recording, without channels."""
-    last = max(piece.log for piece in pieces)
-    return [_first_noise([piece for piece in pieces if piece.log == log]) for log in range(last + 1)]
 
 
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
