@@ -17,6 +17,7 @@ from scipy import linalg, sparse
 from ident.recordings.despike import GROSS
 from ident.recordings.gaps import longest_step
 from ident.recordings.sampled import Sampled
+from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 
 PASSES = 4
@@ -76,7 +77,8 @@ def smoothed(coordinates: Sampled, T: float) -> Trajectory:
     for part in _stretches(coordinates):
         time, columns = coordinates.time[part], coordinates.values[part].T
         spline = Spline.over(time[0], time[-1], T)
-        basis, penalty = spline.design(time), T**6 / (time[-1] - time[0]) * (spline.roots.T @ spline.roots)
+        basis = Sampling(spline, time).matrices[0]
+        penalty = T**6 / (time[-1] - time[0]) * (spline.roots.T @ spline.roots)
         how = basis, basis.T @ basis, penalty
         splines.append(spline)
         coefficients.append(np.stack([_without_outliers(x, *how) for x in columns], axis=1))

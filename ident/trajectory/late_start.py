@@ -16,6 +16,7 @@ from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, clocks
 from ident.trajectory.left_out import without_zeros
 from ident.trajectory.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
+from ident.trajectory.start import reweighted
 
 SPACING, FURTHEST = 0.05, 3.0
 """Delays to try: their spacing in seconds, half of which the score test covers, and the largest one in standard
@@ -34,11 +35,8 @@ IDLE = 4.0
 """Standard deviations below which a delay is removed again, about the significance level of a search among many
 candidates."""
 
-REWEIGHTED = 3
-"""Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
-
 TINY = 1e-150
-"""Least size of residuals and of columns, so that logarithms and scales of zeros are finite."""
+"""Least size of residuals, so that the logarithm of zeros is finite."""
 
 TRIED, COMPARED = 20_000, 400
 """Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
@@ -53,40 +51,31 @@ def with_long_delays(search: Search, refit: Refit, measurement: Measurement, del
         measurement: Channels and parameters.
         delays: Indices of the delays in θ.
     """
-    tried = [at for at in delays if not search.fit.free[at] and search.fit.status != "interrupted"]
-    for at in tried:
-        if delay := likely_delay(search.fit, measurement, at):
-            search = _with(search, refit, at, delay)
+    for at in delays:
+        fit, own = search.fit, np.arange(len(search.fit.theta)) == at
+        if fit.free[at] or fit.status == "interrupted" or not (delay := likely_delay(fit, measurement, at)):
+            continue
+        try:
+            late = refit(replace(fit.end, theta=np.where(own, delay, fit.theta)), fit.free | own, SEARCH_ROUNDS)
+        except ExcitationError:
+            continue
+        better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
+        if better or late.status == "interrupted":
+            search = replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
     return search
 
 
 def without_idle_delays(search: Search, refit: Refit, delays: Sequence[int]) -> Search:
     """Search without delays that are no longer significant because a clock error, fitted later, explains them."""
-    fit = search.fit
-    idle = [each for each in search.deviations if each.index in delays]
-    idle = [
-        each for each in idle if abs(fit.theta[each.index]) < IDLE * np.sqrt(fit.covariance[each.index, each.index])
-    ]
+    fit, limits = search.fit, IDLE * np.sqrt(np.diag(search.fit.covariance))
+    ours = [each for each in search.deviations if each.index in delays]
+    idle = [each for each in ours if abs(fit.theta[each.index]) < limits[each.index]]
     if not idle or fit.status == "interrupted":
         return search
     held = np.isin(np.arange(len(fit.theta)), [each.index for each in idle])
     start = replace(fit.end, theta=np.where(held, 0.0, fit.theta))
     kept = tuple(each for each in search.deviations if each not in idle)
     return replace(search, fit=refit(start, fit.free & ~held, SEARCH_ROUNDS), deviations=kept)
-
-
-def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
-    """Search with a delay, if the channels' noise is smaller with it."""
-    fit, own = search.fit, np.arange(len(search.fit.theta)) == at
-    start = replace(fit.end, theta=np.where(own, delay, fit.theta))
-    try:
-        late = refit(start, fit.free | own, SEARCH_ROUNDS)
-    except ExcitationError:
-        return search
-    better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
-    if not better and late.status != "interrupted":
-        return search
-    return replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
 
 
 def likely_delay(fit: TrajectoryFit, measurement: Measurement, at: int) -> float:
@@ -147,16 +136,10 @@ def compared(
 
 def unexplained(residual: np.ndarray, columns: np.ndarray, channels: Sequence[str]) -> float:
     """Mean logarithm of the channels' RMS residuals (M, C) after columns (M, C, k) are fitted."""
-    rms, A = np.sqrt((residual**2).mean(axis=0)), columns.transpose(1, 2, 0)
+    rms = np.sqrt((residual**2).mean(axis=0))
     least = LEAST * beside_others(rms, channels)
-    normals, rights = A @ columns.swapaxes(0, 1), (A @ residual.T[:, :, None])[..., 0]
-    for _ in range(REWEIGHTED):
-        weights = np.maximum(rms, least) ** -2
-        normal, right = np.tensordot(weights, normals, axes=1), weights @ rights
-        scale = np.sqrt(np.maximum(np.diag(normal), TINY))
-        step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-        rms = np.sqrt(((residual - columns @ step) ** 2).mean(axis=0))
-    return float(np.log(np.maximum(rms, TINY)).mean())
+    step, _ = reweighted(residual, columns, np.maximum(rms, least), least)
+    return float(np.log(np.maximum(np.sqrt(((residual - columns @ step) ** 2).mean(axis=0)), TINY)).mean())
 
 
 def _candidates(root: float, longest: float) -> np.ndarray:

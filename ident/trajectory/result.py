@@ -115,7 +115,7 @@ class TrajectoryEstimate:
         zero.
         """
         fit = self.fit
-        held = np.flatnonzero(np.zeros(0) if fit.bounded is None else fit.bounded)
+        held = np.flatnonzero(fit.bound)
         values, stds = fit.scores(np.eye(len(fit.theta))[held])
         finite = np.isfinite(stds)
         held, values, stds = held[finite], values[finite], stds[finite]

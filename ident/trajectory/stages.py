@@ -116,11 +116,6 @@ class Stages:
         """Mask of the set-up parameters that are estimated without a search (p,)."""
         return np.isin(np.arange(len(self.names)), [k for k, each in self.setup.items() if each.row.stated])
 
-    @property
-    def stated(self) -> tuple[Deviation, ...]:
-        """Set-up errors that are estimated without a search."""
-        return tuple(Deviation(int(k), ()) for k in np.flatnonzero(self.is_stated))
-
     def explored(self, steps: Sequence[float], share: int, finest: Sequence[float]) -> TrajectoryEstimate:
         """Exploring fit with white noise and the densest knots that still decrease the noise of a recording notably.
 
@@ -160,7 +155,8 @@ class Stages:
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
         fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_stated, EXPLORED)
-        how = Search(fit, self.stated), counts, tuple(steps), self.known
+        stated = tuple(Deviation(int(k), ()) for k in np.flatnonzero(self.is_stated))
+        how = Search(fit, stated), counts, tuple(steps), self.known
         return TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup)
 
     def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:

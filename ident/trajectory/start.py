@@ -2,24 +2,21 @@
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 
 from ident.estimation.channel_scales import channel_scales, least_noise, rounding
 from ident.estimation.measurement import Measurement
 from ident.recordings.resolution import at_rest, white_noise
-from ident.setup import Shift
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
-from ident.trajectory.fit.piece import Noise, Piece, channel_times
+from ident.trajectory.fit.piece import Noise, Piece, Predictor, channel_times
 
 REWEIGHTED = 4
 """Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
-
-TOGETHER = 8
-"""Number of coordinates smoothed at once, between many calls and many zero blocks: they do not interact."""
 
 FITS = 40
 """Rounds of smoothing."""
@@ -45,46 +42,13 @@ TINY = 1e-12, 1e-9
 """Noise and spread assumed for a constant coordinate."""
 
 
-@dataclass(frozen=True)
-class _Coordinates:
-    """`Predictor` for coordinates alone, without channels and parameters."""
+def _none(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Masks of the coordinates and of θ on which no channels depend (0, 0)."""
+    return np.zeros((0, 0), bool), np.zeros((0, len(columns)), bool)
 
-    names: tuple[str, ...] = ()
 
-    @property
-    def zeros(self) -> dict[int, int]:
-        """Empty: coordinates have no zeros here."""
-        return {}
-
-    @property
-    def shifts(self) -> dict[int, Shift]:
-        """Empty: no shifts of time."""
-        return {}
-
-    @property
-    def smooth(self) -> bool:
-        """True, for lack of channels."""
-        return True
-
-    @property
-    def turning(self) -> np.ndarray:
-        """Masks of the coordinates that turn bodies, none (0, 0)."""
-        return np.zeros((0, 0), bool)
-
-    def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Predicted channels, none (0, M)."""
-        return np.zeros((0, len(wrenches)))
-
-    def derivatives(
-        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Predicted channels and derivatives, none (0, M), (0, 3, n, M), (0, 0, M)."""
-        _, M, n = states.shape
-        return np.zeros((0, M)), np.zeros((0, 3, n, M)), np.zeros((0, 0, M))
-
-    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Masks of the coordinates and of θ on which channels depend, none (0, 0)."""
-        return np.zeros((0, 0), bool), np.zeros((0, len(columns)), bool)
+COORDINATES = cast(Predictor, SimpleNamespace(names=(), zeros={}, shifts={}, dependence=_none))
+"""What a fit needs to know of coordinates alone, without channels and parameters."""
 
 
 def start(
@@ -115,10 +79,6 @@ def start(
     return Start(theta, noises, alone.coefficients)
 
 
-OF_STATES = "states", "states_rho", "floor_states", "jerk"
-"""Parts of the noise that belong to coordinates."""
-
-
 def smoothed(
     pieces: Sequence[Piece],
     noises: Sequence[Noise] | None = None,
@@ -134,60 +94,28 @@ def smoothed(
         coloured: True if it may be correlated over time.
         executor: Executor for the pieces; by default they are computed here.
     """
-    none = np.zeros(0)
-    own = _first_noises(pieces) if noises is None else noises
+    none, logs = np.zeros(0), range(max(piece.log for piece in pieces) + 1)
+    own = noises or [_first_noise([piece for piece in pieces if piece.log == log]) for log in logs]
     own = [replace(noise, channels=none, channels_rho=none, floor_channels=none, alike=()) for noise in own]
-    groups = [slice(first, first + TOGETHER) for first in range(0, len(own[0].jerk), TOGETHER)]
-    rounds = [(FITS, ("states",), False)] if noises is not None else [*WHITE, *[(FITS, (), True)] * coloured]
-    starts = [_smoothed(pieces, own, some, executor, rounds) for some in groups]
-    joined = list[Noise]()
-    for noise, *groups_of in zip(own, *(each.noises for each in starts), strict=True):
-        parts: dict[str, Any] = {k: np.concatenate([getattr(x, k) for x in groups_of], axis=-1) for k in OF_STATES}
-        joined.append(replace(noise, **parts))
-    places = [np.hstack(parts) for parts in zip(*(each.coefficients for each in starts), strict=True)]
-    return Start(none, joined, places)
-
-
-def _smoothed(
-    pieces: Sequence[Piece],
-    noises: Sequence[Noise],
-    some: slice,
-    executor: Executor | None,
-    fits: Sequence[tuple[int, tuple[str, ...], bool]],
-) -> Start:
-    """Some of the coordinates, each smoothed alone, by fits as `WHITE`."""
-    none = np.zeros(0)
-    bare = [_bare(piece, some) for piece in pieces]
-    own = [replace(noise, **{k: getattr(noise, k)[..., some] for k in OF_STATES}) for noise in noises]
-    begin = Start(none, own, [_interpolated(piece) for piece in bare])
-    for rounds, kept, coloured in fits:
-        fit = iteration.fit(
-            _Coordinates(),
+    begin = Start(none, own, [_interpolated(piece) for piece in pieces])
+    bare = [
+        replace(piece, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
+        for piece in pieces
+    ]
+    fits = [*WHITE, *[(FITS, (), True)] * coloured] if noises is None else [(FITS, ("states",), False)]
+    for rounds, kept, may in fits:
+        begin = iteration.fit(
+            COORDINATES,
             bare,
             begin,
             prior=Prior(none, np.zeros((0, 0))),
             free=np.zeros(0, bool),
-            coloured=coloured,
+            coloured=may,
             kept=kept,
             executor=executor,
             rounds=rounds,
-        )
-        begin = fit.end
+        ).end
     return begin
-
-
-def _bare(piece: Piece, some: slice) -> Piece:
-    """Piece with some of its coordinates and no channels."""
-    q, dq, ddq = piece.states
-    states = q[:, some], None if dq is None else dq[:, some], None if ddq is None else ddq[:, some]
-    none = np.zeros(0)
-    return replace(piece, states=states, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
-
-
-def _first_noises(pieces: Sequence[Piece]) -> list[Noise]:
-    """First guesses of the coordinates' noise and smoothness of every recording, without channels."""
-    last = max(piece.log for piece in pieces)
-    return [_first_noise([piece for piece in pieces if piece.log == log]) for log in range(last + 1)]
 
 
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
@@ -242,22 +170,45 @@ def _regressed(
     """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
     A, b = _linear(measurement, pieces, coefficients, theta, free)
     std = channel_scales([piece.signal for piece in pieces], measurement.equations.channels)
-    there = np.isfinite(b) & ~_loose(pieces, std)
-    A, b = np.where(there[..., None], A, 0), np.where(there, b, 0)
     mean, precision = prior
     pull = -(precision @ (theta - mean))[free]
-    step = np.zeros(A.shape[-1])
-    columns = A.transpose(1, 2, 0)
-    normals, rights = columns @ A.swapaxes(0, 1), (columns @ b.T[:, :, None])[..., 0]
-    for _ in range(REWEIGHTED):
-        normal = np.tensordot(std**-2, normals, axes=1) + precision[np.ix_(free, free)]
-        right = std**-2 @ rights + pull
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-        std = np.maximum(np.sqrt(((b - A @ step) ** 2).sum(axis=0) / np.maximum(there.sum(axis=0), 1)), floor)
+    b = np.where(_loose(pieces, std), np.nan, b)
+    step, std = reweighted(b, A, std, floor, precision[np.ix_(free, free)], pull)
     out = theta.copy()
     out[free] += step
     return out, std
+
+
+def reweighted(
+    residual: np.ndarray,
+    columns: np.ndarray,
+    std: np.ndarray,
+    floor: np.ndarray,
+    precision: np.ndarray | float = 0.0,
+    pull: np.ndarray | float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of least squares reweighted by channel (k,), and the channels' standard deviations (C,).
+
+    Args:
+        residual: Samples of the channels, NaN where one is missing (N, C).
+        columns: Their derivatives by the coefficients (N, C, k).
+        std: Standard deviations of the channels in the first fit (C,).
+        floor: Least ones (C,).
+        precision: Precision of a prior of the coefficients (k, k).
+        pull: Right side of the prior (k,).
+    """
+    there = np.isfinite(residual)
+    A, b = np.where(there[..., None], columns, 0), np.where(there, residual, 0)
+    by_channel = A.transpose(1, 2, 0)
+    normals, rights = by_channel @ A.swapaxes(0, 1), (by_channel @ b.T[:, :, None])[..., 0]
+    step = np.zeros(A.shape[-1])
+    for _ in range(REWEIGHTED):
+        normal, right = np.tensordot(std**-2, normals, axes=1) + precision, std**-2 @ rights + pull
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+        rms = np.sqrt(((b - A @ step) ** 2).sum(axis=0) / np.maximum(there.sum(axis=0), 1))
+        std = np.maximum(rms, floor)
+    return step, std
 
 
 def _loose(pieces: Sequence[Piece], scales: np.ndarray) -> np.ndarray:

@@ -115,7 +115,7 @@ def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured(
         whole = linearised(
             joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noises[piece.log]
         )
-        study._begun[k, 1.2] = whole.precision
+        study._begun[k, 1.2] = whole.eliminated.precision
         assert beginning(piece, 1.2).spline.intervals < piece.spline.intervals
     np.testing.assert_allclose(variances, np.diag(study._covariance([1.2, 1.2])), rtol=1e-3)
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.trajectory.algebra.block_tridiagonal import WINDOW, BlockTridiagonal, Factor
+from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.spline import LOCAL, Spline
 
 
@@ -154,77 +155,36 @@ class Arrow:
         self._right = np.zeros((intervals, WINDOW, n))
         self._corner, self._below = np.zeros((p, p)), np.zeros(p)
 
-    def add(self, some: slice, J: np.ndarray, right: np.ndarray, coordinates: np.ndarray) -> None:
-        """Adds rows that depend on some coordinates to the equations of the trajectory.
-
-        Args:
-            some: The k intervals of the rows.
-            J: Derivatives by the functions of their windows, of these coordinates (k, r, 7 c).
-            right: Right sides (k, r).
-            coordinates: Indices of the coordinates, ascending (c,).
-        """
-        Jt = transposed(J)
-        # BLAS computes half of a product of a matrix with its transpose.
-        self._add_normal(some, Jt @ J, coordinates)
-        self._right[some][:, :, coordinates] += (Jt @ right[..., None]).reshape(len(J), WINDOW, -1)
-
-    def border(self, coordinates: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Memory for products of all functions of some coordinates with some entries of θ, for `add_border`.
-
-        It is zero, or the border itself where all coordinates and entries are concerned.
-        """
-        shape = len(self._border), len(coordinates), len(columns)
-        return self._border if shape == self._border.shape else np.zeros(shape)
-
-    def add_border(self, border: np.ndarray, coordinates: np.ndarray, columns: np.ndarray) -> None:
-        """Adds the products of rows' derivatives by functions and by entries of θ.
-
-        Args:
-            border: The products (size + 1, c, q).
-            coordinates: Indices of the coordinates, ascending (c,).
-            columns: Indices of the entries, ascending (q,).
-        """
-        if border is not self._border:
-            self._border[:, coordinates[:, None], columns] += border
-
-    def add_corner(self, columns: np.ndarray, corner: np.ndarray, below: np.ndarray) -> None:
-        """Adds to the equations of θ.
-
-        Args:
-            columns: Indices of entries of θ, ascending (q,).
-            corner: Sum of products of rows' derivatives by them (q, q).
-            below: Sum of products of these derivatives and right sides (q,).
-        """
-        self._corner[columns[:, None], columns] += corner
-        self._below[columns] += below
-
-    def add_products(
-        self, some: slice, rows: tuple[np.ndarray, np.ndarray, np.ndarray], coordinates: np.ndarray, columns: np.ndarray
+    def add(
+        self,
+        some: slice,
+        rows: tuple[np.ndarray, np.ndarray],
+        weighed: tuple[np.ndarray, np.ndarray],
+        right: np.ndarray,
+        group: Group,
     ) -> None:
         """Adds rows X with a matrix of weights W, as `Xᵀ W X` and `Xᵀ W y`.
 
         Args:
             some: The k intervals of the rows.
-            rows: X, derivatives by the functions of the coordinates' windows and by the entries of θ (k, r, 7 c + q);
-                W X likewise; and W y (k, r).
-            coordinates: Indices of the coordinates, ascending (c,).
-            columns: Indices of the entries of θ, ascending (q,).
+            rows: X, derivatives by the functions of the coordinates' windows (k, r, 7 c) and by entries of θ (k, r, q).
+            weighed: W X, likewise; the same arrays for rows that are weighted already.
+            right: W y (k, r).
+            group: The coordinates and entries of θ.
         """
-        X, weighed, right = rows
-        width = WINDOW * len(coordinates)
-        J, T = X[..., :width], stacked(X[..., width:])
-        by_functions = transposed(J) @ weighed
-        self._add_normal(some, by_functions[..., :width], coordinates)
-        border = self._border[some.start : some.stop + LOCAL]
+        (J, T), (WJ, WT), (coordinates, columns, _) = rows, weighed, group
+        Jt, border = transposed(J), self._border[some.start : some.stop + LOCAL]
+        # BLAS computes half of a product of a matrix with its transpose.
+        self._add_normal(some, Jt @ WJ, coordinates)
         if border.shape[1:] == (len(coordinates), len(columns)):
-            add_windows(border, by_functions[..., width:])
+            add_windows(border, Jt @ WT)
         else:
             own = np.zeros((len(border), len(coordinates), len(columns)))
-            add_windows(own, by_functions[..., width:])
+            add_windows(own, Jt @ WT)
             border[:, coordinates[:, None], columns] += own
-        by_right = transposed(J) @ right[..., None]
-        self._right[some][:, :, coordinates] += by_right.reshape(len(J), WINDOW, -1)
-        self.add_corner(columns, T.T @ stacked(weighed[..., width:]), T.T @ right.ravel())
+        self._right[some][:, :, coordinates] += (Jt @ right[..., None]).reshape(len(J), WINDOW, -1)
+        self._corner[columns[:, None], columns] += stacked(T).T @ stacked(WT)
+        self._below[columns] += stacked(T).T @ right.ravel()
 
     def _add_normal(self, some: slice, windows: np.ndarray, coordinates: np.ndarray) -> None:
         """Adds products of the functions of some intervals' windows, of some coordinates (k, 7 c, 7 c)."""
@@ -264,14 +224,13 @@ class Arrow:
             numpy.linalg.LinAlgError: Rows and penalty together do not determine the trajectory.
         """
         intervals, _, n = self._right.shape
-        P = self.spline.penalty
         for j, weight in enumerate(jerk):
-            self._normal[:, 1:, j, 1:, j] += weight * P
-        self._right[:, 1:] -= jerk * (P @ self.spline.windows(coefficients))
+            self._normal[:, 1:, j, 1:, j] += weight * self.spline.penalty
         factor = BlockTridiagonal.of_windows(self._normal.reshape(intervals, WINDOW * n, WINDOW * n)).factored()
         blocks = len(factor.diagonal)
         right = np.zeros((blocks * LOCAL, n, self._border.shape[2] + 1))
         right[: len(self._border), :, :-1], right[: len(self._border), :, -1] = self._border, _summed(self._right)
+        right[1 : len(self._border), :, -1] -= self.spline.penalised(coefficients.reshape(-1, 1), jerk).reshape(-1, n)
         right = right.reshape(blocks, LOCAL * n, -1)
         half = factor.solve_lower(right)
         gram = stacked(half).T @ stacked(half)

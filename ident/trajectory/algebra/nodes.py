@@ -13,15 +13,16 @@ doi:10.1137/S0036144502417715).
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from ident.trajectory.algebra.arrow import Arrow, Posterior, transposed
 from ident.trajectory.algebra.block_tridiagonal import WINDOW
-from ident.trajectory.algebra.channel_groups import ChannelGroup
+from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.rows import TOGETHER, Factors
 from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import Local, Spline
+from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.algebra.whitening import Innovations
 
 NODES = 14
@@ -75,15 +76,10 @@ class Nodes:
         places = np.arange(self.spline.intervals)[:, None] + _PLACES
         return self.spline.start + (places * self.spline.step).ravel()
 
-    @cached_property
-    def local(self) -> Local:
-        """Spline functions at the nodes."""
-        return Local(np.repeat(np.arange(self.spline.intervals), NODES), self.spline.local(self.time).basis)
-
     @property
     def basis(self) -> np.ndarray:
         """Values of the functions of an interval at its nodes, and of their first two derivatives (NODES, 6, 3)."""
-        return self.local.basis[:3, :NODES].transpose(1, 2, 0)
+        return self.sampling.local.basis[:3, :NODES].transpose(1, 2, 0)
 
     @cached_property
     def polynomials(self) -> np.ndarray:
@@ -108,69 +104,46 @@ class NodeRows:
 
     Attributes:
         nodes: The nodes.
-        channels: Indices of the c channels among all that share their clock.
-        coordinates: Indices of the n coordinates on which they depend, within the equations.
-        columns: Indices of the p parameters likewise.
+        group: The c channels and their n coordinates and p parameters, numbered within the equations.
         by_states: Derivatives of the channels by coordinates and their derivatives at the nodes (S, NODES, c, 3, n).
         by_theta: Derivatives by θ at the nodes (S, NODES, c, p).
         factors: Factors that whiten the samples' rows.
     """
 
     nodes: Nodes
-    channels: np.ndarray
-    coordinates: np.ndarray
-    columns: np.ndarray
+    group: Group
     by_states: np.ndarray
     by_theta: np.ndarray
     factors: Factors
 
     @classmethod
-    def of(
-        cls,
-        nodes: Nodes,
-        group: ChannelGroup,
-        place: tuple[np.ndarray, np.ndarray, np.ndarray],
-        by_node: tuple[np.ndarray, np.ndarray],
-        new: Innovations,
-    ) -> "NodeRows":
-        """Rows of a group of channels.
-
-        Args:
-            nodes: The nodes.
-            group: The group.
-            place: Indices of its channels and coordinates among all, and of the parameters of the equations.
-            by_node: Derivatives of all channels by coordinates and the coordinates' derivatives (S NODES, C, 3, n), and
-                by θ (S NODES, C, p).
-            new: Innovations of all channels, at the samples.
-        """
-        (channels, coordinates, every), columns = place, group.columns
-        by_states, by_theta = (x.reshape(-1, NODES, *x.shape[1:]) for x in by_node)
-        whole = new.of_streams(channels) is new and len(coordinates) == by_states.shape[-1]
-        if not whole or len(columns) < by_theta.shape[-1]:
-            by_states = by_states[:, :, channels][..., coordinates]
-            by_theta = by_theta[:, :, channels][..., every[columns]]
-        factors = Factors.of(new.of_streams(channels), nodes.at.intervals)
-        return cls(nodes, channels, group.coordinates, columns, by_states, by_theta, factors)
+    def of(cls, nodes: Nodes, group: Group, by_states: np.ndarray, by_theta: np.ndarray, new: Innovations) -> Self:
+        """Rows of a group of channels, as `ChannelRows.of`, from derivatives at the nodes."""
+        by_states, by_theta = (x.reshape(-1, NODES, *x.shape[1:]) for x in (by_states, by_theta))
+        return cls(nodes, group, by_states, by_theta, Factors.of(new, nodes.at.intervals))
 
     def add_to(self, arrow: Arrow) -> None:
         """Adds the rows to normal equations."""
         products, right = self._products
+        width = WINDOW * self.by_states.shape[-1]
         for some in self._blocks():
             rows = self._rows(some)
-            k, C, nodes, every = rows.shape
-            weighed = (products[some] @ rows).reshape(k, C * nodes, every)
-            parts = rows.reshape(k, C * nodes, every), weighed, right[some]
-            arrow.add_products(some, parts, self.coordinates, self.columns)
+            J, T, weighed_J, weighed_T = (
+                x.reshape(len(x), -1, x.shape[-1])
+                for own in (rows, products[some] @ rows)
+                for x in (own[..., :width], own[..., width:])
+            )
+            arrow.add(some, (J, T), (weighed_J, weighed_T), right[some], self.group)
 
     def taken(self, posterior: Posterior) -> np.ndarray:
         """Absorbed degrees of freedom of innovations, and zeros for their halves (3, c)."""
         products, _ = self._products
-        shares, root = np.zeros((3, self.by_theta.shape[2])), posterior.root[self.columns]
+        shares, root = np.zeros((3, self.by_theta.shape[2])), posterior.root[self.group.columns]
         for some in self._blocks():
             J, T = np.split(self._rows(some), [WINDOW * self.by_states.shape[-1]], axis=-1)
             k, C, nodes, width = J.shape
             flat = J.reshape(k, C * nodes, width)
-            inverse, followed = posterior.of_coordinates(some, self.coordinates)
+            inverse, followed = posterior.of_coordinates(some, self.group.coordinates)
             # Effect of θ, the change of the trajectory with it included.
             F = (T @ root).reshape(k, C * nodes, -1) - flat @ followed
             F, K = (x.reshape(k, C, nodes, -1) for x in (F, flat @ inverse))

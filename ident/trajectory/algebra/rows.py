@@ -7,15 +7,16 @@ The leverage of each sample follows from quadratic forms `q_kl = x_k Cov x_lᵀ`
 `f² (q_kk ± 2 q_k,k-1 + q_k-1,k-1)`. Its sum is the degrees of freedom that the fit absorbs.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
-from ident.trajectory.algebra.arrow import Arrow, Posterior, add_windows, stacked, transposed
+from ident.trajectory.algebra.arrow import Arrow, Posterior, stacked
 from ident.trajectory.algebra.block_tridiagonal import WINDOW
-from ident.trajectory.algebra.channel_groups import ChannelGroup
+from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.intervals import Intervals
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.whitening import Innovations
@@ -99,104 +100,58 @@ class ChannelRows:
     Within an interval the samples of a channel are adjacent.
 
     Attributes:
-        intervals: Grouping of samples by interval.
-        basis: Values of the functions of each interval, and of their first two derivatives (S, m, 6, 3).
-        group: The c channels and their coordinates and parameters, numbered within the equations.
-        channels: Indices of the channels among all that share their clock (c,).
+        at: Spline functions at the samples.
+        group: The c channels and their n coordinates and p parameters, numbered within the equations.
         by_states: Derivatives of the channels by these coordinates and their derivatives (S, c, m, 3, n).
-        by_theta: Derivatives of each part of the channels by its parameters (S, ·, m, ·).
-        by_columns: The same derivatives of each block of parameters.
+        by_theta: Derivatives by these parameters (S, c, m, p).
         factors: Factors that whiten them.
     """
 
-    intervals: Intervals
-    basis: np.ndarray
-    group: ChannelGroup
-    channels: np.ndarray
+    at: Sampling
+    group: Group
     by_states: np.ndarray
-    by_theta: Sequence[np.ndarray]
-    by_columns: Sequence[np.ndarray]
+    by_theta: np.ndarray
     factors: Factors
 
     @classmethod
-    def of(
-        cls,
-        at: Sampling,
-        group: ChannelGroup,
-        place: tuple[np.ndarray, np.ndarray, np.ndarray],
-        by_sample: tuple[np.ndarray, np.ndarray],
-        new: Innovations,
-    ) -> "ChannelRows":
+    def of(cls, at: Sampling, group: Group, by_states: np.ndarray, by_theta: np.ndarray, new: Innovations) -> Self:
         """Rows of a group of channels.
 
         Args:
             at: Spline functions at the samples.
             group: The group.
-            place: Indices of its channels and coordinates among all, and of the parameters of the equations.
-            by_sample: Derivatives of all channels by coordinates and the coordinates' derivatives (N, C, 3, n), and by
-                θ (N, C, p).
-            new: Innovations of all channels.
+            by_states: Derivatives of its channels by its coordinates and their derivatives (N, c, 3, n).
+            by_theta: Derivatives by its parameters (N, c, p).
+            new: Innovations of its channels.
         """
-        (channels, coordinates, columns), (by_states, by_theta) = place, by_sample
         dealt = at.intervals.dealt_by_stream
-        every = len(channels), len(coordinates)
-        if every != (by_states.shape[1], by_states.shape[3]) or new.of_streams(channels) is not new:
-            at_states = (channels[:, None, None], np.arange(3)[:, None], coordinates)
-            by_states = by_states[np.arange(len(by_states))[:, None, None, None], *at_states]
-
-        def of_theta(rows: np.ndarray, own: np.ndarray) -> np.ndarray:
-            if group.whole and len(own) == by_theta.shape[2] and new.of_streams(channels) is new:
-                return dealt(by_theta)
-            # With an index for every dimension the samples are read and written one after the other.
-            return dealt(by_theta[np.arange(len(by_theta))[:, None, None], rows[:, None], columns[own]])
-
-        parts = blocks = [of_theta(channels[part.rows], part.columns) for part in group.parts]
-        if not group.whole:
-            blocks = [of_theta(channels[each.rows], each.columns) for each in group.blocks]
-        factors = Factors.of(new.of_streams(channels), at.intervals)
-        return cls(at.intervals, at.dealt, group, channels, dealt(by_states), parts, blocks, factors)
+        return cls(at, group, dealt(by_states), dealt(by_theta), Factors.of(new, at.intervals))
 
     def add_to(self, arrow: Arrow) -> None:
         """Adds the rows to normal equations."""
-        coordinates, right = self.group.coordinates, self.factors.right.swapaxes(1, 2)
-        borders = [arrow.border(coordinates, block.columns) for block in self.group.blocks]
-        sums = [(np.zeros((len(part.columns),) * 2), np.zeros(len(part.columns))) for part in self.group.parts]
+        right = self.factors.right.swapaxes(1, 2)
         for some, fresh in self._blocks():
             own = slice(some.start + fresh, some.stop)
-            J = self._whitened(self._windows(some), some, moved=len(coordinates))[fresh:]
-            arrow.add(own, _joined(J), _joined(right[own]), coordinates)
-            for block, by_columns, border in zip(self.group.blocks, self.by_columns, borders, strict=True):
-                T = self._whitened(by_columns[some], some, block.rows)[fresh:]
-                mine = J if len(block.rows) == J.shape[1] else J[:, block.rows]
-                add_windows(border[own.start :], transposed(_joined(mine)) @ _joined(T))
-            for part, by_theta, (corner, below) in zip(self.group.parts, self.by_theta, sums, strict=True):
-                T = stacked(T if self.group.whole else self._whitened(by_theta[some], some, part.rows)[fresh:])
-                corner += T.T @ T
-                below += T.T @ right[own, part.rows].ravel()
-        for block, border in zip(self.group.blocks, borders, strict=True):
-            arrow.add_border(border, coordinates, block.columns)
-        for part, (corner, below) in zip(self.group.parts, sums, strict=True):
-            arrow.add_corner(part.columns, corner, below)
+            J = self._whitened(self._windows(some), some, moved=len(self.group.coordinates))[fresh:]
+            T = self._whitened(self.by_theta[some], some)[fresh:]
+            rows = _joined(J), _joined(T)
+            arrow.add(own, rows, rows, _joined(right[own]), self.group)
 
     def taken(self, posterior: Posterior) -> np.ndarray:
         """Absorbed degrees of freedom of innovations and of their halves (3, c)."""
-        shares, moved = np.zeros((3, len(self.channels))), len(self.group.coordinates)
-        roots = [_nonzero(posterior.root[part.columns]) for part in self.group.parts]
+        shares, moved = np.zeros((3, len(self.group.channels))), len(self.group.coordinates)
+        first, root = _nonzero(posterior.root[self.group.columns])
         for some, fresh in self._blocks():
             J = self._windows(some)
             inverse, followed = posterior.of_coordinates(some, self.group.coordinates)
             K, F = _through(J, inverse), _through(J, followed)
             # Effect of θ, the change of the trajectory with it included.
-            for part, by_theta, (first, root) in zip(self.group.parts, self.by_theta, roots, strict=True):
-                effect = F[:, part.rows, :, first:]
-                effect -= (stacked(by_theta[some]) @ root).reshape(effect.shape)
+            F[..., first:] -= (stacked(self.by_theta[some]) @ root).reshape(*F.shape[:-1], -1)
             quadratic = _dot(K, J) + _dot(F, F)
             across = self._across(K, J, some, moved) + self._across(F, F, some)
-            own, quadratic, across = (
-                slice(some.start + fresh, some.stop),
-                *(x.swapaxes(1, 2) for x in (quadratic, across)),
-            )
-            before = self.intervals.before(quadratic, some.start)
+            own = slice(some.start + fresh, some.stop)
+            quadratic, across = (x.swapaxes(1, 2) for x in (quadratic, across))
+            before = self.at.intervals.before(quadratic, some.start)
             shares += self.factors.taken(quadratic[fresh:], across[fresh:], before[fresh:], own)
         return shares
 
@@ -204,9 +159,9 @@ class ChannelRows:
         """Yields blocks of intervals and the number of extra ones at their start, one if ρ needs preceding samples."""
         _, C, m, _, n = self.by_states.shape
         size = max(1, TOGETHER // max(8 * m * C * WINDOW * n, 1))
-        for start in range(0, self.intervals.number, size):
+        for start in range(0, self.at.intervals.number, size):
             first = max(start - (not self.factors.white), 0)
-            yield slice(first, min(start + size, self.intervals.number)), start - first
+            yield slice(first, min(start + size, self.at.intervals.number)), start - first
 
     @cached_property
     def _scale(self) -> np.ndarray:
@@ -224,26 +179,22 @@ class ChannelRows:
         k, c, m, _, n = by_states.shape
         out = np.empty((k, c, m, WINDOW, n))
         out[..., 0, :] = 0
-        np.matmul(self.basis[some, None], by_states, out=out[..., 1:, :])
+        np.matmul(self.at.dealt[some, None], by_states, out=out[..., 1:, :])
         return out.reshape(k, c, m, WINDOW * n)
 
-    def _whitened(
-        self, rows: np.ndarray, some: slice, channels: slice | np.ndarray = slice(None), moved: int = 0
-    ) -> np.ndarray:
-        """Whitened rows of some intervals and channels (k, c, m, w), the first sample of the first interval excepted.
+    def _whitened(self, rows: np.ndarray, some: slice, moved: int = 0) -> np.ndarray:
+        """Whitened rows of some intervals (k, c, m, w), the first sample of the first interval excepted.
 
         Args:
             rows: The rows.
             some: The intervals.
-            channels: The channels.
             moved: Number of columns by which windows move from one interval to the next.
         """
-        scale = self._scale[some, channels]
-        out = scale * rows
+        out = self._scale[some] * rows
         if not self.factors.white:
-            weight = self._of_before[some, channels]
+            weight = self._of_before[some]
             out[:, :, 1:] -= weight[:, :, 1:] * rows[:, :, :-1]
-            last = self.intervals.last(rows, some.start)[..., moved:]
+            last = self.at.intervals.last(rows, some.start)[..., moved:]
             out[1:, :, 0, : last.shape[-1]] -= weight[1:, :, 0] * last
         return out
 
@@ -259,7 +210,7 @@ class ChannelRows:
         out = np.zeros(a.shape[:3])
         if not self.factors.white:
             out[:, :, 1:] = _dot(a[:, :, 1:], b[:, :, :-1])
-            last = self.intervals.last(b, some.start)[..., moved:]
+            last = self.at.intervals.last(b, some.start)[..., moved:]
             out[1:, :, 0] = _dot(a[1:, :, 0, : last.shape[-1]], last)
         return out
 

@@ -92,12 +92,6 @@ class Spline:
             polynomials = polynomials[:, 1:] * np.arange(1, orders)
         return Local(interval, np.array(basis))
 
-    def design(self, time: np.ndarray) -> sparse.csr_matrix:
-        """Values of all functions at times, s (N, size)."""
-        local = self.local(time)
-        at = (local.interval[:, None] + np.arange(LOCAL)).ravel()
-        return sparse.csr_matrix((local.basis[0].ravel(), at, LOCAL * np.arange(len(time) + 1)), (len(time), self.size))
-
     def within(self, first: float, last: float) -> slice:
         """Indices of the functions whose middle lies between two times."""
         before = LOCAL / 2 - DEGREE
@@ -117,10 +111,6 @@ class Spline:
         middle = other.start + (np.arange(other.size) + LOCAL / 2 - DEGREE) * other.step
         x = self.evaluate(coefficients, middle)
         return np.asarray(x[0] - other.step**2 / 4 * x[2])
-
-    def windows(self, coefficients: np.ndarray) -> np.ndarray:
-        """The six coefficients of every interval (intervals, 6, n), from all (size, n)."""
-        return coefficients[np.arange(self.intervals)[:, None] + np.arange(LOCAL)]
 
     @cached_property
     def penalty_root(self) -> np.ndarray:

@@ -118,7 +118,7 @@ class TrajectoryFit:
     @property
     def counted(self) -> np.ndarray:
         """Mask of the parameters that count as fitted, including those at a bound (p,)."""
-        return self.free if self.bounded is None else self.free | self.bounded
+        return self.free | self.bound
 
     @property
     def scatter_shares(self) -> Sequence[np.ndarray]:

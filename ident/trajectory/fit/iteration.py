@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from ident.trajectory.algebra.arrow import joined
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
@@ -172,7 +173,7 @@ class _Iteration:
         """Takes one step, and returns `converged` or `near` if the iteration ends, or nothing."""
         problem, free, at = self._problem, self._problem.free, self.at
         step = problem.step(at, parts, root)
-        moves = [part.step - part.by_theta @ step[free] for part in parts]
+        moves = [part.eliminated.step - part.eliminated.by_theta @ step[free] for part in parts]
         self.trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
         moved, misfits = problem.lower(at, step, moves, parts)
         noises = self._renewed(at.noises, parts, misfits)
@@ -259,19 +260,16 @@ class _Problem:
     def root(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Root of the covariance of the fitted parameters (k, k)."""
         names = [name for name, fitted in zip(self.names, self.free, strict=True) if fitted]
-        return root_of_inverse(self.precision(parts), names)
+        known = self.prior.precision[np.ix_(self.free, self.free)]
+        return root_of_inverse(sum((part.eliminated.precision for part in parts), start=known), names)
 
     def step(self, at: Start, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
         """Gauss-Newton step of θ (p,), from a root of the covariance of the fitted parameters (k, k)."""
         pulled = -self.prior.precision @ (at.theta - self.prior.mean)
-        gradient = sum((part.gradient for part in parts), start=pulled[self.free])
+        gradient = sum((part.eliminated.gradient for part in parts), start=pulled[self.free])
         step = np.zeros_like(at.theta)
         step[self.free] = root @ (root.T @ gradient)
         return step
-
-    def precision(self, parts: Sequence[Linearised]) -> np.ndarray:
-        """Precision of the fitted parameters, prior included (k, k)."""
-        return sum((part.precision for part in parts), start=self.prior.precision[np.ix_(self.free, self.free)])
 
     def smoothest(self, noise: Noise, log: int) -> np.ndarray:
         """Largest λ of a recording for which the equations can be solved (n,): at rest it would be infinite."""
@@ -288,8 +286,8 @@ class _Problem:
         order in θ. The point is `at` itself if no step length lowers the cost.
         """
         before, size, own = self._whole(parts, at), 1.0, step[self.free]
-        pull = sum(float(part.pull @ own) for part in parts)
-        bend = sum(float(own @ part.bend @ own) for part in parts)
+        pull = sum(float(part.eliminated.pull @ own) for part in parts)
+        bend = sum(float(own @ part.eliminated.bend @ own) for part in parts)
         while size >= SMALLEST_STEP:
             moved = _moved(at, size, step, moves)
             misfits = self._misfits(moved)
@@ -335,14 +333,8 @@ def _linearised(
     place = np.searchsorted(wanted, own[columns])
     mine = np.zeros((len(columns), 0)) if root is None else root[place]
     part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns, root=mine)
-    if len(columns) == len(wanted):
-        return part
-    k, both = len(wanted), np.ix_(place, place)
-    precision, gradient, by_theta = np.zeros((k, k)), np.zeros(k), np.zeros((len(part.by_theta), k))
-    pull, bend = np.zeros(k), np.zeros((k, k))
-    precision[both], gradient[place], by_theta[:, place] = part.precision, part.gradient, part.by_theta
-    pull[place], bend[both] = part.pull, part.bend
-    return part._replace(precision=precision, gradient=gradient, by_theta=by_theta, pull=pull, bend=bend)
+    every = np.arange(coefficients.shape[1])
+    return part._replace(eliminated=joined([(every, place, part.eliminated)], len(every), len(wanted)))
 
 
 def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:

@@ -200,7 +200,7 @@ class _Draws:
 
 def _kind(stream: Stream) -> int:
     """0 for coordinates, 1 for channels."""
-    return int(stream.by_states is not None)
+    return int(stream.by_row is not None)
 
 
 def _amplitudes(observed: np.ndarray, own: np.ndarray, other: np.ndarray, counts: np.ndarray) -> np.ndarray:

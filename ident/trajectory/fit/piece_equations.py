@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior, joined
-from ident.trajectory.algebra.channel_groups import channel_groups
-from ident.trajectory.algebra.components import Component, components
+from ident.trajectory.algebra.groups import Group, channel_groups, components
 from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
 from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
 from ident.trajectory.algebra.sampling import Sampling
@@ -44,23 +43,13 @@ class Linearised(NamedTuple):
 
     Attributes:
         cost: Cost at the point of linearisation, as in `Misfit`.
-        precision: Precision of θ (p, p).
-        gradient: Right side (p,).
-        step: Step of the coefficients at fixed θ (size n,).
-        by_theta: Change with a step of θ, `step - by_theta @ δθ` (size n, p).
-        pull: Part of the penalty that the right side leaves out (p,).
-        bend: The same of the precision (p, p).
+        eliminated: Normal equations of the free entries of θ, without factors.
         taken: Absorbed degrees of freedom of innovations and of their halves; zero for halves where ρ is zero (3, s).
         held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
     """
 
     cost: float
-    precision: np.ndarray
-    gradient: np.ndarray
-    step: np.ndarray
-    by_theta: np.ndarray
-    pull: np.ndarray
-    bend: np.ndarray
+    eliminated: Eliminated
     taken: np.ndarray
     held: np.ndarray
 
@@ -84,7 +73,7 @@ def misfit(
         if (nodes := _nodes(measurement, piece, when, noise)) is None:
             predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
         else:
-            x = nodes.local.combined(coefficients)
+            x = nodes.sampling.local.combined(coefficients)
             predicted = nodes.interpolated(measurement.values(x[:3], no_wrenches(x), theta).T).T
         channels.append(_channels(piece, own, when, local, predicted, noise))
     bends = piece.spline.squared_jerk(coefficients)
@@ -126,7 +115,10 @@ def linearised(
     columns = np.arange(len(theta)) if columns is None else columns
     root = np.zeros((len(columns), 0)) if root is None else root
     equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
-    return equations.linearised(piece.spline, coefficients, noise, root)
+    taken, held = equations.taken(root, piece.spline)
+    every = [*equations.states.values(), *(each.new for each in equations.channels)]
+    cost = _cost(every, noise, piece.spline.squared_jerk(coefficients))
+    return Linearised(cost, equations.eliminated._replace(factors=()), taken, noise.jerk * held)
 
 
 class ChannelEquations(NamedTuple):
@@ -147,9 +139,7 @@ class ChannelEquations(NamedTuple):
     new: Innovations
     by_sample: tuple[np.ndarray, np.ndarray]
 
-    def rows(
-        self, component: Component, of_states: np.ndarray, of_theta: np.ndarray
-    ) -> Iterator[ChannelRows | NodeRows]:
+    def rows(self, component: Group, of_states: np.ndarray, of_theta: np.ndarray) -> Iterator[ChannelRows | NodeRows]:
         """Yields the rows of the channels in a component, grouped by what they depend on.
 
         Args:
@@ -162,26 +152,11 @@ class ChannelEquations(NamedTuple):
         own = every[(every >= first) & (every < first + number)]
         masks = of_states[own[:, None], coordinates], of_theta[own[:, None], columns]
         for group in channel_groups(*masks, self.at.intervals.room if self.nodes is None else NODES):
-            place = own[group.channels] - first, coordinates[group.coordinates], columns
-            if self.nodes is None:
-                yield ChannelRows.of(self.at, group, place, self.by_sample, self.new)
-            else:
-                yield NodeRows.of(self.nodes, group, place, self.by_sample, self.new)
-
-    @property
-    def when(self) -> np.ndarray:
-        """True times of the samples, s (M,)."""
-        return self.at.time
-
-    @property
-    def by_states(self) -> np.ndarray:
-        """Derivatives by coordinates and the coordinates' derivatives (c, 3, n, M)."""
-        return self.by_sample[0].transpose(1, 2, 3, 0)
-
-    @property
-    def by_theta(self) -> np.ndarray:
-        """Derivatives by θ (c, k, M)."""
-        return self.by_sample[1].transpose(1, 2, 0)
+            channels = own[group.channels] - first
+            by_states = _picked(self.by_sample[0], channels, coordinates[group.coordinates])
+            by_theta = _picked(self.by_sample[1], channels, columns[group.columns])
+            given = group._replace(channels=channels), by_states, by_theta, self.new.of_streams(channels)
+            yield ChannelRows.of(self.at, *given) if self.nodes is None else NodeRows.of(self.nodes, *given)
 
 
 class ComponentEquations(NamedTuple):
@@ -194,7 +169,7 @@ class ComponentEquations(NamedTuple):
         states: Rows of measured coordinates and derivatives, by order of the derivative.
     """
 
-    component: Component
+    component: Group
     eliminated: Eliminated
     channels: list[tuple[int, ChannelRows | NodeRows]]
     states: dict[int, StateRows]
@@ -215,33 +190,6 @@ class NormalEquations(NamedTuple):
     channels: list[ChannelEquations]
     states: dict[int, Innovations]
 
-    @property
-    def innovations(self) -> list[Innovations]:
-        """Innovations of all streams."""
-        return [*self.states.values(), *(each.new for each in self.channels)]
-
-    def linearised(self, spline: Spline, coefficients: np.ndarray, noise: Noise, root: np.ndarray) -> Linearised:
-        """The linearised piece.
-
-        Args:
-            spline: Spline space of the trajectory.
-            coefficients: Spline coefficients (size, n).
-            noise: Standard deviations, correlation and smoothness.
-            root: Root of the covariance of θ from all pieces (k, q).
-        """
-        taken, held = self.taken(root, spline)
-        return Linearised(
-            cost=_cost(self.innovations, noise, spline.squared_jerk(coefficients)),
-            precision=self.eliminated.precision,
-            gradient=self.eliminated.gradient,
-            step=self.eliminated.step,
-            by_theta=self.eliminated.by_theta,
-            pull=self.eliminated.pull,
-            bend=self.eliminated.bend,
-            taken=taken,
-            held=noise.jerk * held,
-        )
-
     def taken(self, root: np.ndarray, spline: Spline) -> tuple[np.ndarray, np.ndarray]:
         """Absorbed degrees of freedom of all streams (3, s), and `tr(H⁻¹ P_j)` of the jerk's penalties (n,).
 
@@ -257,7 +205,7 @@ class NormalEquations(NamedTuple):
             for kind, of_kind in states.items():
                 of_states[kind][:, coordinates] = of_kind.taken(posterior)
             for clock, rows in channels:
-                of_channels[clock][:, rows.channels] = rows.taken(posterior)
+                of_channels[clock][:, rows.group.channels] = rows.taken(posterior)
             held[coordinates] = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], spline.penalty)
         return np.concatenate([*of_states, *of_channels], axis=1), held
 
@@ -299,6 +247,13 @@ def normal_equations(
     return NormalEquations(whole, parts, channels, states)
 
 
+def _picked(derivatives: np.ndarray, channels: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Derivatives (N, C, …, n) of some channels by some of the coordinates or parameters."""
+    if len(channels) < derivatives.shape[1]:
+        derivatives = derivatives[:, channels]
+    return derivatives if len(last) == derivatives.shape[-1] else derivatives[..., last]
+
+
 def dependence(measurement: Predictor, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Masks of the coordinates (C, n), at least one, and of entries of θ (C, k) on which channels depend."""
     of_states, of_theta = measurement.dependence(columns)
@@ -335,7 +290,7 @@ def _channel_equations(
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
         at = piece.at_channels(when)
         nodes = _nodes(measurement, piece, when, noise)
-        x = (at if nodes is None else nodes).local.combined(coefficients)
+        x = (at if nodes is None else nodes.sampling).local.combined(coefficients)
         wrenches = piece.wrenches if nodes is None else no_wrenches(x)
         values, by_states, by_theta = measurement.derivatives(x[:3], wrenches, theta, columns)
         by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
@@ -383,7 +338,7 @@ def _states(
     }
 
 
-def _state_rows(piece: Piece, new: Innovations, kind: int, component: Component, zeros: Mapping[int, int]) -> StateRows:
+def _state_rows(piece: Piece, new: Innovations, kind: int, component: Group, zeros: Mapping[int, int]) -> StateRows:
     """Rows of the coordinates or a derivative, which depend on one coordinate each and on its zero if that is free."""
     coordinates, columns, _ = component
     own = {j: zeros[at] for j, at in enumerate(coordinates.tolist()) if kind == 0 and at in zeros}

@@ -12,7 +12,7 @@ in the cost of θ as well, it would take F: the correction is of second order (t
 Econometrica 72, 2004, doi:10.1111/j.1468-0262.2004.00518.x).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,7 +24,7 @@ from ident.trajectory.algebra.nodes import Nodes
 from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
-from ident.trajectory.fit.piece_equations import NormalEquations, normal_equations
+from ident.trajectory.fit.piece_equations import normal_equations
 
 CLEAR = 0.5
 """Share of the noise in a sample's variance above which its residual is used to estimate the noise."""
@@ -84,9 +84,8 @@ class Stream:
         clear: Mask of the samples from which noise is estimated (N, s).
         std: Standard deviations of the noise assumed by the fit (s,).
         slack: Standard deviations of the error in addition to noise (N, s), None for none.
-        by_states: Derivatives of channels by coordinates and their derivatives, at M samples or nodes (s, 3, n, M);
-            None of coordinates.
-        by_theta: Derivatives of channels by θ (s, p, M).
+        by_row: Derivatives of channels by coordinates and their derivatives, at M samples or nodes (M, s, 3 n), and by
+            θ (M, s, p); None of coordinates.
     """
 
     which: int | slice
@@ -98,16 +97,7 @@ class Stream:
     clear: np.ndarray
     std: np.ndarray
     slack: np.ndarray | None
-    by_states: np.ndarray | None
-    by_theta: np.ndarray | None
-
-    @cached_property
-    def by_row(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Derivatives by coordinates and their derivatives (M, s, 3 n), and by θ (M, s, p); None of coordinates."""
-        if self.by_states is None or self.by_theta is None:
-            return None
-        s, _, _, M = self.by_states.shape
-        return self.by_states.transpose(3, 0, 1, 2).reshape(M, s, -1), self.by_theta.transpose(2, 0, 1).copy()
+    by_row: tuple[np.ndarray, np.ndarray] | None = None
 
     def at_samples(self, values: np.ndarray) -> np.ndarray:
         """Values at the samples (N, …) from those where the channels are evaluated (M, …)."""
@@ -140,34 +130,6 @@ class Response:
     eliminated: Eliminated
     spline: Spline
     jerk: np.ndarray
-
-    @classmethod
-    def of(
-        cls, equations: NormalEquations, zeros: Mapping[int, int], columns: np.ndarray, piece: Piece, noise: Noise
-    ) -> "Response":
-        """Linear response of a piece whose normal equations are known.
-
-        Args:
-            equations: The normal equations.
-            zeros: Indices in θ of the coordinates' zeros, by coordinate.
-            columns: Indices in θ of the equations' columns, ascending (k,).
-            piece: Measured samples.
-            noise: Standard deviations, correlation and smoothness of the fit.
-        """
-        streams = []
-        for kind, new in equations.states.items():
-            bases = [piece.at_coordinates.matrices[kind]]
-            streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None, None, None))
-        for each in equations.channels:
-            sampling = each.at if each.nodes is None else each.nodes.sampling
-            std = noise.channels[each.channels]
-            by = each.by_states, each.by_theta
-            slack = None if piece.slack is None else piece.slack[:, each.channels]
-            bases = sampling.matrices
-            streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, *by))
-        own = {j: int(np.searchsorted(columns, at)) for j, at in zeros.items() if at in columns}
-        zeros = own if 0 in equations.states else {}
-        return cls(streams, zeros, equations.eliminated, piece.spline, noise.jerk)
 
     @property
     def follows(self) -> np.ndarray:
@@ -259,7 +221,18 @@ def response(
     """
     every = np.arange(len(theta))
     equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
-    return Response.of(equations, measurement.zeros, every, piece, noise)
+    streams = []
+    for kind, new in equations.states.items():
+        bases = [piece.at_coordinates.matrices[kind]]
+        streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None))
+    for each in equations.channels:
+        bases = (each.at if each.nodes is None else each.nodes.sampling).matrices
+        std, slack = noise.channels[each.channels], None if piece.slack is None else piece.slack[:, each.channels]
+        by_states, by_theta = each.by_sample
+        by_row = by_states.reshape(*by_theta.shape[:2], -1), by_theta.copy()
+        streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, by_row))
+    zeros = dict(measurement.zeros) if 0 in equations.states else {}
+    return Response(streams, zeros, equations.eliminated, piece.spline, noise.jerk)
 
 
 def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:

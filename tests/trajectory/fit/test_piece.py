@@ -155,14 +155,14 @@ def test_normal_equations_are_the_dense_ones_along_the_trajectories_of_least_mis
     A, B, D = H[:size, :size], H[:size, size:], H[size:, size:]
     W = np.linalg.solve(A, B)
     step = np.linalg.solve(A, right[:size])
-    close(own.linearised.step, step)
-    close(own.linearised.by_theta, W)
+    close(own.linearised.eliminated.step, step)
+    close(own.linearised.eliminated.by_theta, W)
     # Misfit alone as θ moves, with the trajectory that minimises misfit and penalty: residuals and their derivatives.
     G, left = rows[:, size:] - rows[:, :size] @ W, z[0].ravel() - rows[:, :size] @ step
-    close(own.linearised.precision, G.T @ G)
-    close(own.linearised.gradient, G.T @ left)
-    close(own.linearised.precision + own.linearised.bend, D - B.T @ W)
-    close(own.linearised.gradient + own.linearised.pull, right[size:] - W.T @ right[:size])
+    close(own.linearised.eliminated.precision, G.T @ G)
+    close(own.linearised.eliminated.gradient, G.T @ left)
+    close(own.linearised.eliminated.precision + own.linearised.eliminated.bend, D - B.T @ W)
+    close(own.linearised.eliminated.gradient + own.linearised.eliminated.pull, right[size:] - W.T @ right[:size])
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -216,7 +216,7 @@ def test_everything_together_takes_one_for_each_unknown(seed):
     """`tr(H⁻¹ H) = size n + p`, with H the sum over all streams and the prior."""
     own = problem(seed)
     prior = np.diag(np.full(len(own.theta), 1.0))
-    covariance = np.linalg.inv(own.linearised.precision + own.linearised.bend + prior)
+    covariance = np.linalg.inv(own.linearised.eliminated.precision + own.linearised.eliminated.bend + prior)
     linearised = own.linearised_with(np.linalg.cholesky(covariance))
     total = linearised.taken[0].sum() + linearised.held.sum() + np.trace(covariance @ prior)
     assert total == pytest.approx(own.size + len(own.theta))
@@ -237,13 +237,14 @@ def test_gradient_is_that_of_the_cost(seed, outliers):
     L, c = own.linearised, own.coefficients.ravel()
     some = np.random.default_rng(seed).choice(len(own.theta), 12, replace=False)
     for k in {at(own.measurement, "delay(ground)"), at(own.measurement, "clock(ground)"), *some}:
-        scale = 1e-4 / np.sqrt(L.precision[k, k]) if L.precision[k, k] > 1e-12 else 1e-4
+        scale = 1e-4 / np.sqrt(L.eliminated.precision[k, k]) if L.eliminated.precision[k, k] > 1e-12 else 1e-4
         e = scale * np.eye(len(own.theta))[k]
-        up, down = (own.cost(c - s * L.by_theta @ e, own.theta + s * e) for s in (1, -1))
-        assert (up - down) / 2 == pytest.approx(-2 * (L.gradient + L.pull) @ e, rel=1e-3, abs=1e-7 * abs(up))
-    up, down, here = (own.cost(c + s * L.step, own.theta) for s in (1e-4, -1e-4, 0))
+        up, down = (own.cost(c - s * L.eliminated.by_theta @ e, own.theta + s * e) for s in (1, -1))
+        right = L.eliminated.gradient + L.eliminated.pull
+        assert (up - down) / 2 == pytest.approx(-2 * right @ e, rel=1e-3, abs=1e-7 * abs(up))
+    up, down, here = (own.cost(c + s * L.eliminated.step, own.theta) for s in (1e-4, -1e-4, 0))
     assert (up - down) / 2e-4 < 0
-    assert own.cost(c + 0.2 * L.step, own.theta) < here
+    assert own.cost(c + 0.2 * L.eliminated.step, own.theta) < here
 
 
 def test_cost_is_the_sum_of_squares_and_beyond_outliers_grows_linearly():

@@ -58,8 +58,8 @@ def test_residuals_pull_as_the_gradient_says(seed):
     c, theta = here.adjoint(pulls)
     penalty, _ = p.penalty
     right = c[:, 0] - penalty @ p.coefficients.ravel()
-    close(theta[:, 0] - here.follows.T @ right - p.linearised.pull, p.linearised.gradient)
-    close(here.solved(right[:, None])[:, 0], p.linearised.step)
+    close(theta[:, 0] - here.follows.T @ right - p.linearised.eliminated.pull, p.linearised.eliminated.gradient)
+    close(here.solved(right[:, None])[:, 0], p.linearised.eliminated.step)
 
 
 def test_weights_are_symmetric_and_leave_missing_samples_out():

@@ -90,10 +90,10 @@ def noise_of(sigma, rho):
 def renewal(piece, noise, c, theta, coloured=True):
     """A step of c and θ, and the updated noise."""
     part = linearised(Linear(), piece, c, theta=theta, noise=noise)
-    root = np.linalg.cholesky(np.linalg.inv(part.precision))
+    root = np.linalg.cholesky(np.linalg.inv(part.eliminated.precision))
     part = linearised(Linear(), piece, c, theta=theta, noise=noise, root=root)
-    step = root @ root.T @ part.gradient
-    c, theta = c + (part.step - part.by_theta @ step)[:, None], theta + step
+    step = root @ root.T @ part.eliminated.gradient
+    c, theta = c + (part.eliminated.step - part.eliminated.by_theta @ step)[:, None], theta + step
     return c, theta, renewed(noise, [part], [misfit(Linear(), piece, c, theta=theta, noise=noise)], coloured=coloured)
 
 
