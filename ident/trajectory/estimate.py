@@ -19,9 +19,9 @@ from ident.trajectory.alternatives import better, disagree
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import inverse_of_precision
-from ident.trajectory.low_velocity import low_velocity_columns
 from ident.trajectory.pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
 from ident.trajectory.result import TrajectoryEstimate
+from ident.trajectory.reversals import low_velocity_columns
 from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages
 
 FINEST = 0.005
@@ -71,7 +71,6 @@ def trajectory_estimate(
     """
     own = checked_names("own", own, OWN)
     logs = [part.log for part in recordings]
-    joints = logs[0].mechanism.joints
 
     def stages_of(known: Mapping[str, float] | None, columns: Equations, own: Sequence[str] = own) -> Stages:
         measurement = _measurement(logs[0], columns, setup)
@@ -84,7 +83,7 @@ def trajectory_estimate(
     stages = stages_of(known, equations)
     share = max(1, round(length(recordings) / ENOUGH))
     widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
-    steps = [knots or knot_distance(log.recording, joints, widest) for log in logs]
+    steps = [knots or knot_distance(log.recording, log.mechanism.joints, widest) for log in logs]
     finest = [knots or max(KNOTS_PER_SAMPLE / log.recording.rate, FINEST) for log in logs]
     estimate = stages.explored(steps, share, finest)
     if fallback is not None:
@@ -100,7 +99,7 @@ def trajectory_estimate(
         if len(tried.fit.names) > len(estimate.fit.names):
             own, stages = (*own, *OF_RECORDINGS), apart
         estimate = tried
-    if more := low_velocity_columns(estimate) if stribeck else ():
+    if more := low_velocity_columns(equations, estimate.reversals) if stribeck else ():
         wider = stages_of(known, equations.with_stribeck(more), own)
         estimate = wider.searched(wider.carried(estimate))
         kept = [name for name in more if estimate.fit.unbound.free[wider.names.index(name)]]

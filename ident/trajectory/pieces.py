@@ -93,11 +93,9 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
         _check(states.values[x], ends[a], ends[b])
         end = max(time[b - 1], *states.time[x][-1:], *channels.time[y][-1:])
         spline = Spline.over(time[a] - MARGIN, end + MARGIN, step)
-        coordinate_samples = states.time[x], (states.values[x], None, None)
         late = None if measurement.frame is None else len(measurement.components)
-        piece = Piece(
-            spline, *coordinate_samples, channels.time[y], channels.values[y], wrenches[y], float(time[0]), late
-        )
+        measured = channels.time[y], channels.values[y], wrenches[y]
+        piece = Piece(spline, states.time[x], (states.values[x], None, None), *measured, float(time[0]), late)
         pieces.append(piece if echo is None else replace(piece, held=held, echo=echo[y]))
     return pieces
 

@@ -141,7 +141,7 @@ class TrajectoryEstimate:
             which: Index of the recording, None for another one.
             left_out: True to take the columns of a recording from the other ones.
         """
-        firsts = np.cumsum([0, *self.counts[:-1]])
+        firsts = [self.pieces_of(k).start for k in range(len(self.counts))]
         every = np.array([self.fit.theta[self.fit.selections[k]] for k in firsts])
         others = np.delete(every, which, axis=0) if left_out and which is not None else every
         # The mean of equal parameters is exact.

@@ -82,6 +82,18 @@ def rubbing(equations: Equations) -> tuple[int, ...]:
     return tuple(a for a in felt if f"{DRIVE['coulomb']}({equations.axes.names[a]})" in equations.drives)
 
 
+def low_velocity_columns(equations: Equations, reversals: Reversals | None) -> tuple[str, ...]:
+    """Columns of Stribeck friction, additional at low velocity, of the axes that may have it.
+
+    These have Coulomb friction that changes its sign over less than `STRIBECK`: where it changes over more, friction
+    that is higher at low velocity would only correct the shape of that change.
+    """
+    if reversals is None:
+        return ()
+    steep = reversals.slip < STRIBECK * equations.axes.gears
+    return tuple(f"{DRIVE['stribeck']}({equations.axes.names[a]})" for a in rubbing(equations) if steep[a])
+
+
 def shares(equations: Equations) -> np.ndarray:
     """Torque in each channel over that on each axis, zero for wrenches (m, C)."""
     of_torques = equations.axes.matrix[:, list(equations.torques)]

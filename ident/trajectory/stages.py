@@ -21,7 +21,7 @@ from ident.errors import ExcitationError, InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, length
 from ident.estimation.setup import SetupParameter
-from ident.trajectory.alternatives import better
+from ident.trajectory.alternatives import better, correlated, jumps, residual
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
@@ -31,7 +31,6 @@ from ident.trajectory.fit.sandwich import with_scatter
 from ident.trajectory.late_start import with_long_delays, without_idle_delays
 from ident.trajectory.physical import physical_fit
 from ident.trajectory.pieces import cut
-from ident.trajectory.residual_correlation import correlated, jumps, residual
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Deviation, Refit, Search, searched
@@ -130,7 +129,9 @@ class Stages:
         chosen, noise = np.array(steps), _log_noise(best)
         try:
             while (tried := (tries > 0) & (np.array(last.steps) > finest)).any() and last.fit.status != "interrupted":
-                denser = [_next(*own) for own in zip(last.steps / parts, finest, strict=True)]
+                # Rounded down to the smallest one if nearly as small.
+                pairs = zip(last.steps / parts, finest, strict=True)
+                denser = [least if own < np.sqrt(2) * least else own for own, least in pairs]
                 last = self._denser(last, np.where(tried, denser, chosen).tolist(), share)
                 ratio = np.exp((_log_noise(last) - noise).mean(axis=1))
                 better, parts = tried & (ratio < SMALLER), np.where(ratio < MUCH, 4, 2)
@@ -433,11 +434,6 @@ class Stages:
             return with_positive(solve, drives | (self._is_drive & free), begin, free, rounds)
 
         return refit
-
-
-def _next(step: float, finest: float) -> float:
-    """Knot spacing, rounded down to the smallest one if nearly as small."""
-    return finest if step < np.sqrt(2) * finest else step
 
 
 def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:

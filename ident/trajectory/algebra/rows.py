@@ -17,8 +17,7 @@ import numpy as np
 from ident.trajectory.algebra.arrow import Arrow, Posterior, stacked
 from ident.trajectory.algebra.block_tridiagonal import WINDOW
 from ident.trajectory.algebra.groups import Group
-from ident.trajectory.algebra.intervals import Intervals
-from ident.trajectory.algebra.sampling import Sampling
+from ident.trajectory.algebra.sampling import Intervals, Sampling
 from ident.trajectory.algebra.whitening import Innovations
 
 TOGETHER = 2**20
