@@ -32,7 +32,7 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/studies/test_human.py::test_a_person_from_a_wrong_prior \
 	tests/studies/test_criteria.py::test_designs_by_deviations_beat_those_by_the_condition_number \
 	tests/studies/test_preparation.py::test_a_moving_base_is_identified_from_its_contacts \
-	tests/trajectory/test_smoothing_choice.py::test_somebody_who_lifts_is_judged_by_a_motion_as_good_as_her_angles \
+	tests/trajectory/test_smoothing_by_channel.py::test_somebody_who_lifts_is_judged_by_a_motion_as_good_as_her_angles \
 	tests/trajectory/test_pieces.py::test_of_eight_recordings_the_intervals_cover_the_truth tests/studies/test_lifting.py \
 	tests/studies/test_monte_carlo.py::test_a_request_to_end_ends_all_processes_without_a_traceback \
 	tests/studies/test_monte_carlo.py::test_predicted_standard_deviations_are_right_for_wrench_noise \
@@ -56,7 +56,6 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/trajectory/test_left_out.py::test_an_interrupt_ends_every_stage \
 	tests/studies/test_trajectory_identification.py::test_several_logs_share_parameters_and_have_delays_of_their_own \
 	tests/readme/test_arm_log.py tests/studies/test_monte_carlo.py::test_any_executor_gives_the_same_numbers \
-	tests/trajectory/fit/test_marginal_likelihood.py::test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows \
 	tests/trajectory/fit/test_restricted_likelihood.py::test_smoothness_takes_nothing_of_the_motion_that_matters \
 	tests/studies/test_excite.py::test_the_papers_excitation_is_improved_within_its_limits \
 	tests/document/test_escape.py::test_commands_go_through_with_hostile_names \

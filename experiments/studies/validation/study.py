@@ -137,7 +137,7 @@ def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Val
         channels=tuple(answer["channels"]),
         units=tuple(answer["units"]),
         ratios={name: np.array(x, float) for name, x in answer["ratios"].items()},
-        at_rest={name: np.array(x, float) for name, x in answer.get("at_rest", {}).items()},
+        at_rest={name: np.array(x, float) for name, x in answer["at_rest"].items()},
         halves=np.array(answer["halves"], float),
         widening=answer["widening"],
         trials={name: trials[name] for name in map(trial_name, trials_of(entry)) if name in trials},
