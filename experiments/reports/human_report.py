@@ -138,7 +138,7 @@ def measured(laboratory: Laboratory) -> str:
 
 
 def count(persons: Sequence[Mapping[str, Any]], laboratory: Laboratory, provenance: dict[str, Any]) -> Document:
-    """How often intervals of several persons hold."""
+    """Document of the coverage of intervals over several persons."""
     about = "Each person has motions, noise, errors of the set-up and a prior that is wrong by a fifth of its own."
     return Document(
         f"Persons on two force plates{', at a rail' if laboratory.rail else ''}",

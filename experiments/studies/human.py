@@ -143,7 +143,7 @@ def with_and_without_rail(
 def counts(
     number: int, seconds: float, folder: Path, workers: Workers, *, seed: int, laboratory: Laboratory, **more: Any
 ) -> list[dict[str, Any]]:
-    """What `counted` returns of several persons, with successive seeds from the given one.
+    """Precision and errors of several persons, with successive seeds from the given one, each as `counted` has them.
 
     Args:
         number: Number of persons.

@@ -132,7 +132,7 @@ class Predictions:
         )
 
     def unmodelled(self, constant: float) -> tuple[Unmodelled, ...]:
-        """What the model may lack; recordings of which each is left out are divided in halves.
+        """Forces and lengths that the model may lack; recordings of which each is left out are divided in halves.
 
         Args:
             constant: Time constant of smoothing, s.

@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ident.errors import ExcitationError, InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, length
 from ident.estimation.setup import SetupParameter
-from ident.trajectory.alternatives import better, correlated, jumps, residual
+from ident.trajectory.alternatives import better, correlated, residual
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
@@ -124,8 +124,9 @@ class Stages:
             finest: Smallest knot spacing of each, s.
         """
         best = last = self._begun(steps, share)
-        patience = np.where(jumps(best), TRIES, 1)
-        tries, parts = np.where(correlated(best, knots=False), patience, 0), np.full(len(patience), 2)
+        near, far = correlated(best)
+        patience = np.where((near & ~far).any(axis=1), TRIES, 1)
+        tries, parts = np.where(near.any(axis=1), patience, 0), np.full(len(patience), 2)
         chosen, noise = np.array(steps), _log_noise(best)
         try:
             while (tried := (tries > 0) & (np.array(last.steps) > finest)).any() and last.fit.status != "interrupted":
@@ -245,6 +246,7 @@ class Stages:
         if most < 1:
             return estimate
 
+        @cache
         def with_prior() -> TrajectoryEstimate:
             return self.refitted(self.carried(estimate), rounds=EXPLORED)
 
@@ -263,7 +265,7 @@ class Stages:
         # In the unconverged fit a drive may have been set to zero wrongly.
         white = self.refitted(estimate.with_fit(estimate.fit.unbound), rounds=WEIGHED)
         # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
-        if correlated(white, knots=True).any():
+        if correlated(white)[1].any():
             white = better(
                 white, "correlated noise", lambda: self.refitted(replace(white, coloured=True), rounds=WEIGHED)
             )

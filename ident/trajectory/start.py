@@ -48,7 +48,7 @@ def _none(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 COORDINATES = cast(Predictor, SimpleNamespace(names=(), zeros={}, shifts={}, dependence=_none))
-"""What a fit needs to know of coordinates alone, without channels and parameters."""
+"""Stand-in for the measurement in fits of coordinates alone, without channels and parameters."""
 
 
 def start(

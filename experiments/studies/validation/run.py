@@ -116,7 +116,7 @@ def prior_std(estimate: Estimate) -> np.ndarray:
     if estimate.trajectory is None or not estimate.trajectory.known:
         return out
     known = {**KNOWN, **estimate.prepared.recording.known}
-    out[: estimate.base.rank] = np.sqrt(np.diag(known_covariance(mechanism, estimate.base, known)))
+    out[: estimate.base.rank] = np.sqrt(np.diag(known_covariance(mechanism, estimate.base, known, equations.absorbed)))
     precision = drive_precision(mechanism, equations.drives, equations.scaled)
     out[estimate.base.rank :] = np.where(precision > 0, 1 / np.sqrt(np.where(precision > 0, precision, 1)), np.inf)
     return out

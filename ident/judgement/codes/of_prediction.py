@@ -81,7 +81,7 @@ LACKS = {
     "force": "a force on '{body}' that depends on where it is, as of a cable, a hose or a spring",
     "length": "another distance of the joint of '{body}' from the body that carries it",
 }
-"""What a model may lack, in words."""
+"""Words for the forces and lengths that a model may lack, by kind."""
 
 
 def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:

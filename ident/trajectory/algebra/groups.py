@@ -67,7 +67,7 @@ def channel_groups(of_states: np.ndarray, of_theta: np.ndarray, samples: int) ->
 
 
 def _bits(of_states: np.ndarray, of_theta: np.ndarray) -> tuple[_Bits, ...]:
-    """What each channel depends on."""
+    """Coordinates and parameters that each channel depends on."""
     states, theta = (np.packbits(mask, axis=1, bitorder="little") for mask in (of_states, of_theta))
     every = range(len(of_states))
     return tuple((_integer(states[k]), _integer(theta[k]), 1 << k) for k in every)
