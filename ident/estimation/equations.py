@@ -266,6 +266,11 @@ class Equations:
                 rows = whitened(rows, part.covariance)
             yield rows if factors is None else rows * factors[first : first + size].T
 
+    def residual(self, samples: Samples, values: np.ndarray) -> np.ndarray:
+        """Measured less predicted channels of checked samples (…, N, C), not whitened, for coefficients (…, m)."""
+        rows = self.rows(replace(samples, covariance=None))
+        return np.concatenate([x[-1] - np.tensordot(values, x[:-1], axes=1) for x in rows], axis=-1).swapaxes(-1, -2)
+
     def _parts(self) -> tuple[range, range]:
         """Indices of the channels of the wrench and of the torques."""
         wrenches = len(self.channels) - len(self.torques)

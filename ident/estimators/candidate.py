@@ -1,6 +1,6 @@
 """A candidate: parameters that predict held-out channels, of whatever origin."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,6 +35,5 @@ class Candidate:
 
     def residuals(self, samples: Samples) -> np.ndarray:
         """Measured less predicted channels for each row of values (1 or J, N, C)."""
-        rows = self.equations.rows(replace(samples, covariance=None))
-        left = np.concatenate([r[-1] - np.tensordot(self.values, r[:-1], axes=1) for r in rows], axis=2).swapaxes(1, 2)
+        left = self.equations.residual(samples, self.values)
         return left - stated_drive_channels(self.equations, samples.motion) if self.stated_drives else left

@@ -129,8 +129,7 @@ class Fit:
 
     def residual(self, samples: Samples) -> np.ndarray:
         """Measured less predicted channels (N, C)."""
-        rows = self.equations.rows(replace(samples, covariance=None))
-        return np.hstack([r[-1] - np.tensordot(self.values, r[:-1], axes=1) for r in rows]).T
+        return self.equations.residual(samples, self.values)
 
 
 def least_squares(

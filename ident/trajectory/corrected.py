@@ -70,10 +70,9 @@ class Smoothed:
             in_base = measured[:, :6].reshape(-1, 2, 3) @ motion.base.T[:, :3, :3]
             measured = np.hstack([in_base.reshape(-1, 6), measured[:, 6:]])
         # A recording's own offsets and friction are replaced by those of the first.
-        equations = self.equations(estimate)
-        if (own := (estimate.parameters_of(0) - theta)[: len(equations.names)]).any():
-            columns = equations.rows(equations.checked(Samples(motion, np.zeros_like(measured))))
-            measured += np.concatenate([np.tensordot(rows[:-1], own, (0, 0)).T for rows in columns])
+        if (own := (estimate.parameters_of(0) - theta)[: len(measurement.equations.names)]).any():
+            equations, nothing = self.equations(estimate), Samples(motion, np.zeros_like(measured))
+            measured -= equations.residual(equations.checked(nothing), own)
         return Samples(motion, measured)
 
     def equations(self, estimate: TrajectoryEstimate) -> Equations:

@@ -9,6 +9,7 @@ from scipy.signal import butter, lfilter, sosfilt
 
 from ident.errors import ExcitationError
 from ident.estimation.accumulator import remembered_sums
+from ident.estimation.equations import Equations
 from ident.estimation.excitation import separable
 from ident.estimation.noise import Sandwich, innovations, remembered
 from ident.estimation.samples import Samples
@@ -33,6 +34,7 @@ class Columns:
         return samples
 
     straight = False
+    residual = Equations.residual
     axes = Axes((), (), np.zeros((0, 0)))
 
     @property
