@@ -68,7 +68,7 @@ LONG := tests/test_fuzz.py tests/studies/test_chair.py tests/studies/test_labora
 	tests/trajectory/test_plates_jointly.py tests/studies/test_noise.py::test_more_recordings_may_follow_than_were_asked_for_at_first
 # Those that skip without the extras or a browser, and the long ones.
 OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/test_against_sysid.py \
-	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/docs/test_notebook.py \
+	tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/docs/test_notebook.py \
 	tests/display/test_answers.py tests/recordings/test_in_memory.py \
 	tests/studies/test_benchmark.py::test_peers_have_the_same_regressor \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
@@ -115,7 +115,7 @@ $(INSTALLED)-docs: $(INSTALLED)
 	touch $@
 
 $(INSTALLED)-extras: $(INSTALLED)
-	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,notebook,rerun,docs]"
+	$(PIP) -e ".[test,symbolic,peers,completion,formats,notebook,rerun,docs]"
 	$(PIP) --no-deps $(MODELS)
 	touch $@
 

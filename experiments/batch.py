@@ -223,7 +223,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
 
 def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
     """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
-    left_out = ("out", "workers", "scheduler", "tls", "resume", "logs", "held_out", "model", "columns")
+    left_out = ("out", "workers", "resume", "logs", "held_out", "model", "columns")
     given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
     model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
     files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]

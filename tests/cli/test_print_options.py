@@ -26,7 +26,6 @@ WITHOUT = {"columns", "derive", "readme"}
 
 NEEDED = {
     "study": ["misaligned"],
-    "in_vivo": ["--data", "absent"],
     "validate": ["--data", "absent"],
     "identify": ["absent.xml", "absent.csv"],
     "batch": ["absent.xml", "absent.csv"],

@@ -277,7 +277,7 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
 
 
 def test_options_are_shared():
-    for name in ("--trials", "--trajectory-trials", "--workers", "--scheduler", "--redraw", "--resume"):
+    for name in ("--trials", "--trajectory-trials", "--workers", "--redraw", "--resume"):
         assert name in options.study_parser("any", "").format_help()
 
 
