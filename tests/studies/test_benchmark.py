@@ -45,6 +45,7 @@ def test_ratio_is_that_of_the_medians():
     assert timing.ratio(np.array([[1.0, 4], [2, 6], [10, 10]])) == (3, 1, 4)
 
 
+@pytest.mark.extras
 @pytest.mark.parametrize("mechanism", mechanisms(), ids=lambda mechanism: mechanism.name)
 def test_peers_have_the_same_regressor(mechanism):
     pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")

@@ -9,6 +9,8 @@ from quick_benchmark import written as benchmark
 from experiments.benchmark import identification, monte_carlo, sections, tables, whole, words
 from experiments.benchmark.mechanisms import mechanisms
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
