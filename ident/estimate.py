@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,10 +33,12 @@ from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Precision, Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
-from ident.model.stated import column_place, with_values
+from ident.model.stated import column_place, stated_values, with_values
 from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
+from ident.parameters.unstated import guessed
 from ident.recordings.servo import Servo
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
@@ -208,7 +211,8 @@ class Estimate:
     @property
     def drives_updated(self) -> dict[str, Drive]:
         """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
-        drives, stated = self._drives_of(self.fit.with_psi(self.psi_updated)), self.prepared.mechanism.drives
+        fit, rotors = self.fit.with_psi(self.psi_updated), self.consistent().rotors
+        drives, stated = self._drives_of(fit, rotors), self.prepared.mechanism.drives
         for joint, servo in self.servos.items():
             drives[joint] = drives.get(joint, stated.get(joint, NO_DRIVE)).with_servo(servo.kp, servo.kv)
         return drives
@@ -226,10 +230,10 @@ class Estimate:
         each = self.prepared.recording.servos.items()
         return {joint: Servo(scales.get(joint, 1) * own.kp, scales.get(joint, 1) * own.kv) for joint, own in each}
 
-    def _drives_of(self, fit: Fit) -> dict[str, Drive]:
+    def _drives_of(self, fit: Fit, more: Mapping[str, float] = MappingProxyType({})) -> dict[str, Drive]:
         fitted = slice(self.base.rank, self.base.rank + len(fit.equations.drives))
         equations = fit.equations
-        values = dict(zip(equations.drives, fit.values[fitted].tolist(), strict=True))
+        values = dict(zip(equations.drives, fit.values[fitted].tolist(), strict=True)) | dict(more)
         of_joints = {name: x for name, x in values.items() if column_place(name)[1] not in equations.axes.motors}
         return with_values(self.prepared.mechanism, of_joints)
 
@@ -336,8 +340,15 @@ class Estimate:
     def _consistent(self) -> ConsistentParameters:
         arm = self.prepared.mechanism
         known = {**KNOWN, **self.prepared.recording.known}
+        equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
+        stated = stated_values(arm, list(equations.absorbed))
+        rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
         return consistent_parameters(
-            self.psi_of_links, self.covariance, self.base, arm.known, bodies=arm.bodies, masses=known["mass"]
+            *(self.psi_of_links, self.covariance_setup[: self.base.rank, : self.base.rank], self.base, guessed(arm)),
+            bodies=arm.bodies,
+            masses=known["mass"],
+            known=BodyPrior.of(arm, self.base, known, rotors, used=included),
+            rotors=rotors,
         )
 
     def consistent(self) -> ConsistentParameters:
