@@ -11,19 +11,10 @@ from ident.judgement.finding import Finding
 from ident.judgement.place import Place
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import ConsistentParameters
-from ident.parameters.prior import conditioned, known_deviations, updated
 from ident.tolerances import DRIVE
 
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r, its size by noise alone, above which it is a doubt."""
-
-INTERVAL = 1.96
-"""Difference of masses, in standard deviations, that is significant with 95 % confidence."""
-
-NARROWER = 0.5
-"""Standard deviation of a mass over that of the prior below which the data determine it."""
-
-TINIEST = 1e-300
 
 FACTOR = 2.0
 """Factor between a body's mass and the model's above which there is a remark."""
@@ -55,15 +46,21 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     full, mechanism = evidence.consistent, evidence.mechanism
     if full is None:
         return
-    far: dict[bool, dict[str, dict[str, float]]] = {False: {}, True: {}}
-    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], full.unseen, strict=True)
-    for name, mass, std, before, hardly in masses:
-        if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
-            far[bool(hardly)][name] = {"mass": float(mass), "std": float(std), "model": float(before)}
-    for hardly, code in ((False, "masses_shown"), (True, "masses_hardly_shown")):
-        if masses_of := far[hardly]:
-            yield Finding.of(code, Place(bodies=tuple(masses_of)), masses=masses_of, factor=FACTOR)
-    yield from rotor_findings(evidence, [*far[True], *far[False]])
+    far: dict[str, dict[str, dict[str, float | None]]] = {}
+    whole = full.phi[::10].sum()
+    for each, before in zip(full.rows[::10], mechanism.known[::10].tolist(), strict=True):
+        if max(each.value, before) > SLIGHT * whole and not before / FACTOR <= each.value <= before * FACTOR:
+            outside = before and not each.lower <= before <= each.upper
+            code = "masses_hardly_shown" if not outside or np.isnan(each.lower) else "masses_limited"
+            limits = {key: x if np.isfinite(x) else None for key, x in (("lower", each.lower), ("upper", each.upper))}
+            far.setdefault("masses_shown" if outside and each.determined else code, {})[each.body] = {
+                "mass": each.value,
+                "model": before,
+                **limits,
+            }
+    for code, masses in far.items():
+        yield Finding.of(code, Place(bodies=tuple(masses)), masses=masses, factor=FACTOR)
+    yield from rotor_findings(evidence, [name for masses in far.values() for name in masses])
     yield from tool_findings(evidence, full)
 
 
@@ -91,37 +88,13 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
 
 
 def tool_findings(evidence: Evidence, full: ConsistentParameters) -> Iterator[Finding]:
-    """Remarks on last links that are significantly heavier than the model, by the data rather than by the prior."""
-    mechanism, known = evidence.mechanism, evidence.known["mass"]
-    last = _last_links(mechanism)
-    heavier = _heavier(evidence)
-    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
-    for name, mass, std, before in masses:
-        more = mass - before
-        if name in last and name in heavier and more > max(INTERVAL * std, known * before):
-            place = Place(bodies=(name,))
-            yield Finding.of("heavier_last_link", place, body=name, mass=float(more), std=float(std))
-
-
-def _heavier(evidence: Evidence) -> set[str]:
-    """Names of the bodies whose mass the data determine and whose first moment is significantly above the model's.
-
-    Torques determine combinations, not masses: physical bodies with these combinations may be heavier only because
-    heavier ones are likelier.
-    """
-    mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
-    psi, covariance = evidence.fit.psi - evidence.fit.equations.from_drives[: base.rank], evidence.covariance
-    if evidence.trajectory is None or not evidence.trajectory.known:
-        psi, covariance = updated(mechanism, base, psi, covariance, known)
-    after = conditioned(mechanism, base, psi, covariance, known)
-    phi, std, before, std_before = (
-        x.reshape(-1, 10)[:, :4] for x in (*after, mechanism.known, known_deviations(mechanism, known))
-    )
-    size = np.linalg.norm(phi[:, 1:], axis=1)
-    grown = size - np.linalg.norm(before[:, 1:], axis=1)
-    std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, TINIEST)
-    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size)
-    return {name for name, each in zip(mechanism.bodies, heavier, strict=True) if each}
+    """Remarks on last links whose interval is above the model's mass."""
+    last = _last_links(evidence.mechanism)
+    for each, before in zip(full.rows[::10], evidence.mechanism.known[::10].tolist(), strict=True):
+        if each.body in last and each.lower > before:
+            upper = each.upper - before if np.isfinite(each.upper) else None
+            more = {"lower": each.lower - before, "upper": upper}
+            yield Finding.of("heavier_last_link", Place(bodies=(each.body,)), body=each.body, **more)
 
 
 def _last_links(mechanism: Mechanism) -> list[str]:

@@ -23,19 +23,28 @@ def _of(body: str | None) -> str:
     return f" of {body}" if body else ""
 
 
-def _masses(how: str) -> Row:
+def _masses(beginning: str, end: str = "") -> Row:
     def sentence(masses: Mapping[str, Mapping[str, float]], factor: float) -> str:
-        each = listed(
-            f"{body} {x['mass']:.3g} ± {x['std']:.2g} kg (model: {_mass_or_none(x['model'])})"
-            for body, x in masses.items()
-        )
-        return f"Masses beyond a factor of {factor:g} of the model's, {how}: {each}."
+        each = listed(f"{body} {_limits(**x)} (model: {_mass_or_none(x['model'])})" for body, x in masses.items())
+        return f"{beginning.format(factor=factor)}: {each}.{end}"
 
     return Row(sentence, doubt=False)
 
 
+def _limits(lower: float | None, upper: float | None, mass: float | None = None, model: float | None = None) -> str:
+    """Limits of a mass, or of a difference of masses, in words."""
+    if lower is None:
+        return "without an interval" if upper is None else f"less than {upper:.3g} kg"
+    return f"more than {lower:.3g} kg" if upper is None else f"{lower:.3g} to {upper:.3g} kg"
+
+
 def _mass_or_none(mass: float) -> str:
     return f"{mass:.3g} kg" if mass else "none"
+
+
+def _heavier(body: str, lower: float, upper: float | None) -> str:
+    more = f"The last link '{body}' carries {_limits(lower, upper)} more than the model"
+    return f"{more} (95 %): a tool? `multicontact payload` identifies it."
 
 
 def _rotor(what: str) -> Row:
@@ -52,15 +61,17 @@ BODIES = {
     ),
     "physical_within_region": Row(_within, doubt=False),
     "no_physical_bodies": Row(_none_near, doubt=None),
-    "masses_shown": _masses("which the data show"),
-    "masses_hardly_shown": _masses("though the data hardly see them"),
+    "masses_shown": _masses("Masses beyond a factor of {factor:g} of the model's, which is outside their 95 % intervals"),
+    "masses_limited": _masses(
+        "Masses that no channel contains, limited only by what other parameters of a physical body allow",
+        " A hand or contact that is not measured and drives a joint has the same effect.",
+    ),
+    "masses_hardly_shown": _masses(
+        "Masses beyond a factor of {factor:g} of the model's in the updated model, which the data do not determine"
+    ),
     "rotor_not_fitted": _rotor("was not fitted beside the inertias of the links, which take it up (--drive rotor)"),
     "rotor_inseparable": _rotor(
         "cannot be told from the inertias of the links, which take it up, with or without --drive rotor"
     ),
-    "heavier_last_link": Row(
-        "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model: a tool? "
-        "`multicontact payload` identifies it.",
-        doubt=False,
-    ),
+    "heavier_last_link": Row(_heavier, doubt=False),
 }
