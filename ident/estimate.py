@@ -1,7 +1,7 @@
 """Estimate of base parameters from recordings, with predictions, findings and a verdict."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -15,7 +15,7 @@ from ident.display.frames import parameters_frame
 from ident.display.html import estimate_html
 from ident.display.numbers import estimate_numbers
 from ident.display.parameters import Groups, Parameter, intervals, parameters_of
-from ident.display.text import estimate_summary, headline, ratios
+from ident.display.text import decimals_of, estimate_summary, headline, ratios
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.estimation.preparation import Part, Prepared
@@ -50,6 +50,13 @@ from ident.trajectory.result import TrajectoryEstimate
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+LINEARISED = 3
+"""Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
+time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
+
+ROUNDING = 1e-9
+"""Part of each variance that is added for rounding."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -211,8 +218,12 @@ class Estimate:
     @property
     def drives_updated(self) -> dict[str, Drive]:
         """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
-        fit, rotors = self.fit.with_psi(self.psi_updated), self.consistent().rotors
-        drives, stated = self._drives_of(fit, rotors), self.prepared.mechanism.drives
+        fit, full = self.fit.with_psi(self.psi_updated), self.consistent()
+        digits = [decimals_of(std) or 0 for std in fit.std.tolist()]
+        rounded = [round(x, 1 + k) + 0.0 for x, k in zip(fit.values.tolist(), digits, strict=True)]
+        rotors = {name: float(f"{x:.4g}") for name, x in full.rotors.items()}
+        drives = self._drives_of(replace(fit, values=np.array(rounded)), rotors)
+        stated = self.prepared.mechanism.drives
         for joint, servo in self.servos.items():
             drives[joint] = drives.get(joint, stated.get(joint, NO_DRIVE)).with_servo(servo.kp, servo.kv)
         return drives
@@ -343,13 +354,24 @@ class Estimate:
         equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
         stated = stated_values(arm, list(equations.absorbed))
         rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
-        return consistent_parameters(
-            *(self.psi_of_links, self.covariance_setup[: self.base.rank, : self.base.rank], self.base, guessed(arm)),
-            bodies=arm.bodies,
-            masses=known["mass"],
-            known=BodyPrior.of(arm, self.base, known, rotors, used=included),
-            rotors=rotors,
-        )
+        prior, covariance = guessed(arm), self.covariance_setup[: self.base.rank, : self.base.rank].copy()
+        # The uncertainty of the set-up may leave it singular to rounding.
+        np.fill_diagonal(covariance, np.diag(covariance) * (1 + ROUNDING))
+
+        def fitted(at: np.ndarray) -> ConsistentParameters:
+            return consistent_parameters(
+                *(self.psi_of_links, covariance, self.base, prior),
+                bodies=arm.bodies,
+                masses=known["mass"],
+                known=BodyPrior.of(arm, self.base, known, rotors, used=included, at=at),
+                rotors=rotors,
+            )
+
+        full = fitted(prior)
+        for _ in range(LINEARISED if included else 0):
+            full = fitted(full.phi)
+        # Frames stay without mass.
+        return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi))
 
     def consistent(self) -> ConsistentParameters:
         """Physical bodies as close to the mechanism's prior as the estimate allows."""

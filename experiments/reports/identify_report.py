@@ -26,8 +26,8 @@ from experiments.reports.identify_figures import (
 )
 from experiments.reports.identify_replay import replay
 from ident.estimate import Estimate
-from ident.estimation.units import channel_unit, coefficient_unit, unit_of
-from ident.geometry.inertia import PARAMETERS, with_bodies
+from ident.estimation.units import channel_unit, coefficient_unit
+from ident.geometry.inertia import with_bodies
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
 from ident.parameters.base_parameters import separating_sensors
@@ -144,19 +144,28 @@ def quality_table(result: Estimate) -> tabular.Table:
 
 
 def full_table(result: Estimate) -> tabular.Table:
-    """Physically consistent φ of each body beside the model's."""
-    units = [unit_of(name) or "" for name in result.base.parameters]
-    bodies = [name for name in result.prepared.mechanism.bodies for _ in PARAMETERS]
+    """Physically consistent bodies with their intervals beside the model's."""
+    rows, finite = result.consistent().rows, np.isfinite
+    decimals = tuple(each.decimals for each in rows)
     return tabular.Table(
         "Full, physically consistent parameters, SI units",
         *tabular.columns(
-            body=bodies,
-            parameter=result.base.parameters,
-            unit=units,
-            estimate=result.consistent().phi,
-            model=result.prepared.mechanism.known,
+            body=[each.body for each in rows],
+            quantity=[each.quantity for each in rows],
+            unit=[each.unit for each in rows],
+            estimate=[each.value for each in rows],
+            lower=[each.lower if finite(each.lower) else None for each in rows],
+            upper=[each.upper if finite(each.upper) else None for each in rows],
+            from_data_percent=[round(100 * each.share, 1) for each in rows],
+            model=[each.model for each in rows],
+            note=["as stated" if each.stated else "" if each.determined else "not determined" for each in rows],
         ),
-        caption="Physically consistent parameters of all bodies beside the model's",
+        digits=dict.fromkeys(("estimate", "lower", "upper", "model"), decimals),
+        caption="Physically consistent bodies, 95 % intervals, inertia about the origin of the body's frame",
+        notes=(
+            "Intervals include all physical bodies that the estimate allows.",
+            "From data: 1 less the variance over that of a model's word. Not determined: less than half.",
+        ),
     )
 
 
@@ -203,6 +212,7 @@ def text(result: Estimate, following: Following | None = None) -> str:
         "",
         parameters_table(result).text(),
         quality_table(result).text(),
+        f"Bodies of the updated model, 95 % intervals\n{result.consistent()}\n",
         *([scales_table(result).text()] if result.scales else []),
         *([] if following is None else [following_table(following).text(), *following_lines(following), ""]),
         f"Verdict: {result.verdict()}",
@@ -327,7 +337,9 @@ def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
     # No file has friction or rotors of motors that move several joints.
     motors = result.fit.equations.axes.motors if updated else ()
     names = [
-        name for name in result.fit.equations.drives if name.startswith(columns) or column_place(name)[1] in motors
+        name
+        for name in (*result.fit.equations.drives, *result.consistent().rotors)
+        if name.startswith(columns) or column_place(name)[1] in motors
     ]
     return [f"{updated} cannot hold {', '.join(names)}."] if names else []
 

@@ -11,7 +11,7 @@ from ident.display.text import aligned, decimals_of
 if TYPE_CHECKING:
     import pandas as pd
 
-QUANTITIES = ("mass", "center x", "center y", "center z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+QUANTITIES = ("mass", "centre x", "centre y", "centre z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Mass, centre of mass, and inertia about the origin of the body's frame."""
 
 UNITS = ("kg", "m", "m", "m", *["kg m²"] * 6)
@@ -32,6 +32,7 @@ class BodyValue(NamedTuple):
         model: The model's value; None if the model states no mass.
         share: Share of the data in what is known of it, from 0 to 1.
         determined: True if that is at least half.
+        with_prior: True if the estimate includes a prior.
         stated: True if it is known exactly beforehand.
     """
 
@@ -44,25 +45,36 @@ class BodyValue(NamedTuple):
     model: float | None
     share: float
     determined: bool
+    with_prior: bool
     stated: bool
 
     def __str__(self) -> str:
         return f"{self.body}: {self.quantity} {self.words}"
 
     @property
+    def limits(self) -> str:
+        """Its interval: `1.15 to 1.26`, `more than 0.3`, or "" without one."""
+        low, high = bool(np.isfinite(self.lower)), bool(np.isfinite(self.upper))
+        if low and high:
+            return " to ".join(_number(x, self.decimals) for x in (self.lower, self.upper))
+        # That masses are positive is no limit.
+        return f"more than {self.lower:.3g}" if low and self.lower else f"less than {self.upper:.3g}" if high else ""
+
+    @property
     def words(self) -> str:
         """Value and interval: `1.20 (1.15 to 1.26)`, `not determined (more than 0.3)`."""
-        low, high = bool(np.isfinite(self.lower)), bool(np.isfinite(self.upper))
-        decimals = decimals_of((self.upper - self.lower) / 4) if low and high else None
-        value, lower, upper = (_number(x, decimals) for x in (self.value, self.lower, self.upper))
         if self.stated:
-            return f"{_number(self.value, None)} (as stated)"
+            return f"{self.value:.3g} (as stated)"
         if np.isnan(self.lower):
-            return f"{value} (no interval)"
-        limits = f"{lower} to {upper}" if low and high else f"more than {lower}" if low else f"less than {upper}"
-        if self.determined:
-            return f"{value} ({limits})"
-        return f"not determined ({limits})" if low or high else "not determined"
+            return f"{self.value:.3g} (no interval)"
+        if not (self.determined or self.with_prior):
+            return f"not determined ({self.limits})" if self.limits else "not determined"
+        return f"{_number(self.value, self.decimals)} ({self.limits}{', of the prior' * (not self.determined)})"
+
+    @property
+    def decimals(self) -> int | None:
+        """Decimals of the value: two digits of a quarter of the interval; None without limits."""
+        return decimals_of((self.upper - self.lower) / 4) if np.isfinite(self.lower) else None
 
 
 def _number(x: float, decimals: int | None) -> str:
@@ -72,9 +84,31 @@ def _number(x: float, decimals: int | None) -> str:
 
 def bodies_text(rows: Sequence[BodyValue]) -> str:
     """Mass and centre of mass of each body with their intervals, a line each."""
-    each = [rows[k : k + len(QUANTITIES)] for k in range(0, len(rows), len(QUANTITIES))]
-    lines = [(own[0].body, own[0].words, f"{own[0].share:.0%}", *(x.words for x in own[1:4])) for own in each]
+    lines = [
+        (own[0].body, own[0].words, f"{100 * own[0].share:.0f} %", *(x.words for x in own[1:4]))
+        for own in _by_body(rows)
+    ]
     return "\n".join(aligned(HEADS, lines, (2,)))
+
+
+def comments(rows: Sequence[BodyValue]) -> dict[str, str]:
+    """Intervals and the data's share of each body in ASCII, for a comment in a file, by the body's name."""
+    out = {}
+    for own in _by_body(rows):
+        open_ = [each.quantity for each in own if each.words == "not determined"]
+        known = [
+            f"{each.quantity} {each.words} {each.unit}{f', {100 * each.share:.0f} % from data' * each.determined}"
+            for each in own
+            if each.quantity not in open_
+        ]
+        known += [f"not determined: {', '.join(open_)}"] * bool(open_)
+        text = f"95 % intervals, inertia about the frame's origin: {'; '.join(known)}"
+        out[own[0].body] = text.replace("²", "2")
+    return out
+
+
+def _by_body(rows: Sequence[BodyValue]) -> list[Sequence[BodyValue]]:
+    return [rows[k : k + len(QUANTITIES)] for k in range(0, len(rows), len(QUANTITIES))]
 
 
 def bodies_frame(rows: Sequence[BodyValue]) -> "pd.DataFrame":

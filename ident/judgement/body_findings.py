@@ -10,6 +10,7 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
 from ident.mechanism.mechanism import Mechanism
+from ident.model.stated import column_place
 from ident.parameters.consistency import ConsistentParameters
 from ident.tolerances import DRIVE
 
@@ -27,6 +28,9 @@ def consistency_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on the base parameters that are moved to make the bodies physical."""
     if evidence.consistent is not None:
         yield _consistency(evidence.consistent, evidence.mechanism.bodies)
+        if rotors := evidence.consistent.rotors:
+            joints = tuple(column_place(name)[1] for name in rotors)
+            yield Finding.of("rotors_apart", Place(joints=joints), rotors=dict(rotors))
 
 
 def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:

@@ -79,7 +79,7 @@ def _cholesky(covariance: np.ndarray) -> np.ndarray:
 
 
 def _bounds(rows: np.ndarray, right: np.ndarray, phi: np.ndarray, room: float, largest: float) -> np.ndarray:
-    """Bounds of bodies with `|rows [φ; x] - right|²` within some room of the least, NaN if that is above the largest."""
+    """Bounds of bodies with `|rows [φ; x] - right|²` within some room of the least; NaN if that is too large."""
     b = len(phi) // 10
     L = np.linalg.cholesky(pseudo_inertia(phi.reshape(-1, 10)))
     x = 1 / np.maximum(np.linalg.norm(rows[:, 10 * b :], axis=0), 1e-300)

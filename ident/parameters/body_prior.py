@@ -5,18 +5,22 @@ estimate of ψ that includes the prior says all of that; what the prior adds are
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import linalg
 
+from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, known_covariances
+from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, body_covariance, known_covariances
 from ident.parameters.unstated import unstated
 
 LEAST = 1e-4
 """Least standard deviation of a prior, over the default one, which stands for what is known exactly."""
+
+STEP = 1e-3
+"""Step of a central difference, over the difference from the model: φ is cubic in mass, centre and inertia."""
 
 WITHOUT_MASS = 1e-6
 """Standard deviation of a frame's mass, over the mass of all bodies, with lengths of a metre."""
@@ -76,7 +80,14 @@ class BodyPrior:
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, base: BaseParameters, known: Mapping[str, float], rotors: Rotors, *, used: bool
+        cls,
+        mechanism: Mechanism,
+        base: BaseParameters,
+        known: Mapping[str, float],
+        rotors: Rotors,
+        *,
+        used: bool,
+        at: np.ndarray | None = None,
     ) -> "BodyPrior":
         """Prior of a mechanism's bodies.
 
@@ -86,25 +97,44 @@ class BodyPrior:
             known: Standard deviations, as for `body_covariance`.
             rotors: Rotors that ψ contains.
             used: True if the estimate of ψ includes the prior.
+            at: φ of the bodies about which it is linear, by default the model's (10 b,).
         """
         own = [{**KNOWN, **known, **mechanism.prior_known.get(name, {})} for name in mechanism.bodies]
         phi, covariances = mechanism.known.reshape(-1, 10), known_covariances(mechanism, known)
         std = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
         std[:, 0] = [each["mass"] * mass for each, mass in zip(own, phi[:, 0], strict=True)]
         std[:, 1:4] = [[each["center"]] * 3 for each in own]
-        std[unstated(mechanism)] = np.inf
+        std[phi[:, 0] == 0] = 0
+        new = unstated(mechanism)
+        std[new] = np.inf
         if not used:
             return cls(std)
-        exact = {
-            name: {key: max(x, LEAST * KNOWN[key]) for key, x in each.items()}
-            for name, each in zip(mechanism.bodies, own, strict=True)
-        }
-        roots = _roots(known_covariances(replace(mechanism, prior_known=exact), known), float(phi[:, 0].sum()))
+        mean = phi.copy()
+        for k in np.flatnonzero(~new & (phi[:, 0] > 0)).tolist():
+            center = phi if at is None else at.reshape(-1, 10)
+            mean[k], covariances[k] = _linearised(phi[k], center[k], own[k])
+        roots = _roots(covariances, float(phi[:, 0].sum()))
         columns = linalg.block_diag(*roots, np.diag(_rotor_std(base, roots, rotors)))
         H = np.hstack([base.regroup(np.eye(phi.size)).T, rotors.columns]) @ columns
         across = linalg.null_space(H / np.linalg.norm(H, axis=1)[:, None]).T
         rows = linalg.solve(columns.T, across.T).T
-        return cls(std, rows, rows @ np.r_[phi.ravel(), rotors.stated])
+        return cls(std, rows, rows @ np.r_[mean.ravel(), rotors.stated])
+
+
+def _linearised(phi: np.ndarray, at: np.ndarray, known: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of a body's φ by a prior with normal mass, centre and central inertia, (10,), (10, 10).
+
+    Args:
+        phi: φ by the model.
+        at: φ about which first moments and inertias are linear in them.
+        known: Standard deviations, as for `body_covariance`.
+    """
+    model, here = ([np.array(x) for x in com_from_parameters(each)] for each in (phi, at))
+    ahead, behind = (
+        parameters_from_com(*(x + h * (own - x) for own, x in zip(model, here, strict=True))) for h in (STEP, -STEP)
+    )
+    exact = {key: max(known[key], LEAST * KNOWN[key]) for key in KNOWN}
+    return at + (ahead - behind) / (2 * STEP), body_covariance(at, {**exact, "mass": exact["mass"] * phi[0] / at[0]})
 
 
 def _roots(covariances: np.ndarray, mass: float) -> np.ndarray:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from ident.display.bodies import QUANTITIES, UNITS, BodyValue, bodies_frame, bodies_text
+from ident.display.bodies import QUANTITIES, UNITS, BodyValue, bodies_frame, bodies_text, comments
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia, with_centers
 from ident.parameters.base_parameters import BaseParameters
@@ -85,6 +85,8 @@ class ConsistentParameters:
 
         Where nothing bounds a value the limit is infinite; all are NaN where no physical bodies have ψ.
         """
+        if self.fitting.prior.used and not self.attainable:
+            return np.full((*self.values.shape, 2), np.nan)
         limits = self.fitting.bounds(self.phi)
         each = np.stack([np.minimum(limits[..., 0], self.values), np.maximum(limits[..., 1], self.values)], axis=-1)
         return np.where(np.isnan(limits), np.nan, each)
@@ -112,9 +114,15 @@ class ConsistentParameters:
             for j, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
                 (lower, upper), share = self.intervals[k, j].tolist(), float(self.share[k, j])
                 model = float(models[k, j]) if models[k, 0] else None
-                how = share >= DETERMINED, not std[k, j]
+                used = self.fitting.prior.used
+                how = share >= DETERMINED, used, not std[k, j] and (used or model is None)
                 out.append(BodyValue(body, quantity, unit, float(self.values[k, j]), lower, upper, model, share, *how))
         return tuple(out)
+
+    @property
+    def comments(self) -> dict[str, str]:
+        """Comment on each body for a model's file, by name."""
+        return comments(self.rows)
 
     def to_frame(self) -> Any:
         """Values of all bodies as a pandas data frame, with their 95 % intervals and the data's share.

@@ -93,7 +93,8 @@ class _Search:
         for _ in range(NEWTON_STEPS):
             if not len(active):
                 break
-            near, value = self._step(active)
+            with np.errstate(all="ignore"):
+                near, value = self._step(active)
             reached = active[near]
             self.values[reached, stage[reached]] = value[near]
             self.t[reached] *= FACTOR
@@ -135,6 +136,8 @@ class _Search:
         self.t[k] = np.where(self.t[k] == 0, 1 / np.sqrt(np.maximum(own, 1e-300)), self.t[k])
         t = self.t[k][:, None]
         step = t * solved[:, :, 0] + solved[:, :, 1]
+        lost = ~np.isfinite(step).all(axis=1)
+        step[lost] = 0
         near = np.sum((t * f + centre) * step, axis=1) < CENTRED
         E = np.tensordot(step[:, : 10 * b].reshape(-1, b, 10), UNITS, 1)
         along = np.einsum("nrj,nj->nr", scaled, step)
@@ -146,7 +149,7 @@ class _Search:
         )
         self.G[k] = G @ np.linalg.cholesky(np.eye(4) + length[:, None, None, None] * E)
         self.x[k] = x * (1 + length[:, None] * step[:, 10 * b :])
-        return near, self._value(k, self._coordinates(self.G[k], self.x[k]))
+        return near & ~lost, np.where(lost, np.inf, self._value(k, self._coordinates(self.G[k], self.x[k])))
 
     def _coordinates(self, G: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Coordinates v of bodies `G Gᵀ` and rotors (N, 10 b + k)."""

@@ -23,6 +23,11 @@ def _of(body: str | None) -> str:
     return f" of {body}" if body else ""
 
 
+def _rotors_apart(rotors: Mapping[str, float]) -> str:
+    each = listed(f"{name} {x:.3g}" for name, x in rotors.items())
+    return f"No links can take up all inertia about the joints; the rest is kept apart as rotor inertia, kg m²: {each}."
+
+
 def _masses(beginning: str, end: str = "") -> Row:
     def sentence(masses: Mapping[str, Mapping[str, float]], factor: float) -> str:
         each = listed(f"{body} {_limits(**x)} (model: {_mass_or_none(x['model'])})" for body, x in masses.items())
@@ -61,7 +66,10 @@ BODIES = {
     ),
     "physical_within_region": Row(_within, doubt=False),
     "no_physical_bodies": Row(_none_near, doubt=None),
-    "masses_shown": _masses("Masses beyond a factor of {factor:g} of the model's, which is outside their 95 % intervals"),
+    "rotors_apart": Row(_rotors_apart, doubt=False),
+    "masses_shown": _masses(
+        "Masses beyond a factor of {factor:g} of the model's, which is outside their 95 % intervals"
+    ),
     "masses_limited": _masses(
         "Masses that no channel contains, limited only by what other parameters of a physical body allow",
         " A hand or contact that is not measured and drives a joint has the same effect.",
