@@ -56,7 +56,7 @@ LINEARISED = 3
 time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
 
 ROUNDING = 1e-9
-"""Part of each variance that is added for rounding."""
+"""Least eigenvalue of correlations of ψ: what the set-up adds to a covariance is definite to rounding only."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -354,9 +354,7 @@ class Estimate:
         equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
         stated = stated_values(arm, list(equations.absorbed))
         rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
-        prior, covariance = guessed(arm), self.covariance_setup[: self.base.rank, : self.base.rank].copy()
-        # The uncertainty of the set-up may leave it singular to rounding.
-        np.fill_diagonal(covariance, np.diag(covariance) * (1 + ROUNDING))
+        prior, covariance = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
 
         def fitted(at: np.ndarray) -> ConsistentParameters:
             return consistent_parameters(
@@ -498,3 +496,10 @@ class Estimate:
     def checks(self) -> Checks:
         """Checks of recording, set-up and fit."""
         return checked(self.prepared, self.fit, self.part)
+
+
+def _regular(covariance: np.ndarray) -> np.ndarray:
+    """A covariance whose correlations have eigenvalues from `ROUNDING` on."""
+    std = np.sqrt(np.diag(covariance))
+    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
+    return np.asarray((axes * np.maximum(values, ROUNDING)) @ axes.T * np.outer(std, std))

@@ -12,10 +12,19 @@ from ident.judgement.place import Place
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
 from ident.parameters.consistency import ConsistentParameters
+from ident.parameters.prior import conditioned, known_deviations, updated
 from ident.tolerances import DRIVE
 
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r, its size by noise alone, above which it is a doubt."""
+
+INTERVAL = 1.96
+"""Difference of masses, in standard deviations, that is significant with 95 % confidence."""
+
+NARROWER = 0.5
+"""Standard deviation of a mass over that of the prior below which the data determine it."""
+
+TINIEST = 1e-300
 
 FACTOR = 2.0
 """Factor between a body's mass and the model's above which there is a remark."""
@@ -65,7 +74,7 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     for code, masses in far.items():
         yield Finding.of(code, Place(bodies=tuple(masses)), masses=masses, factor=FACTOR)
     yield from rotor_findings(evidence, [name for masses in far.values() for name in masses])
-    yield from tool_findings(evidence, full)
+    yield from tool_findings(evidence)
 
 
 def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
@@ -91,14 +100,27 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
             yield Finding.of(code, Place(bodies=tuple(of), joints=tuple(of.values())), joints=of)
 
 
-def tool_findings(evidence: Evidence, full: ConsistentParameters) -> Iterator[Finding]:
-    """Remarks on last links whose interval is above the model's mass."""
-    last = _last_links(evidence.mechanism)
-    for each, before in zip(full.rows[::10], evidence.mechanism.known[::10].tolist(), strict=True):
-        if each.body in last and each.lower > before:
-            upper = each.upper - before if np.isfinite(each.upper) else None
-            more = {"lower": each.lower - before, "upper": upper}
-            yield Finding.of("heavier_last_link", Place(bodies=(each.body,)), body=each.body, **more)
+def tool_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remarks on last links that are heavier than the model if the other bodies are as well known as usually.
+
+    Data and that prior have to determine the mass; its interval and that of the first moment exclude the model's.
+    """
+    mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
+    psi, covariance = evidence.fit.psi - evidence.fit.equations.from_drives[: base.rank], evidence.covariance
+    if evidence.trajectory is None or not evidence.trajectory.known:
+        psi, covariance = updated(mechanism, base, psi, covariance, known)
+    after = conditioned(mechanism, base, psi, covariance, known)
+    each = (*after, mechanism.known, known_deviations(mechanism, known))
+    phi, std, before, std_before = (x.reshape(-1, 10)[:, :4] for x in each)
+    size = np.linalg.norm(phi[:, 1:], axis=1)
+    grown = size - np.linalg.norm(before[:, 1:], axis=1)
+    std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, TINIEST)
+    more, least = phi[:, 0] - before[:, 0], np.maximum(INTERVAL * std[:, 0], known["mass"] * before[:, 0])
+    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
+    for k in np.flatnonzero(heavier).tolist():
+        if (name := mechanism.bodies[k]) in _last_links(mechanism):
+            values = {"mass": float(more[k]), "std": float(std[k, 0])}
+            yield Finding.of("heavier_last_link", Place(bodies=(name,)), body=name, **values)
 
 
 def _last_links(mechanism: Mechanism) -> list[str]:
