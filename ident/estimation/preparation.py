@@ -138,7 +138,7 @@ def prepared(
     """Prepares a recording for a fit.
 
     Args:
-        mechanism: The mechanism, with a prior.
+        mechanism: The mechanism; without a prior, its bodies have no mass by the model.
         recording: The recording.
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
         drive: Columns of friction, rotor inertia and springs for joint torques; None for `usual_drives`,
@@ -153,6 +153,8 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree = mechanism.tree
+    if mechanism.prior is None:
+        mechanism = replace(mechanism, prior=np.zeros(10 * len(mechanism.bodies)))
     mechanism = _with_known_bodies(mechanism, recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))

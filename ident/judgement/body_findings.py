@@ -65,7 +65,9 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
         if max(each.value, before) > SLIGHT * whole and not before / FACTOR <= each.value <= before * FACTOR:
             outside = before and not each.lower <= before <= each.upper
             code = "masses_hardly_shown" if not outside or np.isnan(each.lower) else "masses_limited"
-            limits = {key: x if np.isfinite(x) else None for key, x in (("lower", each.lower), ("upper", each.upper))}
+            limits = {
+                key: x if np.isfinite(x) and x else None for key, x in (("lower", each.lower), ("upper", each.upper))
+            }
             far.setdefault("masses_shown" if outside and each.determined else code, {})[each.body] = {
                 "mass": each.value,
                 "model": before,
@@ -73,7 +75,9 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
             }
     for code, masses in far.items():
         yield Finding.of(code, Place(bodies=tuple(masses)), masses=masses, factor=FACTOR)
-    yield from rotor_findings(evidence, [name for masses in far.values() for name in masses])
+    yield from rotor_findings(
+        evidence, [name for masses in far.values() for name, each in masses.items() if each["model"]]
+    )
     yield from tool_findings(evidence)
 
 
@@ -119,8 +123,8 @@ def tool_findings(evidence: Evidence) -> Iterator[Finding]:
     heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
     for k in np.flatnonzero(heavier).tolist():
         if (name := mechanism.bodies[k]) in _last_links(mechanism):
-            values = {"mass": float(more[k]), "std": float(std[k, 0])}
-            yield Finding.of("heavier_last_link", Place(bodies=(name,)), body=name, **values)
+            mass, deviation = float(more[k]), float(std[k, 0])
+            yield Finding.of("heavier_last_link", Place(bodies=(name,)), body=name, mass=mass, std=deviation)
 
 
 def _last_links(mechanism: Mechanism) -> list[str]:

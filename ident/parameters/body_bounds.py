@@ -48,21 +48,24 @@ class Fitting:
         They are infinite where nothing bounds a parameter, and NaN where no physical bodies fit.
 
         Args:
-            phi: Physical bodies to start from (10 b,).
+            phi: Physical bodies to start from, zeros for frames, which have no mass (10 b,).
         """
         rows, right = (
             linalg.solve_triangular(self.root, self.B, lower=True),
             linalg.solve_triangular(self.root, self.psi, lower=True),
         )
+        has_mass = phi[::10] > 0
+        kept, out = np.repeat(has_mass, 10), np.zeros((len(has_mass), 10, 2))
         if not self.prior.used:
-            return _bounds(rows, right, phi, ROOM, region(len(right)))
+            of_rotors = np.ones(rows.shape[1] - len(phi), bool)
+            out[has_mass] = _bounds(rows[:, np.r_[kept, of_rotors]], right, phi[kept], ROOM, region(len(right)))
+            return out
         mean, covariance = _solved(np.vstack([rows, self.prior.rows]), np.r_[right, self.prior.right])
-        out = []
-        for k in range(len(phi) // 10):
+        for k in np.flatnonzero(has_mass).tolist():
             own = slice(10 * k, 10 * k + 10)
             whitening = np.linalg.inv(_cholesky(covariance[own, own]))
-            out.append(_bounds(whitening, whitening @ mean[own], phi[own], SKEWED * ROOM, np.inf))
-        return np.concatenate(out)
+            out[k] = _bounds(whitening, whitening @ mean[own], phi[own], SKEWED * ROOM, np.inf)[0]
+        return out
 
 
 def _solved(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

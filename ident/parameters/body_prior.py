@@ -14,7 +14,7 @@ from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.prior import DRIVE_KNOWN, KNOWN, UNKNOWN, body_covariance, known_covariances
-from ident.parameters.unstated import unstated
+from ident.parameters.unstated import guessed, unstated
 
 LEAST = 1e-4
 """Least standard deviation of a prior, over the default one, which stands for what is known exactly."""
@@ -113,10 +113,10 @@ class BodyPrior:
         for k in np.flatnonzero(~new & (phi[:, 0] > 0)).tolist():
             center = phi if at is None else at.reshape(-1, 10)
             mean[k], covariances[k] = _linearised(phi[k], center[k], own[k])
-        roots = _roots(covariances, float(phi[:, 0].sum()))
+        roots = _roots(covariances, float(guessed(mechanism)[::10].sum()))
         columns = linalg.block_diag(*roots, np.diag(_rotor_std(base, roots, rotors)))
         H = np.hstack([base.regroup(np.eye(phi.size)).T, rotors.columns]) @ columns
-        across = linalg.null_space(H / np.linalg.norm(H, axis=1)[:, None]).T
+        across = linalg.null_space(H / np.maximum(np.linalg.norm(H, axis=1), 1e-300)[:, None]).T
         rows = linalg.solve(columns.T, across.T).T
         return cls(std, rows, rows @ np.r_[mean.ravel(), rotors.stated])
 

@@ -115,7 +115,11 @@ class ConsistentParameters:
                 (lower, upper), share = self.intervals[k, j].tolist(), float(self.share[k, j])
                 model = float(models[k, j]) if models[k, 0] else None
                 used = self.fitting.prior.used
-                how = share >= DETERMINED, used, not std[k, j] and (used or model is None)
+                how = (
+                    share >= DETERMINED,
+                    used and bool(np.isfinite(std[k, j])),
+                    not std[k, j] and (used or model is None),
+                )
                 out.append(BodyValue(body, quantity, unit, float(self.values[k, j]), lower, upper, model, share, *how))
         return tuple(out)
 
@@ -206,7 +210,10 @@ def consistent_parameters(
     root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
     rotors = rotors or Rotors.none(base.rank)
     known = known or BodyPrior(np.full((len(L), 10), np.inf))
-    B = np.hstack([base.regroup(np.eye(len(prior))).T, rotors.columns])
+    of_links = base.regroup(np.eye(len(prior))).T
+    # Frames without mass have none in any case.
+    of_links[:, ~np.repeat(prior.reshape(-1, 10).any(axis=1), 10)] = 0
+    B = np.hstack([of_links, rotors.columns])
     fitting = Fitting(B, psi + rotors.columns @ rotors.stated, root, known, len(rotors.names))
     names = tuple(f"{k + 1}" for k in range(len(L))) if bodies is None else tuple(bodies)
     links = _Nearest(fitting, base, L, physical, raised, names, prior, rotors)

@@ -18,9 +18,10 @@ distance."""
 CENTRED, NEWTON_STEPS = 0.3, 80
 """Squared Newton decrement at which a minimum is near enough, and largest number of steps; 17 are usual."""
 
-LARGEST, UNBOUNDED = 100.0, 30.0
-"""Largest trace of all bodies together, over that of the start, which keeps what nothing bounds from going on; and
-value, over the start's size, above which nothing bounds it: no body is wrong by a factor of thirty."""
+LARGEST, UNBOUNDED, BY_TRACE = 100.0, 30.0, 0.05
+"""Largest trace of all bodies together, over that of the start, which keeps what nothing bounds from going on; value,
+over the start's size, above which nothing bounds it, as no body is wrong by a factor of thirty; and growth of the value
+with the largest trace, over its distance from the start, both relative, above which that alone bounds it."""
 
 LENGTHS = np.array([0.99, 0.97, 0.93, 0.85, 0.7, 0.5, 0.3, 0.15, 0.07, 0.03, 0.01, 0.003])
 """Step lengths that are tried, over the longest one; a whole step is tried as well."""
@@ -86,6 +87,7 @@ class _Search:
         self.of_bodies = self.rows[:, : 10 * b].reshape(-1, b, 10).swapaxes(0, 1)
         self.G, self.x = np.tile(np.eye(4), (len(f), b, 1, 1)), np.ones((len(f), len(trace) - 10 * b))
         self.t, self.values = np.zeros(len(f)), np.full((len(f), WEIGHTS), np.nan)
+        self.first, self.growth = self._value(np.arange(len(f)), np.tile(trace, (len(f), 1))), np.zeros(len(f))
 
     def maxima(self) -> np.ndarray:
         stage, out = np.zeros(len(self.f), int), np.full(len(self.f), np.inf)
@@ -102,7 +104,8 @@ class _Search:
             active = active[(stage[active] < WEIGHTS) & (value < self.limit[active])]
         before, last = self.values[stage == WEIGHTS, -2:].T
         out[stage == WEIGHTS] = last + (last - before) / (FACTOR - 1)
-        return np.where(out < self.limit, out, np.inf)
+        bounded = (out < self.limit) & (self.growth < BY_TRACE * (out - self.first))
+        return np.where(bounded, out, np.inf)
 
     def _step(self, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Makes a Newton step of some objectives and returns which were near their minimum, and their values."""
@@ -136,6 +139,7 @@ class _Search:
         self.t[k] = np.where(self.t[k] == 0, 1 / np.sqrt(np.maximum(own, 1e-300)), self.t[k])
         t = self.t[k][:, None]
         step = t * solved[:, :, 0] + solved[:, :, 1]
+        self.growth[k] = self.largest / (self.t[k] * slack * (self.one[k] + np.sum(self.d[k] * v, axis=1)))
         lost = ~np.isfinite(step).all(axis=1)
         step[lost] = 0
         near = np.sum((t * f + centre) * step, axis=1) < CENTRED
