@@ -78,6 +78,8 @@ def _edits(data: bytes, link: Place, phi: np.ndarray, comment: str) -> Iterator[
     inertia = R.T @ inertia @ R
     if comment and phi[0]:
         mass, center, inertia = shortened(mass, center, inertia)
+    if comment and inertial is not None and not inertial.closed:
+        yield with_comment(data, inertial, comment)
     numbers: dict[str, tuple[dict[str, Sequence[float]], float]] = {
         "origin": ({"xyz": center.tolist()} if phi[0] else {}, max(abs(center))),
         "mass": ({"value": [mass]}, mass),
@@ -94,8 +96,6 @@ def _edits(data: bytes, link: Place, phi: np.ndarray, comment: str) -> Iterator[
         yield link.with_first(data, b"<inertial>" + missing + b"</inertial>")
     elif missing:
         yield inertial.with_first(data, missing)
-    if comment and inertial is not None and not inertial.closed:
-        yield with_comment(data, inertial, comment)
 
 
 def _axes(inertial: Place | None) -> np.ndarray:
