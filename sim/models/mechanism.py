@@ -56,7 +56,7 @@ def mechanism(
     *,
     merge_welds: bool = False,
     ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
     packages: Sequence[str | Path] = (),
     drives: bool = True,
 ) -> Mechanism:
@@ -68,7 +68,7 @@ def mechanism(
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         merge_welds: True to merge welded bodies into their parents.
         ignore: Names of equality constraints and tendons to leave out of the equations.
-        fix: Names of the tree's joints that do not move, with their coordinates.
+        fix: Names of the tree's joints that do not move, with their coordinates or alone.
         packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
             and in `ROS_PACKAGE_PATH` are searched as well.
         drives: False to leave out the drives of the joints.
