@@ -51,7 +51,7 @@ def read_log(
 
     Args:
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
-            OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
+            OpenSim .mot or .sto file, a .parquet, .jsonl or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
             folder), a LeRobot dataset's folder, with its episode if there are several, `DATASET#3`, or what
             `Recording.save` wrote. `FILE+FILE` is one log in several files, each with times of its own on one clock, as
             angles in one and forces in another. Or columns in memory: a mapping of arrays (N,) or (N, d), a pandas data
