@@ -72,7 +72,7 @@ OF_EXTRAS := $(LONG) $(BROWSER) tests/studies/test_derive.py tests/test_against_
 	tests/display/test_answers.py tests/recordings/test_in_memory.py \
 	tests/studies/test_benchmark.py::test_peers_have_the_same_regressor \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
-	tests/files/test_markers.py tests/studies/test_identify_formats.py tests/document/test_rerun_file.py tests/test_repository.py
+	tests/files/test_markers.py tests/models/test_xacro.py tests/studies/test_identify_formats.py tests/document/test_rerun_file.py tests/test_repository.py
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
 .PHONY: paper test test-extras check docs readme validate install extras clean
@@ -115,7 +115,7 @@ $(INSTALLED)-docs: $(INSTALLED)
 	touch $@
 
 $(INSTALLED)-extras: $(INSTALLED)
-	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,notebook,rerun,docs]"
+	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,notebook,rerun,xacro,docs]"
 	$(PIP) --no-deps $(MODELS)
 	touch $@
 

@@ -21,6 +21,7 @@ from sim.models.names import body_id, body_name, joint_name
 from sim.models.opensim.mechanism import is_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
+from sim.models.xacro import SUFFIX as XACRO
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
@@ -59,8 +60,8 @@ def _compiled_file(path: Path, packages: Sequence[str | Path]) -> mujoco.MjModel
     root = parsed(path)
     if is_opensim(path):
         raise ModelError(f"{path}: MuJoCo reads no OpenSim files; this needs a model in MJCF or URDF.")
-    if path.suffix.lower() not in (".xml", ".urdf"):
-        raise ModelError(f"A model file ends in .xml or .urdf, got '{path}'.")
+    if path.suffix.lower() not in (".xml", ".urdf", XACRO):
+        raise ModelError(f"A model file ends in .xml, .urdf or {XACRO}, got '{path}'.")
     if root.tag == "robot":
         return compiled_as_stated(model_from_urdf(path, packages), path)
     with refusals(path):
