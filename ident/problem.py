@@ -132,6 +132,12 @@ def problem_of(
             raise InputError(
                 f"{role} needs the channels {', '.join(first.channels)}; it has {', '.join(other.equations.channels)}."
             )
+        moves = [log.samples.motion.base is not None for log in (logs[0], other)]
+        if moves[0] != moves[1] or not np.allclose(other.mechanism.gravity, logs[0].mechanism.gravity):
+            raise InputError(
+                f"{role} needs a base that {'moves' if moves[0] else 'rests in the same direction of gravity'}, as "
+                "that of the first; identify it by itself, and `compare` the results."
+            )
     whole, ends = zip(*(_split(log, 0.0 if judges else holdout) for log in logs), strict=True)
     measured = [log.samples.measured[part] for log, part in zip(logs, whole, strict=True)]
     if any(map(len, measured)) and not any(np.ptp(x, axis=0).any() for x in measured if len(x)):

@@ -61,7 +61,9 @@ def prepare(
     if person is not None:
         log = replace(log, notes=(*log.notes, _of_person(arm, person)))
     ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, leave_out=leave_out, name=str(log_path))
-    felt = [arm.tree.joints[k] for k in ready.equations.torques]
+    moved = [arm.tree.bodies[i] for i in arm.tree.moving]
+    owners = [body.joint for body in moved for _ in range(body.freedoms)]
+    felt = [owners[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
         check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
     return ready

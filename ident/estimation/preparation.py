@@ -153,7 +153,7 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree = mechanism.tree
-    mechanism = _with_known_bodies(mechanism, recording)
+    mechanism, (recording,) = at_rest(_with_known_bodies(mechanism, recording), [recording])
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(recording, tree, leave_out)
@@ -204,6 +204,26 @@ def prepared(
         drives=drives,
         searches_stribeck=drive is None,
     )
+
+
+def at_rest(mechanism: Mechanism, recordings: Sequence[Recording]) -> tuple[Mechanism, list[Recording]]:
+    """Mechanism and recordings with a base at rest, if the recorded poses of the base have one constant rotation.
+
+    Gravity is then in the axes of the base frame, and fewer parameters show than on a base that moves. What rests in
+    the world beside the mechanism needs the poses.
+    """
+    bases = [each.base for each in recordings if each.base is not None]
+    in_world = any(sensor.frame == "world" for each in recordings for sensor in each.sensors.values())
+    moving = any(np.ptp(T, axis=0).any() or (T[0] != bases[0][0])[:3, :3].any() for T in bases)
+    if in_world or moving or not 0 < len(bases) == len(recordings):
+        return mechanism, list(recordings)
+    out = []
+    for each in recordings:
+        held = bool(not each.wrenches or GROUND in each.wrenches) if each.held is None else each.held
+        streams = {name: stream for name, stream in each.streams.items() if name != BASE}
+        notes = (*each.notes, "The base rests: its recorded pose is constant.")
+        out.append(replace(each, base=None, held=held, streams=streams, notes=notes))
+    return replace(mechanism, gravity=bases[0][0, :3, :3].T @ mechanism.gravity), out
 
 
 def _with_known_bodies(mechanism: Mechanism, recording: Recording) -> Mechanism:
@@ -267,7 +287,7 @@ def _wrench(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose of the ground sensor's frame and total wrench in it (Eq. 17), of contacts alone if the base is not held."""
     wrenches = recording.wrenches
-    if not wrenches and recording.base is None:
+    if not wrenches and (recording.base is None or recording.held):
         return np.eye(4), np.full((len(motion), 6), np.nan)
     if GROUND not in wrenches and recording.is_held(tree):
         raise LogError(

@@ -60,7 +60,7 @@ SINGULAR = 1e6
 
 @dataclass(frozen=True)
 class Sum:
-    """A column computed from others: Σ weight · column + constant.
+    """A column computed from others: Σ weight · column + constant, or a constant alone.
 
     Attributes:
         columns: Names of the columns in the sum, each once.
@@ -77,11 +77,13 @@ class Sum:
         """Name in messages and in a mapping, such as `0.5*qm5 + 0.5*qm6 - 3`."""
         terms = [f"{w:+.9g}*{name}" for w, name in zip(self.weights, self.columns, strict=True)]
         terms += [f"{self.constant:+.9g}"] if self.constant else []
-        return " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ")
+        text = " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ")
+        return text if self.columns else f"constant {self.constant:.9g}"
 
-    def of(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+    def of(self, columns: Sequence[np.ndarray], samples: int) -> np.ndarray:
         """Values of the sum from those of its columns (N,), NaN where one of them is missing (N,)."""
-        return np.asarray(np.tensordot(self.weights, np.stack(columns), axes=1) + self.constant)
+        constant = np.full(samples, self.constant)
+        return np.tensordot(self.weights, np.stack(columns), axes=1) + constant if columns else constant
 
 
 @dataclass(frozen=True)
@@ -108,9 +110,9 @@ class Columns:
 
     @property
     def alone(self) -> tuple[str, ...]:
-        """Names of the columns; a sum of one column counts as that column, a sum of several by its own name."""
-        single = {each.name: each.columns[0] for each in self.sums if len(each.columns) == 1}
-        return tuple(single.get(name, name) for name in filter(None, self.names))
+        """Names of the columns, no constants; a sum of one column counts as that column, of several by its own name."""
+        single = {each.name: each.columns for each in self.sums if len(each.columns) < 2}
+        return tuple(own for name in filter(None, self.names) for own in single.get(name, (name,)))
 
 
 def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns]) -> list[Columns]:

@@ -116,7 +116,8 @@ class Table:
     def _numbers(self, name: str) -> np.ndarray:
         """Numbers of a column, from the file or computed (N,)."""
         if name in self.sums:
-            return self.sums[name].of([self.column(part, FAR, gaps=True) for part in self.sums[name].columns])
+            parts = [self.column(part, FAR, gaps=True) for part in self.sums[name].columns]
+            return self.sums[name].of(parts, len(self.rows))
         cells = self.cells[name]
         if self.decimal_comma:
             self._check_separators(name, cells)
