@@ -48,22 +48,29 @@ def base_motion_from_poses(
         cutoff: Cut-off, Hz; None for `chosen_cutoff` of the positions and quaternions.
         smoother: Function that smooths, by default a low-pass.
     """
-    x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
+    x = base_coordinates(T)
     return base_motion(np.stack(smoother(x, rate, cutoff or chosen_cutoff(x, rate))))
+
+
+def base_coordinates(T: np.ndarray) -> np.ndarray:
+    """Positions and quaternions without jumps of sign (N, 7) of poses (N, 4, 4)."""
+    return np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
 
 
 _CHOSEN = WeakKeyDictionary[Recording, dict[tuple[str, ...], float]]()
 
 
 def usual_cutoff(recording: Recording, joints: Sequence[str]) -> float:
-    """`chosen_cutoff` of the joints' coordinates, Hz, computed once for each recording.
+    """`chosen_cutoff` of the joints' coordinates, or those of a base alone, Hz, computed once for each recording.
 
     Raises:
         InputError: None can be chosen.
     """
     chosen, key = _CHOSEN.setdefault(recording, {}), tuple(joints)
     if key not in chosen:
-        chosen[key] = chosen_cutoff(coordinates(recording, joints), recording.rate)
+        moving = recording.base if not joints else None
+        states = coordinates(recording, joints) if moving is None else base_coordinates(moving)
+        chosen[key] = chosen_cutoff(states, recording.rate)
     return chosen[key]
 
 
@@ -86,7 +93,7 @@ def motion_cutoff(
     if cutoff is None and rates:
         return None
     if cutoff is None or cutoff == "auto":
-        if not joints:
+        if not joints and recording.base is None:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
         try:
             return usual_cutoff(recording, joints)

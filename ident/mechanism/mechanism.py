@@ -9,6 +9,7 @@ import numpy as np
 from ident.arguments import OF_BODIES, check_type, checked_deviations
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
+from ident.mechanism.body import BASE, Body
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
 from ident.mechanism.tree import Tree
@@ -60,6 +61,11 @@ class Mechanism(Brief):
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
         object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
+
+    @classmethod
+    def lone_body(cls, name: str = "body", gravity: Sequence[float] = (0, 0, -9.81)) -> "Mechanism":
+        """One body without a model, whose pose is measured: that of the base, in axes in which gravity is given."""
+        return cls(Tree((Body(name, BASE, np.eye(4), np.zeros(6)),)), np.array(gravity, float))
 
     @property
     def _in_short(self) -> dict[str, object]:

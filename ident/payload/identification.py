@@ -1,8 +1,8 @@
 """Identification of a robot's payload beyond a wrist sensor: mass, centre of mass, inertia and sensor errors.
 
-The robot's kinematics are known, so that joint angles determine the sensor's motion. The sensor is the base of the
-bodies beyond it and reads their wrench. The trajectory estimate is used: angles may be noisy, and no derivatives are
-needed.
+The robot's kinematics are known, so that joint angles determine the sensor's motion, or its pose is measured. The
+sensor is the base of the bodies beyond it and reads their wrench. The trajectory estimate is used: angles may be noisy,
+and no derivatives are needed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from ident.errors import InputError
 from ident.estimation.preparation import at_rest, prepared
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism, check_mechanism
-from ident.payload.mounting import on_payload
+from ident.payload.mounting import beyond, on_payload
 from ident.payload.payload import Payload
 from ident.payload.weight import known, likely, weighing
 from ident.recordings.recording import Recording
@@ -39,8 +39,9 @@ def identify_payload(
     """Mass, centre of mass and inertia of a robot's payload beyond a wrench sensor.
 
     Args:
-        robot: The whole robot; masses before the sensor have no effect.
-        recording: Joint angles and readings of the sensor; one recording or several.
+        robot: The whole robot; masses before the sensor have no effect. Or the payload alone, whose pose is that of
+            a moving base, such as `Mechanism.lone_body()`.
+        recording: Joint angles, or poses, and readings of the sensor; one recording or several.
         body: Name of the body that, with all bodies on it, is the sensor's load.
         sensor: Name of the wrench. It is measured on that body, on one that is welded to it, or on its parent.
         offsets: True to fit a constant offset of every channel.
@@ -61,7 +62,7 @@ def identify_payload(
     for k, each in enumerate(recordings):
         check_type(f"recording[{k}]", each, Recording, "a Recording, as of mc.read_log")
     robot, recordings = at_rest(robot, recordings)
-    part = robot.beyond(body)
+    part = beyond(robot, recordings, body)
     if part.tree.joints:
         raise InputError(
             f"A payload is rigid, but {', '.join(part.tree.joints)} are beyond the sensor; hold them where they stand "

@@ -126,7 +126,7 @@ class Payload(Brief):
     @property
     def model(self) -> np.ndarray | None:
         """The payload in the robot's model, as `RigidBody.values` in the body's frame; None if it has no mass there."""
-        part = self.robot.beyond(self.body)
+        part = self.robot.beyond(self.body) if self.robot.tree.joints else self.robot
         total = np.zeros(10) if part.prior is None else self.estimate.base.regroup(part.prior)
         return described(total) if total[0] else None
 
