@@ -152,6 +152,7 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
+    mechanism = mechanism.following(recording.followers)
     tree = mechanism.tree
     mechanism, (recording,) = at_rest(_with_known_bodies(mechanism, recording), [recording])
     asked = () if drive is None else drive_kinds(drive)

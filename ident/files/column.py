@@ -1,6 +1,6 @@
 """Units of columns, and quantities computed from columns by gains, constants and the matrices of coupled motors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,6 +114,12 @@ class Columns:
         single = {each.name: each.columns for each in self.sums if len(each.columns) < 2}
         return tuple(own for name in filter(None, self.names) for own in single.get(name, (name,)))
 
+    @property
+    def line(self) -> tuple[float, float]:
+        """Factor and constant of a single quantity from one column, in SI units."""
+        (term,) = self.sums or (Sum(self.names, (1.0,)),)
+        return self.factor * term.weights[0], self.factor * term.constant
+
 
 def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns]) -> list[Columns]:
     """Columns of joints driven by coupled motors: q_motor = R q, so q = R⁻¹ q_motor and τ = Rᵀ τ_motor.
@@ -133,11 +139,11 @@ def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns
         raise LogError(f"needs a matrix that can be inverted, got {matrix.tolist()}.")
     weights = matrix.T if kind == "torque" else np.linalg.inv(matrix)
     weights[np.abs(weights) < np.finfo(float).eps * np.abs(weights).max() * len(weights)] = 0
-    return [_combined(row, motors) for row in weights]
+    return [combined(row, motors) for row in weights]
 
 
-def _combined(weights: np.ndarray, motors: Sequence[Columns]) -> Columns:
-    """Σ weight · motor, with motors that may be sums themselves expanded into one sum of columns."""
+def combined(weights: Iterable[float], motors: Sequence[Columns]) -> Columns:
+    """Σ weight · motor in SI units, with motors that may be sums themselves expanded into one sum of columns."""
     terms: dict[str, float] = {}
     constant = 0.0
     for weight, motor in zip(weights, motors, strict=True):

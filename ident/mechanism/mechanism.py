@@ -12,6 +12,7 @@ from ident.errors import InputError, ModelError
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
+from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 
 
@@ -32,6 +33,7 @@ class Mechanism(Brief):
             carrier's base frame.
         prior_known: Standard deviations of the prior by the bodies' names, as for
             `ident.parameters.prior.body_covariance`; defaults for others.
+        mimics: How the model couples joints, by the name of the one that follows another if it is not measured.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
     """
@@ -46,6 +48,7 @@ class Mechanism(Brief):
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
+    mimics: Mapping[str, Follower] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -116,10 +119,21 @@ class Mechanism(Brief):
         tree = self.tree.fixed(coordinates)
         return replace(self, tree=tree, **self._of_joints(tree))
 
+    def following(self, followers: Mapping[str, Follower]) -> "Mechanism":
+        """The mechanism with some joints that follow others, by name; they lose their names and their drives."""
+        leads = {body: followers[body.joint] for body in self.tree.bodies if body.joint in followers}
+        if not leads:
+            return self
+        bodies = (replace(each, joint="", follows=leads[each]) if each in leads else each for each in self.tree.bodies)
+        tree = Tree(tuple(bodies))
+        return replace(self, tree=tree, **self._of_joints(tree))
+
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
-        """Ranges and drives of the joints that a tree has."""
+        """Ranges, mimics and drives of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
-        return {"ranges": ranges, "drives": {k: drive for k, drive in self.drives.items() if k in tree.freedoms}}
+        mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
+        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in tree.freedoms}
+        return {"ranges": ranges, "mimics": mimics, "drives": drives}
 
     @property
     def known(self) -> np.ndarray:

@@ -61,7 +61,7 @@ def identify_payload(
         raise InputError("A payload needs at least one recording, got none.")
     for k, each in enumerate(recordings):
         check_type(f"recording[{k}]", each, Recording, "a Recording, as of mc.read_log")
-    robot, recordings = at_rest(robot, recordings)
+    robot, recordings = at_rest(robot.following(recordings[0].followers), recordings)
     part = beyond(robot, recordings, body)
     if part.tree.joints:
         raise InputError(

@@ -12,6 +12,7 @@ from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.recordings.couplings import couplings_of
+from ident.recordings.followers import followers_of
 from ident.recordings.servo import scales_of, servos_of
 from ident.recordings.wrench import sensors_of
 
@@ -38,6 +39,10 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
     annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
     annotations |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
+    annotations["followers"] = {
+        joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
+        for joint, lead in fields["followers"].items()
+    }
     annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
@@ -79,6 +84,8 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations["servos"] = servos_of(annotations["servos"])
     if "scales" in annotations:
         annotations["scales"] = scales_of(annotations["scales"])
+    if "followers" in annotations:
+        annotations["followers"] = followers_of(annotations["followers"])
     if "couplings" in annotations:
         annotations["couplings"] = couplings_of(annotations["couplings"])
     for body, known in annotations.get("known_bodies", {}).items():

@@ -11,6 +11,7 @@ from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
 from ident.files.selection import Selection
 from ident.files.table import short
+from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates
 from ident.recordings.columns.column_entries import factor_of, joints_of_motors, several, single
@@ -49,6 +50,7 @@ class ColumnMapping:
         couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
+        followers: Joints that follow another one; until columns are complete, those that do if they have none.
         clocks: Columns of times, one for each file, if they are stated one by one.
         layouts: Layouts of text files, one for all or one for each.
         selection: Rows and times that are selected.
@@ -64,6 +66,7 @@ class ColumnMapping:
     servos: dict[str, Servo] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
@@ -132,7 +135,9 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
     for user, used in columns.items():
         for name in used.alone:
             if name in users:
-                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
+                shared = all(each.startswith("joints.") and each.endswith(".position") for each in (user, users[name]))
+                hint = " Joints that share it, as coupled fingers, need it under [joints] each." * shared
+                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.{hint}")
             users[name] = user
 
 
@@ -185,7 +190,8 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
             length = factor_of("base", entry, "unit", "length")
             mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
             mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
-    check_no_column_twice(mapping.columns)
+    # Joints that share a column of positions follow each other, which shows when all columns are known.
+    check_no_column_twice({k: used for k, used in mapping.columns.items() if not k.startswith("joints.")})
     return mapping
 
 
