@@ -14,6 +14,7 @@ from ident.estimation.preparation import Part, Prepared, flat_channels, without_
 from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
 from ident.recordings.gaps import stretches
+from ident.recordings.times import POSES, SLOW
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
@@ -161,7 +162,7 @@ def problem_of(
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
             f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)} The fit needs "
             f"{needed}, of each log at least {least}, and the judgement {LEAST_HELD_OUT}; there are "
-            f"{' + '.join(map(str, fitted))} and {judged}."
+            f"{' + '.join(map(str, fitted))} and {judged}.{POSES if 1 / logs[0].recording.rate >= SLOW else ''}"
         )
     to_fit = [Part(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
     to_judge = [_settled(log, end) if alone else Part(log, end) for log, end in zip(judges or logs, ends, strict=True)]

@@ -175,7 +175,7 @@ class PayloadReport:
     def text(self) -> str:
         """Text for the terminal."""
         payload = self.payload
-        tables = [self.table().text(), self.sensor_table().text()]
+        tables = [self.table().text(), *([self.sensor_table().text()] if payload.sensor_parameters else [])]
         verdict = [f"Verdict: {payload.verdict()}", *(finding.line for finding in payload.findings)]
         # Forms are for copying: they are not wrapped.
         return "\n".join([wrapped("\n".join([*self.lines(), "", *tables])), self.forms_text(), *map(wrapped, verdict)])
@@ -205,7 +205,7 @@ class PayloadReport:
             tables={
                 "table_payload": self.table(),
                 "table_flange": self.flange_table(),
-                "table_sensor": self.sensor_table(),
+                **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
             figures={"figure_held_out": (held_out, "Measured and predicted channels on the held-out part.")},

@@ -159,8 +159,10 @@ def prepared(
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(recording, tree, leave_out)
     steps = repairs.steps(recording, tree)
-    recording, clipped = repairs.without_clipped(recording, mechanism)
-    recording, notes = repairs.without_spikes(recording, mechanism.joints)
+    clipped, notes = tuple[Clipped, ...](), list[str]()
+    if not recording.still:
+        recording, clipped = repairs.without_clipped(recording, mechanism)
+        recording, notes = repairs.without_spikes(recording, mechanism.joints)
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
@@ -260,7 +262,7 @@ def equations_of(
     rows = coAd(inverse(frame))[known] if known else None
     servos = [recording.servos.get(freedoms[k]) for k in torques] if recording.servos else []
     gains = np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T
-    sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows)
+    sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows, recording.still)
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     equations = Equations(
         *(mechanism, parameters, rows, torques, channels, drives if torques else ()),

@@ -90,7 +90,7 @@ def motion_cutoff(
     """
     # A recording has velocities and accelerations of all joints or of none.
     rates = any({f"{joint}_velocity", f"{joint}_acceleration"} <= recording.measured.keys() for joint in joints)
-    if cutoff is None and rates:
+    if recording.still or (cutoff is None and rates):
         return None
     if cutoff is None or cutoff == "auto":
         if not joints and recording.base is None:
@@ -121,11 +121,17 @@ def recorded_motion(
     """Motion of the joints, and of a base on a carrier or tracked, smoothed by a low-pass or another function."""
 
     def states(tree: Tree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if recording.still:
+            none = np.zeros((len(recording.time), len(tree.freedoms)))
+            return coordinates(recording, tree.joints), none, none
         if cutoff is None:
             return recording.joint_states(tree.joints)
         return joint_states(tree, np.stack(smoother(coordinates(recording, tree.joints), recording.rate, cutoff)))
 
-    base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff, smoother)
+    base, none = None, np.zeros((len(recording.time), 6))
+    if recording.base is not None:
+        T, rate = recording.base, recording.rate
+        base = BaseMotion(T, none, none) if recording.still else base_motion_from_poses(T, rate, cutoff, smoother)
     if mechanism.carrier is not None:
         base = mechanism.carrier.motion(*states(mechanism.carrier.tree))
     return Motion(*states(mechanism.tree), base)

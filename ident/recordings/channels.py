@@ -13,6 +13,7 @@ from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.followers import with_followers
 from ident.recordings.sampled import AS_MEASURED
+from ident.recordings.times import POSES
 from ident.recordings.wrench import GROUND, Sensor, sensors_of
 from ident.tolerances import HUGE
 
@@ -56,7 +57,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     if not columns["time"].names[0]:
         raise LogError(
             "a log needs a column of times, named time or t or mapped, or in the mapping its samples per second, as in "
-            f"rate = 100; {table.available()}.{suggestion}"
+            f"rate = 100; {table.available()}.{POSES}{suggestion}"
         )
     for sensor, place in {GROUND: Sensor(), **sensors_of(table.metadata.get("sensors", {}))}.items():
         parts = {

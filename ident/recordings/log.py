@@ -144,6 +144,8 @@ def _pieces(
     try:
         files = files_of(path)
         if len(files) > 1 or has_several_clocks(path):
+            if mapping.still:
+                raise LogError("poses = true is for one table with a row for each pose.")
             whole = samples == sys.maxsize
             yield _of_several_clocks(files, mechanism, mapping, kinds, gaps=gaps, whole=whole, limit=limit)
             return
@@ -304,6 +306,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         known_bodies=mapping.known_bodies,
         streams=streams,
         held=mapping.held,
+        still=mapping.still,
         scales=mapping.scales,
         couplings=mapping.couplings,
         followers=mapping.followers,

@@ -67,6 +67,7 @@ class Recording(Brief):
         couplings: Motors that move several joints together, to which rotors and friction belong: rows of R in
             `q_motor = R q`, by the motors' names, as numbers other than zero by joint.
         followers: Joints without channels that follow another one, by name.
+        still: True if samples are poses at rest, in any order, whose times mean nothing.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -93,6 +94,7 @@ class Recording(Brief):
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
     held: bool | None = None
+    still: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", checked_channel("time", self.time, None))

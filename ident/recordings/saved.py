@@ -43,7 +43,8 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
         joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
         for joint, lead in fields["followers"].items()
     }
-    annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
+    stated = {"held": fields["held"], "still": fields["still"] or None}
+    annotations["stated"] = {key: value for key, value in stated.items() if value is not None}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
 
@@ -90,10 +91,11 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations["couplings"] = couplings_of(annotations["couplings"])
     for body, known in annotations.get("known_bodies", {}).items():
         checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
-    held = annotations.pop("stated", {}).get("held")
-    if not isinstance(held, bool | None):
-        raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")
-    annotations["held"] = held
+    stated = annotations.pop("stated", {})
+    for key, otherwise in (("held", None), ("still", False)):
+        annotations[key] = stated.get(key, otherwise)
+        if not isinstance(annotations[key], bool | None):
+            raise LogError(f"'{key}' of 'stated' needs true or false, got {short(stated[key])}.")
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
     return {"time": time, "measured": measured, "true": true, "base": base} | annotations

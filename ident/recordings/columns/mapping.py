@@ -8,6 +8,7 @@ from typing import Any
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
+from ident.files.counted import clock_of_rate
 from ident.files.csv_file import Layout
 from ident.files.selection import Selection
 from ident.files.table import short
@@ -50,6 +51,7 @@ class ColumnMapping:
         couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
+        still: True if rows are poses at rest, as for `Recording`.
         followers: Joints that follow another one; until columns are complete, those that do if they have none.
         clocks: Columns of times, one for each file, if they are stated one by one.
         layouts: Layouts of text files, one for all or one for each.
@@ -66,6 +68,7 @@ class ColumnMapping:
     servos: dict[str, Servo] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
+    still: bool = False
     followers: Mapping[str, Follower] = field(default_factory=dict)
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
@@ -142,7 +145,8 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 
 
 def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
-    tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
+    of_rows = ("time", "rate", "poses")
+    tables = (*of_rows, "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
@@ -153,6 +157,12 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
         mapping.columns["time"] = times[0]
     else:
         mapping.clocks = times
+    mapping.still = entries.get("poses", False)
+    if not isinstance(mapping.still, bool):
+        raise LogError(f"poses needs true, if each row is a pose at rest, or false; got {short(mapping.still)}.")
+    if mapping.still:
+        # Whatever is stated of times; rows need an order alone.
+        mapping.clocks, mapping.columns["time"] = (), clock_of_rate("poses", 1.0)
     of_joints = table("joints", entries.get("joints", {}))
     check_keys("[joints]", of_joints, tuple(joints))
     for joint, quantities in of_joints.items():
