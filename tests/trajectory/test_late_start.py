@@ -20,6 +20,8 @@ from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.pieces import cut
 
+pytestmark = pytest.mark.slow
+
 LIFTS = (lifting.SQUAT, 0.35), (lifting.STOOP, 0.4)
 DELAY_ALONE = dict.fromkeys(PRIORS, 0.0) | {"delay": 0.2}
 

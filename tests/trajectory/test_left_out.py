@@ -83,6 +83,7 @@ def test_what_predicts_no_better_than_chance_is_not_believed():
     assert not clearly_better(np.array([2.0, -1.0])) and not clearly_better(np.zeros(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rounds", [2, 9, 12, 15])
 def test_an_interrupt_ends_every_stage(rounds):
     """In the choice of knots, of weights and of the set-up alike."""
