@@ -60,7 +60,7 @@ class Evidence:
         covariance_setup: Covariance of all coefficients with the uncertainty of the set-up (m, m).
         consistent: Physical bodies near the estimate.
         unmodelled: What the model may lack, the likeliest first; empty where residuals are no more than fast noise.
-        idle: Reason, as a key of `verdict.IDLE`, by the channels in which no estimate could predict anything.
+        idle: Reason, as a key of `verdict.IDLE`, by the channels that are not predicted and in which nothing could be.
     """
 
     fit: Fit

@@ -38,7 +38,8 @@ SHOWN = 8
 """Largest number of parameters or channels that a sentence names."""
 
 IDLE = {
-    "plane": "out of the model's plane",
+    "plane": "out of the plane that the model moves in",
+    "still": "the model does not change it",
     "noise": "noise alone is left",
     "rest": "the joint rests",
 }
@@ -205,7 +206,9 @@ class Verdict:
         else:
             yield from self._use()
         if self.idle:
-            yield f"Not counted: {listed(f'{channel} ({IDLE[why]})' for channel, why in self.idle.items())}."
+            reasons = dict.fromkeys(self.idle.values())
+            channels = {why: listed(c for c, own in self.idle.items() if own == why) for why in reasons}
+            yield f"Not counted: {listed(f'{of} ({IDLE[why]})' for why, of in channels.items())}."
 
     def _use(self) -> Iterator[str]:
         """Yields sentences on what a usable estimate may be used for."""

@@ -80,8 +80,8 @@ def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
 def _loop(loop: str, joints: Sequence[str]) -> str:
     names = " ".join(joints)
     return (
-        f"'{loop}' acts on the torques of {listed(joints)}, but the equations leave it out: these torques are not "
-        f"explained. Use --leave-out {names}; wrenches at the base are not affected."
+        f"The coupling '{loop}' acts on the torques of {listed(joints)}, but the equations leave it out. Take these "
+        f"torques away, --leave-out {names}; the wrench at the base is not affected."
     )
 
 
