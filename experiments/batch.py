@@ -233,7 +233,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         verdict=verdict.outcome.value,
         doubts=list(verdict.doubts),
         ratios=dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True)),
-        values={each.name: each.value for each in known},
+        values={each.name: each.estimate for each in known},
         std={each.name: each.std_setup for each in known},
         units={each.name: each.unit for each in known},
         seconds=time.process_time() - begun,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.display.brief import Worded
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
@@ -55,8 +56,8 @@ def payload_findings(evidence: Evidence, identifiable: np.ndarray, sensor: str) 
     return doubts_first(on_fit)
 
 
-@dataclass(frozen=True)
-class PayloadVerdict:
+@dataclass(frozen=True, repr=False)
+class PayloadVerdict(Worded):
     """Verdict on a payload, with half-widths of its 95 % intervals.
 
     Attributes:

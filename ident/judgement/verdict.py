@@ -6,6 +6,7 @@ from enum import Enum
 
 import numpy as np
 
+from ident.display.brief import Worded
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import Candidates
 from ident.judgement.codes.of_prediction import CANDIDATES
@@ -69,8 +70,8 @@ class Precision:
             yield f"What is not known of the set-up more than doubles the deviations of {names}."
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, repr=False)
+class Verdict(Worded):
     """Decision on an estimate, with its reasons.
 
     Attributes:
