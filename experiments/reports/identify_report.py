@@ -180,12 +180,11 @@ def data_lines(result: Estimate) -> list[str]:
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, "
         f"{len(result.held_out.time)} held out.",
-        f"Structure: {base.rank} base parameters of {len(base.parameters)}, in {len(result.channels)} channels.",
+        f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
         f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, each channel divided by "
         "its signal.",
         f"Fit: {filtered}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
-        f"Channels: {', '.join(result.channels)}.",
         f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. Condition numbers as often "
         f"published: {numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm.",
     ]
@@ -206,17 +205,21 @@ def data_lines(result: Estimate) -> list[str]:
 def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal: verdict, doubts, the main remarks and numbers; the page and the tables have the rest."""
     doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
-    left = [f"{len(remarks) - REMARKS} more remarks"] if len(remarks) > REMARKS else []
-    names = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
+    notes = result.prepared.notes
+    hidden = {"remarks": len(remarks) - REMARKS, "notes on the recording": len(notes) - REMARKS}
+    left = [f"{count} more {what}" for what, count in hidden.items() if count > 0]
+    tables = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
     lines = [
         f"Verdict: {made.verdict}",
         *(each.line for each in doubts),
         *(line_of(sentences(each.text)[0], doubt=False) for each in remarks[:REMARKS]),
         "",
         *made.lines[:3],
+        *(line_of(sentences(note)[0], doubt=False) for note in notes[:REMARKS]),
         "",
         *_ratios(result),
-        f"The page has {' and '.join([*left, 'all details'])}. Tables, also as .csv and .tex: {names}.",
+        f"The page has {', '.join([*left, 'all details'])}.",
+        f"Tables, also as .csv and .tex: {tables}.",
     ]
     return wrapped("\n".join(lines))
 
