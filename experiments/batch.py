@@ -88,7 +88,7 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
-    shared = {"workers": 1, "film": False, "caption": [each for each in args.caption if each[0] not in SHOWN]}
+    shared = {"workers": 1, "caption": [each for each in args.caption if each[0] not in SHOWN]}
     tasks = [
         argparse.Namespace(**{**vars(args), **shared, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
@@ -215,7 +215,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder = own_model.folder(task)
         with contextlib.redirect_stderr(io.StringIO()), print_options.style_of(task):
             result, document, out = identify.identified_from(task, folder)
-            _, remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in FULL:
             raise InputError(f"{name}: {error}") from None

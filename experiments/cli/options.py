@@ -94,7 +94,6 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     parser.add_argument(
         "--noise-scale", type=float, help=f"factor on the scene's and the excitation's noise{otherwise}"
     )
-    add_film(parser)
     add_trials(parser)
     return parser
 
@@ -157,11 +156,6 @@ def add_local_workers(group: argparse._ActionsContainer, *, default: int | None,
     """Adds the number of local processes; `otherwise` explains a default of None."""
     text = f"local processes that share the work{otherwise}"
     group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=text)
-
-
-def add_film(parser: argparse.ArgumentParser) -> None:
-    """Adds the choice of a film of the page's replay."""
-    parser.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
 
 
 def add_rerun(parser: argparse.ArgumentParser) -> None:
