@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ident.display.brief import Worded
 from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
@@ -112,8 +113,8 @@ class Precision:
         return "Single masses are not determined."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Verdict(Worded):
     """Decision on an estimate, with its reasons.
 
     Attributes:
