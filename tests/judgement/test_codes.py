@@ -90,8 +90,7 @@ EXAMPLES = {
         {"joints": ("hip", "knee"), "fixed_by": fixed} for fixed in ((), ("the wrench", "bodies"))
     ],
     "motion_not_by_torques": [
-        {"joints": {"hip": {"value": 2.9e-5, "least": 0.0049, "std": 0.0003, "unit": "kg m²"}}},
-        {"joints": {name: {"value": 0.1, "least": 1.2, "std": 0.02, "unit": "kg"} for name in ("rail", "lift")}},
+        {"joints": {"hip": {"weight": 1.02, "weight_std": 0.01, "inertia": 0.004, "inertia_std": 0.012}}},
     ],
     "loop_left_out": [{"loop": "close", "joints": ("knee", "ankle")}],
     "computed_torques": [{"joints": ("hip", "knee"), "largest": 0.0132}],
