@@ -232,6 +232,8 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder=folder.name,
         verdict=verdict.outcome.value,
         doubts=list(verdict.doubts),
+        predicted=list(verdict.predicted),
+        missed=list(verdict.missed),
         ratios=dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True)),
         values={each.name: each.estimate for each in known},
         std={each.name: each.std_setup for each in known},

@@ -17,6 +17,7 @@ from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from ident.display.brief import listed
 from ident.geometry.inertia import with_bodies
+from ident.judgement.verdict import Outcome as Verdict
 
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
@@ -38,6 +39,7 @@ def logs_table(outcomes: Sequence[Outcome], differs: Sequence[str]) -> tabular.T
         *tabular.columns(
             log=[each.log for each in outcomes],
             verdict=[each.verdict or "failed" for each in outcomes],
+            predicted=["" if each.error else _predicted(each) for each in outcomes],
             doubts=[", ".join(each.doubts) for each in outcomes],
             least_ratio=[min(each.ratios.values(), default=float("nan")) for each in outcomes],
             largest_ratio=[max(each.ratios.values(), default=float("nan")) for each in outcomes],
@@ -47,12 +49,18 @@ def logs_table(outcomes: Sequence[Outcome], differs: Sequence[str]) -> tabular.T
             error=[each.error for each in outcomes],
         ),
         heads={
+            "predicted": "channels predicted",
             "least_ratio": "residual over signal, least",
             "largest_ratio": "largest",
             "cpu_s": "CPU time (s)",
         },
         decimals=2,
     )
+
+
+def _predicted(outcome: Outcome) -> str:
+    """Number of the channels that a log's estimate predicts, of those that count."""
+    return f"{len(outcome.predicted)} of {len(outcome.predicted) + len(outcome.missed)}"
 
 
 def parameters_table(outcomes: Sequence[Outcome], bodies: tuple[str, ...]) -> tabular.Table:
@@ -168,8 +176,7 @@ def document(
         provenance: Provenance of the results.
     """
     failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
-    usable = sum(each.verdict == "usable" for each in outcomes)
-    others = len(outcomes) - usable - len(failed)
+    counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.value}" for word in Verdict]
     sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
     differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
     caption = "The parameters that logs differ in most, with 95 % intervals of the logs' noise; logs by their row."
@@ -181,7 +188,7 @@ def document(
         ],
         lines=[
             *([sentence] if sentence and not doubt else []),
-            f"{len(outcomes)} logs: {usable} usable, {others} not, {len(failed)} failed.",
+            f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed.",
         ],
         heading="The logs",
         tables={SHOWN[0]: logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
