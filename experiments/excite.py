@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("model", help=f"an MJCF or URDF file, or a scene: {', '.join(scenes.NAMES)}")
     out.add_argument("--seconds", type=_positive, help=f"duration; {SECONDS:g} or the paper's if not given")
     out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
-    out.add_argument("--base", help="body whose frame is {0}; the scene's or the world's if not given")
+    out.add_argument("--base", help="body that is the base; the scene's or the world if not given")
     out.add_argument(
         "--position", nargs=2, type=_number, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
     )

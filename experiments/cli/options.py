@@ -167,7 +167,7 @@ def add_rerun(parser: argparse.ArgumentParser) -> None:
 
 def add_mechanism(parser: argparse._ActionsContainer) -> None:
     """Adds the options of a user's model."""
-    parser.add_argument("--base", help="body whose frame is {0}, by default the world")
+    parser.add_argument("--base", help="body that is the base, by default the world")
     parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     add_packages(parser)
     add_fixed(parser)

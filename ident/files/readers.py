@@ -91,7 +91,7 @@ def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
         InputError: The library that reads it is not installed.
     """
     if not (path.is_file() or (path / BAG_FOLDER).is_file()):
-        raise LogError(_needed())
+        raise _refusal(path)
     return SEVERAL_CLOCKS.get(path.suffix.lower(), bag.tables)(path, limit)
 
 
@@ -142,12 +142,14 @@ def _kind(path: Path) -> str:
     suffixes = (suffix for suffix in (*TEXT, ".npz", *ONE_CLOCK) if path.name.lower().endswith(suffix))
     if path.is_file() and (suffix := next(suffixes, "")):
         return suffix
-    raise LogError(_needed())
+    raise _refusal(path)
 
 
-def _needed() -> str:
-    return (
-        "a log is a .csv, .tsv, .txt or .npz file that exists, text perhaps packed as .gz, or one that ends in "
-        f"{', '.join((*ONE_CLOCK, *SEVERAL_CLOCKS))}, or the folder of a ROS 2 bag or of a LeRobot dataset, which has "
-        f"{lerobot.INFO}."
-    )
+def _refusal(path: Path) -> LogError:
+    """Error for a path that is no log."""
+    if not path.exists():
+        return LogError("there is no such file; check its path and its name.")
+    if path.is_dir():
+        return LogError(f"the folder needs {BAG_FOLDER} of a ROS 2 bag or {lerobot.INFO} of a LeRobot dataset.")
+    ends = ", ".join((*TEXT[:3], ".npz", *ONE_CLOCK, *SEVERAL_CLOCKS))
+    return LogError(f"logs end in {ends}, or are ROS 2 or LeRobot folders.")
