@@ -14,6 +14,7 @@ from tqdm import tqdm
 from ident.errors import InputError
 from ident.files import npz
 from ident.files.atomic import save_arrays
+from ident.files.limits import LONGEST, parsed_json
 
 SAVE_EVERY = 5.0
 """Seconds between two saves."""
@@ -49,7 +50,7 @@ class Checkpoint:
         """
         try:
             data = npz.arrays(self.file)
-            kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
+            kept, outcomes = parsed_json(str(data["identity"])), list(data["outcomes"])
             if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
                 raise InputError("damaged")
             wanted = json.loads(json.dumps(self.identity))
@@ -132,5 +133,5 @@ def _names(entry: Any) -> list[str]:
 
 
 def _is_whole(outcome: np.ndarray) -> bool:
-    """True where an outcome is a text or finite numbers."""
-    return outcome.dtype.kind == "U" or bool(np.isfinite(outcome).all())
+    """True where an outcome is a text of sane length or finite numbers."""
+    return (outcome.dtype.kind == "U" and outcome.dtype.itemsize <= 4 * LONGEST) or bool(np.isfinite(outcome).all())

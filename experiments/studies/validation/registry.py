@@ -1,7 +1,6 @@
 """The registry: a TOML file for each public recording, and a columns file where it needs one."""
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -11,6 +10,7 @@ from experiments.data.registry import Entry, Published, Reference, Source, Sourc
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.options import check_columns, check_options
 from ident.errors import InputError
+from ident.files.limits import toml
 from ident.files.table import short
 
 KEYS = (
@@ -66,11 +66,7 @@ def read_entry(path: Path) -> Entry:
     Raises:
         InputError: It is malformed; the message names the file and the entry.
     """
-    try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path.name}: an entry needs to be TOML in UTF-8 ({error}).") from None
-    entry = _entry(path.stem, content)
+    entry = _entry(path.stem, toml(path, "an entry needs"))
     _check_hashes(entry)
     _check_logs(entry)
     check_options(entry.name, entry.options)

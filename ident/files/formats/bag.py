@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.formats.bag_chunks import largest_chunk
 from ident.files.formats.reading import library, undamaged
-from ident.files.npz import check_size
+from ident.files.limits import check_size
 from ident.files.table import Table
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

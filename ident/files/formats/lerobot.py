@@ -17,7 +17,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.formats.parquet import numbers
 from ident.files.formats.reading import library, undamaged
-from ident.files.npz import NUMBER, check_size
+from ident.files.limits import NUMBER, check_size
 from ident.files.table import Table
 
 INFO = "meta/info.json"
