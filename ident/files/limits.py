@@ -83,8 +83,8 @@ def toml(path: Path, needs: str, error: type[InputError] = InputError) -> dict[s
         raise error(f"{path}: {needs} to be TOML in UTF-8 ({reason(wrong)}).") from None
 
 
-def reason(error: Exception) -> str:
-    """The error as one line, short enough for a message."""
+def reason(error: object) -> str:
+    """An error or its text as one line, short enough for a message."""
     if "allow_pickle" in str(error):
         return "pickled objects are not read"
     line = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
