@@ -7,6 +7,7 @@ pieces, which are counted and dropped.
 import bz2
 import struct
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -67,13 +68,15 @@ def unpacked_size(packed: bytes, kind: str, limit: int) -> int:
 
 def _decompressors() -> Mapping[str, Any]:
     """Classes that unpack in pieces by the names of compressions in headers; those that `rosbags` needs are there."""
-    from lz4.frame import LZ4FrameDecompressor
-
     try:
-        from compression.zstd import ZstdDecompressor
+        zstd = import_module("compression.zstd")
     except ImportError:  # Before Python 3.14.
-        from backports.zstd import ZstdDecompressor
-    return {"bz2": bz2.BZ2Decompressor, "lz4": LZ4FrameDecompressor, "zstd": ZstdDecompressor}
+        zstd = import_module("backports.zstd")
+    return {
+        "bz2": bz2.BZ2Decompressor,
+        "lz4": import_module("lz4.frame").LZ4FrameDecompressor,
+        "zstd": zstd.ZstdDecompressor,
+    }
 
 
 def _chunks(file: Path, limit: int) -> Iterator[int]:
