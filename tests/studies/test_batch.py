@@ -61,6 +61,7 @@ def logs():
     return json.loads(Path("out/batch.json").read_text(encoding="utf-8"))["logs"]
 
 
+@pytest.mark.slow
 def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
     assert batch.main(["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
     shown = capsys.readouterr()
