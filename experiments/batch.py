@@ -9,15 +9,17 @@ import json
 import sys
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments import identify
 from experiments.cli import options, own_model, print_options, running
+from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 PROGRESS = "batch_outcomes.npz"
 """File with the outcomes so far, by which an interrupted run is resumed."""
 
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 """Errors of the disk rather than of a log: they end the batch, which can be resumed once there is room."""
 
 MODEL = ("base", "ignore", "fix", "packages", "person", "columns")
@@ -61,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
     if remarks := {each.remark: each.log for each in reversed(outcomes) if each.remark}:
         print("".join(f"{log}: {remark}\n" for remark, log in remarks.items()), end="", file=sys.stderr)
     if failed := [each for each in outcomes if each.error]:
-        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {', '.join(each.log for each in failed)}.")
+        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed([each.log for each in failed], 3)}.")
     if remarks:
         raise InputError("Captions or parameters of single logs are as by default, for the reasons above.")
 
@@ -134,6 +136,13 @@ def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: 
         done = [json.loads(str(text)) for text in kept.done()] if kept.file.exists() else []
         lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
         raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
+    except (FullDiskError, OSError):
+        kept.keep()
+        raise
+
+
+class FullDiskError(InputError):
+    """Results of no log can be written."""
 
 
 def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[Outcome]") -> "LogAgreement | None":
@@ -151,8 +160,15 @@ def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[Outcom
 
 
 def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
-    """True if the results of a log that did not fail are gone."""
-    return not outcome["error"] and not (own_model.folder(task) / "estimate.json").is_file()
+    """True if the results of a log that did not fail are not as they were written."""
+    folder = own_model.folder(task)
+    return not outcome["error"] and not (outcome["files"] and sums_of(folder, outcome["files"]) == outcome["files"])
+
+
+def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """SHA-256 sums of those files of a folder that exist, by name."""
+    files = [folder / name for name in names if (folder / name).is_file()]
+    return {file.name: sha256(file.read_bytes()).hexdigest() for file in files}
 
 
 def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> "list[Outcome]":
@@ -204,7 +220,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
     """Outcome of one log, whose results are written; a failure is an outcome as well.
 
     Raises:
-        InputError: Results of no log can be written.
+        FullDiskError: Results of no log can be written.
     """
     from experiments.data.batch import Outcome
     from experiments.document.writer import written
@@ -217,8 +233,8 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
             result, document, out = identify.identified_from(task, folder)
             remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
-        if isinstance(error, OSError) and error.errno in FULL:
-            raise InputError(f"{name}: {error}") from None
+        if {getattr(each, "errno", None) for each in (error, error.__cause__)} & FULL:
+            raise FullDiskError(f"{name}: {error}") from None
         return Outcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
     except Exception as error:
         # One log must not end the others; what is printed is for a report of the fault.
@@ -240,6 +256,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         units={each.name: each.unit for each in known},
         seconds=time.process_time() - begun,
         remark=remark,
+        files=sums_of(folder, (file.name for file in folder.iterdir())),
     )
 
 

@@ -271,7 +271,7 @@ def as_text(args: argparse.Namespace) -> dict[str, Any]:
 
 def size_limit(args: argparse.Namespace) -> int:
     """Largest size of a log in memory, bytes."""
-    from ident.files.npz import LIMIT
+    from ident.files.limits import LIMIT
 
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
 

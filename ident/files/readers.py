@@ -11,7 +11,7 @@ from ident.errors import LogError
 from ident.files.atomic import replacing
 from ident.files.csv_file import Layout, csv_pieces, write_csv
 from ident.files.formats import bag, c3d, lerobot, mat, opensim, parquet, trc
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.files.npz_file import npz_pieces, write_npz
 from ident.files.table import Table, in_pieces
 
@@ -84,7 +84,7 @@ def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
 
     Args:
         path: A `.c3d`, `.bag`, `.mcap` or `.db3` file, or the folder of a ROS 2 bag.
-        limit: Bytes that it may take in memory, as for `npz.check_size`.
+        limit: Bytes that it may take in memory, as for `limits.check_size`.
 
     Raises:
         LogError: The file is missing or damaged.
@@ -113,7 +113,7 @@ def read_tables(
         overlap: Samples that each piece repeats from the one before, in addition.
         truth: True to read an archive's true values as well.
         limit: Bytes that a piece of an archive, or a file that is read whole, may take in memory, as for
-            `npz.check_size`.
+            `limits.check_size`.
         layout: Layout of text, if it is not the default.
 
     Raises:

@@ -184,9 +184,6 @@ class Verdict(Worded):
         channels = {"predicted": list(self.predicted), "missed": list(self.missed), "idle": dict(self.idle)}
         return {"verdict": str(self), "outcome": self.outcome.value, "channels": channels}
 
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.outcome.value}: {self}>"
-
     def __str__(self) -> str:
         first = [] if self.worse is None else [self.worse.text]
         doubtful = self.outcome is Outcome.NOT

@@ -20,7 +20,9 @@ from experiments import batch, identify
 from experiments.data.batch import Outcome, spreads
 from experiments.data.log_agreement import agreement
 from experiments.reports import batch_report
+from experiments.runs import checkpoint
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
+from ident.errors import InputError
 from ident.files.atomic import PARTIAL, unwritten
 
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
@@ -175,6 +177,58 @@ def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch
     assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
 
 
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS])
+def test_a_disk_that_is_full_at_the_first_log_leaves_a_batch_that_is_resumed(folder, capsys, monkeypatch, here, number):
+    plain, tries = identify.identified_from, []
+
+    def full(task, out):
+        tries.append(task.name)
+        if len(tries) == 1:
+            with unwritten(out):
+                raise OSError(number, os.strerror(number))
+        return plain(task, out)
+
+    monkeypatch.setattr(identify, "identified_from", full)
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    (folder / "out").mkdir()
+    (folder / "out" / "report.html").write_text("earlier", encoding="utf-8")
+    assert batch.main(command) == 2
+    shown = capsys.readouterr().err
+    assert f"run0' could not be written ({os.strerror(number)})" in shown and "run again with --resume" in shown
+    assert "logs failed" not in shown
+    assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "earlier"
+    assert batch.main([*command, "--resume"]) == 0
+    assert tries == ["run0", "run0"] and [each["folder"] for each in logs()] == ["run0"]
+
+
+def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsys, monkeypatch, here):
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 0
+    before = (folder / "out" / batch.PROGRESS).read_bytes()
+
+    def full(*_):
+        raise batch.FullDiskError("run0.csv: full")
+
+    def unsaved(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(batch, "outcome_of", full)
+        patched.setattr(checkpoint, "save_arrays", unsaved)
+        assert batch.main(command) == 2
+    assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
+    assert batch.main([*command, "--resume"]) == 0
+
+
+def test_a_folder_that_cannot_be_made_on_a_full_disk_is_no_failure_of_the_log(folder, capsys, monkeypatch, here):
+    def full(*_, **__):
+        raise InputError("No folder.") from OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(identify, "identified_from", full)
+    assert batch.main(["arm.xml", "run0.csv", "--out", "out", *OPTIONS]) == 2
+    assert "error: run0.csv: No folder." in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("number", [0, 1])
 def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here, number):
     one = batch.outcome_of
@@ -276,6 +330,41 @@ def test_logs_whose_results_are_gone_are_done_again(folder, capsys, monkeypatch,
         assert batch.main([*command, "--resume"]) == 2
         assert again == ["run0"] and [each["folder"] for each in logs()] == ["run0", "", "run1"]
         assert (folder / "out" / "run0" / "estimate.json").is_file()
+
+
+@pytest.mark.parametrize("name", ["estimate.json", "report.html", "model.xml", "table_base_parameters.csv"])
+@pytest.mark.parametrize("content", [None, b"{}", b""])
+def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here, name, content):
+    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 0
+    file = folder / "out" / "run1" / name
+    before = file.read_bytes()
+    file.unlink() if content is None else file.write_bytes(content)
+    # What others put there does not count.
+    (folder / "out" / "run0" / "note.txt").write_text("mine", encoding="utf-8")
+    again, one = [], batch.outcome_of
+    monkeypatch.setattr(batch, "outcome_of", lambda task: again.append(task.name) or one(task))
+    for _ in range(2):
+        assert batch.main([*command, "--resume"]) == 0
+        assert again == ["run1"] and len(file.read_bytes()) == pytest.approx(len(before), rel=0.01)
+
+
+def test_many_failures_are_a_short_sentence(folder, capsys, here):
+    names = [f"bad{k}.csv" for k in range(40)]
+    for name in names:
+        (folder / name).write_bytes((folder / "bad.csv").read_bytes())
+    assert batch.main(["arm.xml", *names, "--out", "out", *OPTIONS]) == 2
+    assert "error: 40 of 40 logs failed: bad0.csv, bad1.csv, bad2.csv and 37 more." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [batch, identify])
+@pytest.mark.parametrize("link", ["hardlink_to", "symlink_to"])
+def test_a_link_to_a_log_is_the_same_log(folder, capsys, command, link):
+    getattr(folder / "again.csv", link)(folder / "run0.csv")
+    assert command.main(["arm.xml", "run0.csv", "again.csv", "--out", "out"]) == 2
+    assert "one of them is given twice" in capsys.readouterr().err
+    assert command.main(["arm.xml", "run0.csv", "--held-out", "again.csv", "--out", "out"]) == 2
+    assert "has to be another one than the log that is fitted" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs locks of files")

@@ -332,7 +332,7 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys,
     links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
     assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
     assert all((tmp_path / "me" / link).is_file() for link in links)
-    assert "Usable: held-out residuals are at most" in capsys.readouterr().out
+    assert "Usable to predict wrenches: held-out residuals are at most" in capsys.readouterr().out
 
 
 def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
