@@ -42,6 +42,8 @@ def checked_path(where: str, given: Any, needed: str = "a path") -> Path:
 
 def described(value: Any) -> str:
     """A value for messages: itself if it is plain, else its type."""
+    if shape := getattr(value, "shape", ()):
+        return f"an array {tuple(shape)} of {getattr(value, 'dtype', 'no numbers')}"
     plain = isinstance(value, str | PathLike | Real | list | tuple | dict | None)
     text = _short(repr(value)) if plain else f"an object of type {type(value).__name__}"
     return " ".join(text.split())

@@ -7,7 +7,7 @@ from pathlib import Path
 from experiments.studies.marker_logs import with_angles
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import KINDS
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
 from ident.recordings.columns.segments import read_segments

@@ -36,6 +36,7 @@ class Mechanism(Brief):
         mimics: How the model couples joints, by the name of the one that follows another if it is not measured.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
+        loops: Joints whose torques a coupling that the equations leave out changes, by its name.
     """
 
     tree: Tree
@@ -49,6 +50,7 @@ class Mechanism(Brief):
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
     mimics: Mapping[str, Follower] = field(default_factory=dict)
+    loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -129,11 +131,12 @@ class Mechanism(Brief):
         return replace(self, tree=tree, **self._of_joints(tree))
 
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
-        """Ranges, mimics and drives of the joints that a tree has."""
+        """Ranges, drives and couplings of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
         mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
         drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in tree.freedoms}
-        return {"ranges": ranges, "mimics": mimics, "drives": drives}
+        loops = {name: joints for name, joints in self.loops.items() if set(joints) <= set(tree.joints)}
+        return {"ranges": ranges, "mimics": mimics, "drives": drives, "loops": loops}
 
     @property
     def known(self) -> np.ndarray:

@@ -14,7 +14,7 @@ from ident.arguments import checked_path
 from ident.display.brief import Brief, listed
 from ident.display.frames import channels_frame
 from ident.errors import LogError
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
 from ident.mechanism.follower import Follower
@@ -317,7 +317,7 @@ class Recording(Brief):
 
         Args:
             path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
-            limit: Bytes that an archive may take in memory, as for `npz.check_size`.
+            limit: Bytes that an archive may take in memory, as for `limits.check_size`.
 
         Raises:
             LogError: The file is missing or not a recording; the message names file, row and column.
@@ -332,7 +332,7 @@ class Recording(Brief):
         Args:
             path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
             samples: Samples of each piece; the last one may have fewer.
-            limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
+            limit: Bytes that a piece of an archive may take in memory, as for `limits.check_size`.
 
         Raises:
             LogError: The file is missing or not a recording, as for `load`; raised when the faulty piece is read.

@@ -54,7 +54,7 @@ def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
     Args:
         path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
         samples: Samples of each piece; the last one may have fewer.
-        limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
+        limit: Bytes that a piece of an archive may take in memory, as for `limits.check_size`.
 
     Raises:
         LogError: The file is missing or not a recording; raised when the faulty piece is read.

@@ -9,6 +9,8 @@ from ident.errors import InputError, ModelError
 from sim.models.mechanism import mechanism
 from sim.models.model_update import write_model
 
+pytestmark = pytest.mark.extras
+
 LINK = (
     '<link name="{}"><inertial><origin xyz="0 0 0.1"/><mass value="{}"/>'
     '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>'

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.csv_file import lines_of
-from ident.files.npz import NUMBER
+from ident.files.limits import NUMBER
 from ident.files.table import SUFFIXES, Table, short
 from ident.files.text_file import opened_text
 
