@@ -143,10 +143,17 @@ class Model:
     def _parts(self) -> dict[str, Mechanism]:
         """Each moved body with all bodies on it; of unit mass if the model states none."""
         tree, out = self.mechanism.tree, dict[str, Mechanism]()
-        for i in (i for i in tree.moving if not tree.bodies[i].massless):
+        for i in (i for i in tree.inertial if self.mover(tree.names[i]) >= 0):
             part = self.mechanism.beyond(tree.names[i])
             out[tree.names[i]] = part if part.known.any() else replace(part, prior=np.eye(len(part.known))[0])
         return out
+
+    def mover(self, body: str) -> int:
+        """Index of the body, of those that carry a body rigidly, on the last joint before it; -1 for the base."""
+        tree, i = self.mechanism.tree, self.mechanism.tree.names.index(body)
+        while i >= 0 and not tree.bodies[i].moves:
+            i = tree.bodies[i].parent
+        return i
 
     def of_torques(
         self, states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray], columns: Sequence[str]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,10 +13,12 @@ from experiments.guesses.explained import Model, explained, unexplained
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.names import is_named_after
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
+from ident.errors import ExcitationError
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import CURRENT
-from ident.judgement.diagnosis import FrameCheck, check_frame
+from ident.judgement.diagnosis import FrameCheck
 from ident.mechanism.mechanism import Mechanism
+from ident.payload.weight import TURNED, weighed
 from ident.recordings.columns.mapping import joint_kinds
 from ident.recordings.columns.plates import AUTO
 from ident.recordings.wrench import GROUND
@@ -33,6 +36,12 @@ SAME = 0.999
 SIZE = 5.0
 """Largest ratio of sizes of the ground's wrench that the model explains in part: masses of models are wrong by less. Of
 a payload of a tenth of the weight, in the base's axes, it explains .93."""
+
+TINY = 1e-6
+"""Difference of unexplained shares that is rounding, as of bodies that are rigidly connected."""
+
+SNAPPED = 3.0
+"""Deviation from right angles, degrees, up to which a sensor's axes are taken to be at right angles."""
 
 HALF_WAY = np.sqrt(1000)
 """Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
@@ -227,7 +236,8 @@ def place_wrenches(model: Model) -> None:
         if not group.is_open:
             group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
         elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:
-            _carry(belief, group, left, best)
+            sizes = {body: _ratio(x, inside[body][:, part]) for body in left}
+            _carry(group, model, left, sizes)
         elif 1 - at_base < (ENOUGH if _has_size(x, ground[:, part]) else ENOUGH_OF_WRENCHES):
             group.entries["body"] = Entry("?", "the body beyond the sensor", DOUBTFUL)
             belief.open.append(
@@ -252,6 +262,12 @@ def _has_size(measured: np.ndarray, predicted: np.ndarray) -> bool:
     return any(1 / SIZE < ratio * unit < SIZE for unit in (1e-3, 1.0, 1e3))
 
 
+def _ratio(measured: np.ndarray, predicted: np.ndarray) -> float:
+    """Size of columns without their means over that of the prediction without its."""
+    there = float(np.linalg.norm(predicted - predicted.mean(axis=0)))
+    return float(np.linalg.norm(measured - measured.mean(axis=0))) / max(there, 1e-12)
+
+
 def _rename(belief: Belief, group: Group) -> None:
     """Gives a wrench that is not the ground's its own name."""
     belief.groups.pop(group.name)
@@ -259,31 +275,40 @@ def _rename(belief: Belief, group: Group) -> None:
     belief.groups[group.name] = group
 
 
-def _carry(belief: Belief, group: Group, left: Mapping[str, float], best: str) -> None:
-    """Puts a wrench on the body beyond its sensor."""
-    group.is_inner = True
-    alike = [body for body in left if CLEAR * left[body] <= left[best]]
+def _carry(group: Group, model: Model, left: Mapping[str, float], sizes: Mapping[str, float]) -> None:
+    """Puts a wrench on the body beyond its sensor: named like it, or else of the likeliest weight."""
+    best, group.is_inner = min(left, key=lambda body: left[body]), True
+    alike = [body for body in left if CLEAR * left[body] <= left[best] + TINY]
+    rigid = [body for body in alike if model.mover(body) == model.mover(best)]
     named = [body for body in alike if likeness(words(group.own_name), words(body)) >= LIKE]
-    body = named[0] if len(named) == 1 else best
+    body = named[0] if len(named) == 1 else min(rigid, key=lambda body: abs(np.log(max(sizes[body], 1e-12))))
     why = f"the model explains {explained(left[body])} of it as the wrench of what '{body}' carries"
-    group.entries["body"] = Entry(body, why, LIKELY if 1 in (len(alike), len(named)) else DOUBTFUL)
-    if group.entries["body"].sure == DOUBTFUL:
-        belief.open.append(f"The wrench '{group.own_name}' may be that of what {' or '.join(alike)} carries.")
-    _rename(belief, group)
+    sure = LIKELY if len(named) == 1 or len(rigid) == len(alike) else DOUBTFUL
+    group.entries["body"] = Entry(body, why, sure)
+    if sure == DOUBTFUL:
+        model.belief.open.append(f"The wrench '{group.own_name}' may be that of what {' or '.join(alike)} carries.")
+    _rename(model.belief, group)
 
 
 def _turn_inner(group: Group, model: Model, predicted: np.ndarray) -> None:
-    """Sets sign, right-angled axes and units of a sensor's wrench by the model; its offsets do not matter."""
-    there = predicted - predicted.mean(axis=0)
-    measured = np.full(there.shape, np.nan)
+    """Sets units, sign and axes of a sensor's wrench by the model; its offsets do not matter."""
     for key, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
         if key in group.entries:
-            x = model.level(group.entries[key].value)
-            measured[:, part] = x - x.mean(axis=0)
-            ratio = float(np.linalg.norm(measured[:, part])) / max(float(np.linalg.norm(there[:, part])), 1e-12)
-            measured[:, part] /= ratio or 1.0
+            ratio = _ratio(model.level(group.entries[key].value), predicted[:, part])
             set_unit(model.belief, model.contents, [group], key, ratio)
-    set_turn(group, check_frame(measured, there, np.eye(3)), "body")
+    if "force" not in group.entries:
+        return
+    force = model.level(group.entries["force"].value)
+    with suppress(ExcitationError):
+        # The direction of gravity decides, whatever the payload weighs.
+        fit = weighed(np.hstack([force, 0 * force]), -predicted[:, :3])
+        if fit.opposite:
+            group.entries["applied_to_link"] = Entry(False, "the opposite sign fits gravity")
+        if fit.angle > TURNED and "rpy_deg" not in group.entries:
+            angles = Rotation.from_matrix(fit.rotation.T).as_euler("xyz", degrees=True)
+            near = 90 * np.round(angles / 90)
+            angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
+            group.entries["rpy_deg"] = Entry(angles.tolist(), "its axes in those of the body fit gravity")
 
 
 def set_unit(belief: Belief, contents: LogContents, groups: Sequence[Group], kind: str, ratio: float) -> bool:

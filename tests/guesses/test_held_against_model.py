@@ -29,7 +29,9 @@ def test_an_order_that_explains_nothing_is_not_likely(tmp_path):
     contents, belief = believed_of(tmp_path, robot, columns)
     assert belief.of("position") == {} and belief.of("torque") == {}
     assert not any(" likely" in line for line in table(contents, belief)[1:])
-    assert belief.open[0].startswith("The columns of the positions of shoulder_pan_joint to wrist_3_joint are open. With")
+    assert belief.open[0].startswith(
+        "The columns of the positions of shoulder_pan_joint to wrist_3_joint are open. With"
+    )
     assert belief.undecided == set(robot.joints) and len(belief.open) == 1
 
 
