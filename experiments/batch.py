@@ -85,7 +85,7 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
-    shared = {"workers": 1, "film": False, "caption": [each for each in args.caption if each[0] not in TABLES]}
+    shared = {"workers": 1, "caption": [each for each in args.caption if each[0] not in TABLES]}
     tasks = [
         argparse.Namespace(**{**vars(args), **shared, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
@@ -195,7 +195,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder = own_model.folder(task)
         with contextlib.redirect_stderr(io.StringIO()), print_options.style_of(task):
             result, document, out = identify.identified_from(task, folder)
-            _, remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if isinstance(error, OSError) and error.errno in FULL:
             raise InputError(f"{name}: {error}") from None
@@ -212,6 +212,8 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder=folder.name,
         verdict=verdict.outcome.value,
         doubts=list(verdict.doubts),
+        predicted=list(verdict.predicted),
+        missed=list(verdict.missed),
         ratios=dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True)),
         values={each.name: each.value for each in known},
         std={each.name: each.std_setup for each in known},
@@ -223,7 +225,7 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
 
 def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
     """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
-    left_out = ("out", "workers", "scheduler", "tls", "resume", "logs", "held_out", "model", "columns")
+    left_out = ("out", "workers", "resume", "logs", "held_out", "model", "columns")
     given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
     model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
     files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]

@@ -25,11 +25,12 @@ from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding
+from ident.judgement.idle import idle_channels
 from ident.judgement.judges import findings
 from ident.judgement.residuals import correlation_time, explained_by_motion
 from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.torque_checks import friction_shares
-from ident.judgement.verdict import Precision, Verdict
+from ident.judgement.verdict import Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.stated import column_place, with_values
@@ -379,6 +380,7 @@ class Estimate:
             covariance_setup=self.covariance_setup,
             consistent=self.consistent(),
             unmodelled=self.unmodelled,
+            idle=idle_channels(held, self.prepared),
         )
 
     @cached_property
@@ -388,9 +390,7 @@ class Estimate:
 
     def verdict(self) -> Verdict:
         """Verdict on the estimate, with its reasons; sentences when printed."""
-        names, bodies = self.base.names, self.prepared.mechanism.bodies
-        precision = Precision.of(names, self.psi, self.std, self.std_setup, bodies)
-        return Verdict.of(self.evidence, self.findings, precision)
+        return Verdict.of(self.evidence, self.findings)
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""

@@ -9,6 +9,9 @@ import numpy as np
 from ident.errors import InputError
 from ident.judgement.verdict import Outcome as Verdict
 
+NAMES = "doubts", "predicted", "missed"
+"""Fields of an outcome that are lists of names."""
+
 NUMBERS = "ratios", "values", "std"
 """Fields of an outcome that are numbers by name."""
 
@@ -22,6 +25,8 @@ class Outcome:
         folder: Name of the folder with its results; empty if it failed.
         verdict: Outcome of the verdict, as of `ident.judgement.verdict.Outcome`; empty if it failed.
         doubts: Codes of the findings against the estimate.
+        predicted: Channels that it predicts.
+        missed: Channels that count and that it does not predict.
         ratios: Held-out residual over signal by channel.
         values: Base parameters and drives by name.
         std: Their standard deviations with the uncertainty of the set-up, by name.
@@ -35,6 +40,8 @@ class Outcome:
     folder: str = ""
     verdict: str = ""
     doubts: Sequence[str] = ()
+    predicted: Sequence[str] = ()
+    missed: Sequence[str] = ()
     ratios: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
@@ -60,7 +67,7 @@ class Outcome:
         right = {
             **{name: isinstance(given[name], str) for name in ("log", "folder", "error", "remark")},
             "verdict": given["verdict"] in ([""] if failed else verdicts),
-            "doubts": isinstance(given["doubts"], list) and _are_texts(given["doubts"]),
+            **{name: isinstance(given[name], list) and _are_texts(given[name]) for name in NAMES},
             "units": isinstance(given["units"], dict) and _are_texts(given["units"].values()),
             **{name: isinstance(given[name], dict) and _are_numbers(given[name].values()) for name in NUMBERS},
             "seconds": _are_numbers([given["seconds"]]),

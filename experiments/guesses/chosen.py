@@ -184,6 +184,9 @@ def _with_one_family_of_torques(problem: Problem, best: Order, twins: Sequence[O
     rivals = [order for order in rivals if 1 - _left(order) >= ENOUGH and CLEAR * _left(order) <= _left(best)]
     if not rivals or not best.torques or best.kind == "":
         return best
+    stated = {tuple(order.torques.items()) for order in (best, *rivals) if order.torques_are_measured}
+    if len(stated) == 1:
+        return replace(best, torques=dict(stated.pop()))
     names = dict.fromkeys(_listed(tuple(order.torques.values())) for order in (best, *rivals))
     problem.model.belief.open.append(
         f"The torques may be those of {' or of '.join(names)}, which the model explains alike."

@@ -82,7 +82,14 @@ def believed(
     if not lacking and mechanism.prior is not None:
         check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
     add_commands(belief, log, axes)
-    if not (belief.groups or belief.of("torque") or belief.of("command") or belief.undecided or log.markers):
+    if not (
+        belief.groups
+        or belief.of("torque")
+        or belief.of("command")
+        or belief.undecided
+        or belief.torques_undecided
+        or log.markers
+    ):
         belief.notes.append("The log has no wrench, torque or commanded position, of which `identify` needs one.")
     clock = {clock.column for clock in log.clocks}
     belief.unused = [name for name in log.names if name not in belief.columns]

@@ -82,7 +82,8 @@ def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -
     """Adds commanded positions of joints without a torque: by name or number like the position, which follows them."""
     positions = {j: x for j, x in belief.of("position").items() if j in joints and x.column in contents.columns}
     free = {name: words(name) for name in contents.columns if name not in belief.columns}
-    free = {name: about for name, about in free.items() if about.commanded and about.kind in ("position", "")}
+    free = {n: about for n, about in free.items() if about.commanded or "u" in about.core}
+    free = {n: about for n, about in free.items() if about.kind in ("position", "")}
     own, measured = _of_joints(joints), {joint: words(x.column) for joint, x in positions.items()}
     scores = dict[tuple[str, str], float]()
     for joint, x in positions.items():
@@ -91,7 +92,10 @@ def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -
             same = about.numbers == measured[joint].numbers and bool(about.numbers)
             score = 1.01 if name == COMMAND.format(joint) else min(1.0, max(like, 0.7 * same) + 0.2)
             score = max(score, 0.7 * (len(joints) == 1))
-            if np.corrcoef(contents.columns[name], contents.columns[x.column])[0, 1] > FOLLOWS:
+            u, q = contents.columns[name], contents.columns[x.column]
+            # Controllers call torques u as well.
+            alike = about.commanded or 0.5 < np.std(u) / np.std(q) < 2
+            if alike and np.corrcoef(u, q)[0, 1] > FOLLOWS:
                 scores[name, joint] = score
     _add_best(belief, {pair: score for pair, score in scores.items() if score > 0.2}, "command", {})
     for joint, x in belief.of("command").items():

@@ -12,7 +12,7 @@ from experiments.guesses.explained import Model
 from experiments.guesses.families import Family, families
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.units import ROUND, is_rate
-from experiments.guesses.words import unit_of, words
+from experiments.guesses.words import MEASURED, PARTS, unit_of, words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import UNITS
 
@@ -49,6 +49,11 @@ class Order:
     wrench: tuple[str, ...] = ()
     left: float | None = None
     is_second: bool = False
+
+    @property
+    def torques_are_measured(self) -> bool:
+        """True if the torques' names say that they were measured."""
+        return any(part.lower() in MEASURED for name in self.torques.values() for part in PARTS.findall(name))
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,10 +32,10 @@ COMMANDED = {
 ESTIMATED = {"ext", "external", "dtau", "residual"}
 """Words of quantities that were estimated, or that act from outside, rather than measured at a joint."""
 
-EMPTY = {
-    *("joint", "jnt", "j", "axis", "meas", "measured", "msr", "actual", "act", "fb", "feedback", "jointset"),
-    *("gelenk", "achse", "ist", "observation", "state"),
-}
+MEASURED = {"meas", "measured", "msr", "actual", "act", "fb", "feedback", "ist"}
+"""Words of quantities that were measured."""
+
+EMPTY = {"joint", "jnt", "j", "axis", "jointset", "gelenk", "achse", "observation", "state"} | MEASURED
 """Words that do not distinguish joints."""
 
 SPOKEN = set[str]().union(*KINDS.values()) | EMPTY

@@ -8,6 +8,7 @@ from experiments.data.batch import Outcome, spreads
 from experiments.document import tabular
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from ident.judgement.verdict import Outcome as Verdict
 
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
@@ -23,6 +24,7 @@ def logs_table(outcomes: Sequence[Outcome]) -> tabular.Table:
         *tabular.columns(
             log=[each.log for each in outcomes],
             verdict=[each.verdict or "failed" for each in outcomes],
+            predicted=["" if each.error else _predicted(each) for each in outcomes],
             doubts=[", ".join(each.doubts) for each in outcomes],
             least_ratio=[min(each.ratios.values(), default=float("nan")) for each in outcomes],
             largest_ratio=[max(each.ratios.values(), default=float("nan")) for each in outcomes],
@@ -31,12 +33,18 @@ def logs_table(outcomes: Sequence[Outcome]) -> tabular.Table:
             error=[each.error for each in outcomes],
         ),
         heads={
+            "predicted": "channels predicted",
             "least_ratio": "residual over signal, least",
             "largest_ratio": "largest",
             "cpu_s": "CPU time (s)",
         },
         decimals=2,
     )
+
+
+def _predicted(outcome: Outcome) -> str:
+    """Number of the channels that a log's estimate predicts, of those that count."""
+    return f"{len(outcome.predicted)} of {len(outcome.predicted) + len(outcome.missed)}"
 
 
 def parameters_table(outcomes: Sequence[Outcome]) -> tabular.Table:
@@ -71,12 +79,11 @@ def document(model: Path, outcomes: Sequence[Outcome], provenance: dict[str, Any
         provenance: Provenance of the results.
     """
     failed = [each for each in outcomes if each.error]
-    usable = sum(each.verdict == "usable" for each in outcomes)
-    others = len(outcomes) - usable - len(failed)
+    counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.value}" for word in Verdict]
     return Document(
         f"{model.name}, identified from each of {len(outcomes)} logs",
         findings=[(f"{each.log} failed: {each.error}", True) for each in failed],
-        lines=[f"{len(outcomes)} logs: {usable} usable, {others} not, {len(failed)} failed."],
+        lines=[f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed."],
         heading="The logs",
         tables={TABLES[0]: logs_table(outcomes)}
         | ({TABLES[1]: parameters_table(outcomes)} if len(failed) < len(outcomes) else {}),

@@ -28,6 +28,7 @@ from experiments.reports.identify_replay import replay
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit, unit_of
 from ident.geometry.inertia import PARAMETERS, with_bodies
+from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
 from ident.parameters.base_parameters import separating_sensors
@@ -125,8 +126,10 @@ def quality_table(result: Estimate) -> tabular.Table:
     own, *others = (nan if x is None else held.ratio_at_rest(x) for x in (held.residual, *rivals))
     resting = held.signal, own * held.signal, own, nan, *others, nan, nan
     rows, units = list[tuple[tabular.Cell, ...]](), list[str]()
+    notes = dict.fromkeys(result.unexplained, "not explained by this motion")
+    notes |= {channel: f"not counted: {IDLE[why]}" for channel, why in result.verdict().idle.items()}
     for k, channel in enumerate(result.channels):
-        note = "not explained by this motion" if channel in result.unexplained else ""
+        note = notes.get(channel, "")
         lines = [(channel, moving, note)]
         if np.isfinite(own[k]):
             lines.append((f"{channel}, at rest", resting, "not judged: friction is anything up to breakaway"))

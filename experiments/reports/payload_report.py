@@ -163,8 +163,7 @@ class PayloadReport:
         payload = self.payload
         frames = {payload.body: payload.in_frame(), self.flange: self.at_flange}
         return {
-            "verdict": str(payload.verdict()),
-            "outcome": payload.verdict().outcome.value,
+            **payload.verdict().to_dict(),
             "findings": [finding.to_dict() for finding in payload.findings],
             "quantities": list(QUANTITIES),
             "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},

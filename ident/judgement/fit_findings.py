@@ -92,7 +92,7 @@ def own_findings(evidence: Evidence) -> Iterator[Finding]:
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on a prior that was used, and on the need for it."""
     if evidence.trajectory is not None and evidence.trajectory.known:
-        yield Finding.of("prior_as_asked" if _separated(evidence) else "prior_needed")
+        yield Finding.of("prior_beside_data" if _separated(evidence) else "prior_needed")
 
 
 def _separated(evidence: Evidence) -> bool:
@@ -135,14 +135,15 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels with large residuals relative to their signals."""
+    """Findings on channels with large residuals relative to their signals, unless none could predict them."""
+    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in evidence.idle}
     kinds = (
         ("residual_above_signal", LEFT, np.inf),
         ("unexplained_channels", UNEXPLAINED, LEFT),
         ("poor_prediction", POOR, UNEXPLAINED),
     )
     for code, low, high in kinds:
-        if between := {channel: ratio for channel, ratio in evidence.ratios.items() if low < ratio <= high}:
+        if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
             yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.part)
 
 

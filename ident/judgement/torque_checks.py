@@ -177,7 +177,7 @@ def _mounted(mechanism: Mechanism) -> Iterator[int]:
     for i, body in enumerate(tree.bodies):
         carried = body.parent != BASE and moved[body.parent]
         moved.append(body.moves or carried)
-        heavy = any(mechanism.known[10 * tree.inertial.index(k)] > 0 for k in tree.carried(i) if k in tree.inertial)
+        heavy = i in tree.inertial and mechanism.known[10 * tree.inertial.index(i)] > 0
         if carried and not body.moves and heavy:
             yield i
 

@@ -33,6 +33,7 @@ class Mechanism(Brief):
             `ident.parameters.prior.body_covariance`; defaults for others.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
+        loops: Joints whose torques a coupling that the equations leave out changes, by its name.
     """
 
     tree: Tree
@@ -45,6 +46,7 @@ class Mechanism(Brief):
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
+    loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import mujoco
 
 from ident.errors import ModelError
+from ident.mechanism.tree import Tree
 from sim.models.names import joint_name, name_of
 from sim.models.notes import note
 
@@ -90,6 +91,22 @@ def check_torques(
     """
     acting = _acting(model, members, ignore) if joints else []
     _refuse([c for c in acting if c.joints is None or c.joints & set(joints)], "which act on its joints")
+
+
+def loops_of(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[str, ...]]:
+    """Joints of a tree whose torques each coupling changes, by the coupling's name: those between its bodies."""
+    loops = dict[str, tuple[str, ...]]()
+    for each in couplings(model):
+        names = {name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) if b >= 0 else "" for b in each.bodies}
+        joints = each.joints or {
+            tree.bodies[i].joint
+            for i in tree.moving
+            if 0 < len(names & {tree.names[k] for k in tree.carried(i)}) < len(names)
+        }
+        # A joint that is fixed or follows another one is no longer coupled.
+        if joints and joints <= set(tree.joints):
+            loops[each.name] = tuple(joint for joint in tree.joints if joint in joints)
+    return loops
 
 
 def _acting(model: mujoco.MjModel, members: Sequence[int], ignore: Collection[str]) -> list[Coupling]:

@@ -13,6 +13,7 @@ from ident.mechanism.body import BASE
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from sim.models.couplings import loops_of
 from sim.models.drives import drives_of_model
 from sim.models.mujoco_model import (
     BEYOND,
@@ -95,7 +96,9 @@ def mechanism(
     origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
     stated = _drives(source, model, tree) if drives else {}
-    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=stated)
+    arm = Mechanism(
+        tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=stated, loops=loops_of(model, tree)
+    )
     return _with_merged_welds(arm) if merge_welds else arm
 
 

@@ -16,6 +16,8 @@ from ident.display.text import aligned, rounded
 from ident.errors import InputError
 from ident.estimation.units import coefficient_unit
 
+pytestmark = pytest.mark.extras
+
 SHORT = 10
 """Most lines of a repr."""
 

@@ -89,6 +89,12 @@ EXAMPLES = {
     "torque_scale_estimated": [
         {"joints": ("hip", "knee"), "fixed_by": fixed} for fixed in ((), ("the wrench", "bodies"))
     ],
+    "motion_not_by_torques": [
+        {"joints": {"hip": {"value": 2.9e-5, "least": 0.0049, "std": 0.0003, "unit": "kg m²"}}},
+        {"joints": {name: {"value": 0.1, "least": 1.2, "std": 0.02, "unit": "kg"} for name in ("rail", "lift")}},
+    ],
+    "loop_left_out": [{"loop": "close", "joints": ("knee", "ankle")}],
+    "computed_torques": [{"joints": ("hip", "knee"), "largest": 0.0132}],
     "body_not_carried": [{"body": "tool", "explained": 0.9}],
     "friction_not_fitted": [{"shares": {"hip": 0.4}, "drives": ("viscous", "coulomb")}],
     "drive_at_bound": [
@@ -120,7 +126,7 @@ EXAMPLES = {
     "halves_disagree": [{"rms_z": 2.3}],
     "logs_disagree": [{"logs": (1, 4), "rms_z": (2.5, 5.0), "best": best} for best in ((), (4,), (1, 4))],
     "own_in_logs": [{"values": {"Fc(hip)": (0.3, 0.45), "offset(hip)": (0.0, -0.12)}}],
-    "prior_as_asked": [{}],
+    "prior_beside_data": [{}],
     "prior_needed": [{}],
     "beyond_joint_ranges": [{"shares": {"hip": 0.02}}],
     "unfiltered_wrenches": [{}],
@@ -135,6 +141,12 @@ EXAMPLES = {
     "rotor_not_fitted": [{"joints": {"link3": "joint3"}}],
     "rotor_inseparable": [{"joints": {"link1": "joint1", "link2": "joint2"}}],
     "heavier_last_link": [{"body": "hand", "mass": 0.81, "std": 0.07}],
+    "payload_forces_unexplained": [{"ratios": {"Fx": 0.97, "Fz": 0.93}}],
+    "payload_mass_unlikely": [
+        {"mass": 799.6, "most": 87.0, "robot": 8.7},
+        {"mass": 210500.0, "most": 87.0, "robot": 8.7},
+        {"mass": 210500.0, "most": 2300.0, "robot": None},
+    ],
     "payload_mass_unknown": [{}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
 }

@@ -11,6 +11,8 @@ from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.several_files import files_of
 
+pytestmark = pytest.mark.extras
+
 ANGLES = {f"joint{k}": f"joint{k}_position" for k in (1, 2)}
 
 

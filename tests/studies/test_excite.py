@@ -57,6 +57,7 @@ def arm_problem(model, joints=None):
     return excitation.problem(mechanism(model, "column"), joints, sensors="wrench", noise=(0.5, 0.05))
 
 
+@pytest.mark.slow
 def test_the_papers_excitation_is_improved_within_its_limits(tmp_path, capsys):
     own = ["--parameters", "link2", "--out", str(tmp_path)]
     assert excite.main(["double_pendulum", "--starts", "3", "--iterations", "30", *own]) == 0

@@ -256,6 +256,7 @@ def test_a_transposed_frame_is_named(tmp_path):
     assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", False, "transposed")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["pad", "handle"])
 def test_a_contact_is_used_and_missed_when_left_out(tmp_path, contact):
     log = recording(contact=contact)

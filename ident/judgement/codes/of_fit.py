@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from ident.judgement.codes.row import Row, listed
+from ident.judgement.codes.row import Row, listed, number_of
 
 
 def _not_converged(status: str, rounds: int) -> str:
     how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(status, "did not settle")
-    after = "1 round" if rounds == 1 else f"{rounds} rounds"
-    return f"The trajectory estimate {how} after {after}; its last iterate is given."
+    return f"The trajectory estimate {how} after {number_of(rounds, 'round')}; its last iterate is given."
 
 
 def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
@@ -50,8 +49,6 @@ def _exact_setup(kinds: Sequence[str]) -> str:
     )
 
 
-_PUT = "what the model says of its bodies, give or take, was put in"
-
 FIT = {
     "not_converged": Row(_not_converged, doubt=True),
     "halves_disagree": Row(
@@ -61,12 +58,13 @@ FIT = {
     ),
     "logs_disagree": Row(_logs_disagree, doubt=None),
     "own_in_logs": Row(_own_in_logs, doubt=False),
-    "prior_as_asked": Row(
-        f"As asked for, {_PUT}; the motion would separate the base parameters without it.", doubt=False
+    "prior_beside_data": Row(
+        "The model's bodies served as a prior, though the recordings determine all base parameters without it.",
+        doubt=False,
     ),
     "prior_needed": Row(
-        f"The recordings alone do not determine all base parameters as well; {_PUT}, and those that the data hardly "
-        "see stay near it.",
+        "The recordings alone do not determine all base parameters: the model's bodies served as a prior. Parameters "
+        "that the data hardly determine stay near the model's; move further and faster to determine more.",
         doubt=False,
     ),
     "beyond_joint_ranges": Row(_beyond_ranges, doubt=True),

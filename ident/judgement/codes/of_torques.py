@@ -1,6 +1,7 @@
 """Sentences on joint torques: sign and size, friction, drives, and bodies that were not carried."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ident.judgement.codes.row import Row, bracketed, followed, listed
 
@@ -65,14 +66,44 @@ def _low_velocity(values: Mapping[str, float]) -> str:
     )
 
 
+def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
+    each = listed(
+        f"{joint} {x['value']:.2g} ± {x['std']:.1g} {x['unit']} (at least {x['least']:.2g} by its weight)"
+        for joint, x in joints.items()
+    )
+    return (
+        f"Motion that the torques do not explain: by these the inertia is too small, {each}. A hand or something else "
+        "moves the joints, or the torques are commands that something overrides. Record motion by the motors alone."
+    )
+
+
+def _loop(loop: str, joints: Sequence[str]) -> str:
+    names = " ".join(joints)
+    return (
+        f"The coupling '{loop}' acts on the torques of {listed(joints)}, but the equations leave it out. Take these "
+        f"torques away, --leave-out {names}; the wrench at the base is not affected."
+    )
+
+
+def _computed(joints: Sequence[str], largest: float) -> str:
+    return (
+        f"Torques are explained to {100 * largest:.1g} % without friction ({listed(joints)}): they are computed, "
+        "simulated, or measured behind the gears. Computed ones repeat the controller's model: record currents or "
+        "measured torques."
+    )
+
+
 TORQUES = {
+    "motion_not_by_torques": Row(_moved, doubt=True),
+    "loop_left_out": Row(_loop, doubt=True),
+    "computed_torques": Row(_computed, doubt=False),
     "torque_sign": Row(_opposite, doubt=True),
     "torque_scale": Row(_scaled, doubt=True),
     "torque_scale_estimated": Row(_basis, doubt=False),
     "body_not_carried": Row(
         "The torques look as if '{body}' was not carried: without it {explained:.0%} of the squared difference from "
-        "the model's own prediction vanishes. Take it out of the model, or out of the updated one.",
-        doubt=True,
+        "the model's own prediction vanishes. Base parameters are not affected; take it out of the updated model.",
+        doubt=False,
     ),
     "friction_not_fitted": Row(_friction, doubt=None),
     "drive_at_bound": Row(_bound, doubt=False),

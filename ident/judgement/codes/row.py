@@ -40,3 +40,8 @@ def followed(values: Mapping[str, float], form: str = ".2g") -> str:
 def in_log(log: int | None) -> str:
     """Phrase ` in log N`, with a leading space; empty for None."""
     return "" if log is None else f" in log {log}"
+
+
+def number_of(number: int, noun: str) -> str:
+    """A number with its noun, in the plural for all but one."""
+    return f"{number} {noun}{'s' * (number != 1)}"

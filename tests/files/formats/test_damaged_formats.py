@@ -13,6 +13,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
 
+pytestmark = pytest.mark.extras
+
 MECHANISM = Mechanism(
     Tree(tuple(Body(name, k - 1, np.eye(4), np.eye(6)[4], JOINTS[k]) for k, name in enumerate(("leg", "torso")))),
     np.array([0, 0, -9.81]),

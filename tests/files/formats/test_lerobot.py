@@ -20,6 +20,8 @@ from ident.recordings.log import read_log
 pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
 parquet = pytest.importorskip("pyarrow.parquet")
 
+pytestmark = pytest.mark.extras
+
 NAMES = {"observation.state": ["ankle.pos", "hip.pos"], "action": {"motors": ["ankle.pos", "hip.pos"]}}
 COLUMNS = "".join(
     f'[joints.{joint}]\nposition = {{ column = "observation.state.{joint}.pos", unit = "deg" }}\n'
