@@ -9,9 +9,10 @@ import numpy as np
 from experiments.guesses.belief import DOUBTFUL, Belief
 from experiments.guesses.gains import set_gains
 from experiments.guesses.log_contents import LogContents
+from experiments.guesses.sensors import set_turn, set_unit
 from experiments.guesses.units import is_current
 from experiments.guesses.words import words
-from experiments.guesses.wrenches import is_doubtful, set_turn, set_unit
+from experiments.guesses.wrenches import is_doubtful
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS

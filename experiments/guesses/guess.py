@@ -9,11 +9,12 @@ from experiments.guesses.checked import check_wrenches_and_torques
 from experiments.guesses.chosen import add_any, add_measured, add_series
 from experiments.guesses.explained import Model
 from experiments.guesses.log_contents import LogContents, check_same_columns, log_contents, without_markers
-from experiments.guesses.names import add_commands, add_named, add_numbered, add_only, is_named_after
+from experiments.guesses.names import add_commands, add_named, add_only, is_named_after
 from experiments.guesses.orientations import BASE, add_orientations
+from experiments.guesses.sensors import place_wrenches
 from experiments.guesses.signs import check_positions
 from experiments.guesses.units import doubt_units, set_rates, set_units
-from experiments.guesses.wrenches import add_wrenches, place_wrenches
+from experiments.guesses.wrenches import add_wrenches
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.files.atomic import replacing
@@ -57,7 +58,7 @@ def believed(
     signs = not balls and not belief.poses
     if signs:
         add_series(belief, log, mechanism, axes, held)
-    add_numbered(belief, log, axes, components)
+    add_named(belief, log, axes, components, numbered=True)
     if len(kinds) == len(axes) == 1:
         add_only(belief, log, axes[0], components)
     if signs:

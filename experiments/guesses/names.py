@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from experiments.guesses.belief import LIKELY, SURE, Belief, Quantity
-from experiments.guesses.families import families, is_shifted
+from experiments.guesses.families import Family, families, is_shifted
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import LIKE, NEAR, Words, likeness, shares_numbers_alone, unit_of, without_prefix, words
 from ident.files.column import COMMAND, KINDS
@@ -18,53 +18,39 @@ FOLLOWS = 0.8
 """Smallest correlation of a joint's commanded position with its position."""
 
 
-def add_named(belief: Belief, contents: LogContents, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
+def add_named(
+    belief: Belief, contents: LogContents, joints: Sequence[str], taken: Sequence[str] = (), *, numbered: bool = False
+) -> None:
     """Adds the columns that are named like joints, if unambiguous.
 
     Numbers alone are ambiguous, since they may start at zero or one: whole series of them are compared with the model,
-    and `add_numbered` adds the remaining columns.
+    and then the remaining columns are added that share the number of a joint and its position.
 
     Args:
         belief: The belief to extend.
         contents: The log.
         joints: The joints in question.
         taken: Columns that hold something else.
+        numbered: True for columns outside series that share numbers alone.
     """
-    own, shifted = _of_joints(joints), _shifted(contents.names, joints)
+    own, series = _of_joints(joints), families(contents.names)
+    beside = {name for each in series if len(each.names) > 1 for name in each.names}
+    beside = beside if numbered else _shifted(series, joints)
     for kind, patterns in KINDS.items():
-        split = {name: words(name) for name in contents.names if name not in (*taken, *shifted, *belief.columns)}
-        exact = {pattern.format(joint): joint for joint in joints for pattern in patterns}
-        scores = {
-            (name, joint): 1.01 if exact.get(name) == joint else likeness(about, own[joint])
-            for name, about in split.items()
-            for joint in joints
-            if exact.get(name) == joint or (_fits(about, kind) and not shares_numbers_alone(about, own[joint]))
-        }
-        # A constant column is accepted by its exact name only.
-        scores = {pair: score for pair, score in scores.items() if pair[0] in contents.columns or score >= 0.99}
+        exact = {} if numbered else {pattern.format(joint): joint for joint in joints for pattern in patterns}
+        scores, positions = dict[tuple[str, str], float](), belief.of("position")
+        for name in (name for name in contents.names if name not in (*taken, *beside, *belief.columns)):
+            about, changes = words(name), name in contents.columns
+            for joint in (joint for joint in joints if joint not in belief.of(kind) and joint not in belief.undecided):
+                score = 1.01 if exact.get(name) == joint else likeness(about, own[joint]) * _fits(about, kind)
+                like = exact.get(name) == joint or shares_numbers_alone(about, own[joint]) == numbered
+                if numbered:
+                    same = joint not in positions or words(positions[joint].column).numbers == about.numbers
+                    like = like and same and about.measured and set(own[joint].core) <= set(about.core)
+                # A constant column is accepted by its exact name only.
+                if like and (changes or (score >= 0.99 and not numbered)):
+                    scores[name, joint] = score
         _add_best(belief, scores, kind, contents.constant)
-
-
-def add_numbered(belief: Belief, contents: LogContents, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
-    """Adds columns outside series that share the number of a joint and its position; arguments as for `add_named`."""
-    own = _of_joints(joints)
-    series = {name for each in families(contents.names) if len(each.names) > 1 for name in each.names}
-    for kind in KINDS:
-        names = [name for name in contents.columns if name not in (*taken, *series, *belief.columns)]
-        there, positions = belief.of(kind), belief.of("position")
-        scores = {
-            (name, joint): likeness(about, own[joint])
-            for name, about in ((name, words(name)) for name in names)
-            for joint in joints
-            if joint not in there
-            and joint not in belief.undecided
-            and _fits(about, kind)
-            and about.measured
-            and shares_numbers_alone(about, own[joint])
-            and set(own[joint].core) <= set(about.core)
-            and (joint not in positions or words(positions[joint].column).numbers == about.numbers)
-        }
-        _add_best(belief, scores, kind, {})
 
 
 def add_only(belief: Belief, contents: LogContents, joint: str, taken: Sequence[str]) -> None:
@@ -99,7 +85,8 @@ def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -
                 scores[name, joint] = score
     _add_best(belief, {pair: score for pair, score in scores.items() if score > 0.2}, "command", {})
     for joint, x in belief.of("command").items():
-        x.unit = unit_of("hinge position", words(x.column).unit) or positions[joint].unit
+        stated = (unit_of(f"{kind} position", words(x.column).unit) for kind in ("hinge", "slide"))
+        x.unit = next(filter(None, stated), "") or positions[joint].unit
         x.gain = positions[joint].gain
         x.why.append("the position follows it; without a position actuator in the model it needs kp beside it")
 
@@ -116,12 +103,12 @@ def _of_joints(joints: Sequence[str]) -> dict[str, Words]:
     return dict(zip(joints, without_prefix(about), strict=True))
 
 
-def _shifted(names: Sequence[str], joints: Sequence[str]) -> set[str]:
+def _shifted(series: Sequence[Family], joints: Sequence[str]) -> set[str]:
     """Columns of families that are named exactly like joints, but whose numbers start elsewhere."""
     place = {joint: (each, number) for each in families(joints) for number, joint in each.members}
     exact = {pattern.format(joint): joint for joint in place for those in KINDS.values() for pattern in those}
     out = set[str]()
-    for each in families(names):
+    for each in series:
         hit = {place[exact[name]][0].template: place[exact[name]][0] for name in each.names if name in exact}
         if any(is_shifted(each.numbers, own.numbers) for own in hit.values()):
             out |= set(each.names)
