@@ -13,6 +13,8 @@ def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
     from experiments.document.terminal import wrapped
     from experiments.guesses.guess import believed, is_complete, write_mapping
+    from experiments.guesses.log_contents import MARKERS
+    from experiments.guesses.wrenches import is_doubtful
     from experiments.guesses.written import table
     from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_files import files_of
@@ -29,23 +31,38 @@ def run(args: argparse.Namespace) -> None:
     lines = [*log.summary(), "", *table(log, belief)]
     lines += [""] * bool(belief.open or belief.notes)
     lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
-    lines += [f"Nothing was found for {', '.join(belief.unused)}."] if belief.unused else []
+    lines += [f"Columns that are not used: {', '.join(belief.unused)}."] if belief.unused else []
     print(wrapped("\n".join(lines)))
+    carried = next((group for group in belief.groups.values() if group.is_inner and not is_doubtful(group)), None)
+    if log.markers and not is_complete(belief, arm.joints):
+        markers = next((file for file in files if file.suffix.lower() == MARKERS), files[0])
+        print(f"\nAngles come from the markers, by a command that also says how to go on:\n{_angles(args, markers)}")
+        return
     then = "then" if is_complete(belief, arm.joints) else "then, when every joint has a position"
-    sideways = channels_out_of_plane(arm) if belief.groups else ()
-    print(f"\nCorrect {out}; {then}:\n{_identify(args, out, sideways, gaps=log.has_gaps)}")
+    end = []
+    if carried is not None:
+        end = ["--body", str(carried.entries["body"].value), "--sensor", carried.name]
+    elif sideways := channels_out_of_plane(arm) if belief.groups else ():
+        end = ["--leave-out", *sideways]
+    end += ["--gaps"] if log.has_gaps and carried is None else []
+    print(f"\nCorrect {out}; {then}:\n{_next(args, 'identify' if carried is None else 'payload', out, end)}")
 
 
-def _identify(args: argparse.Namespace, columns: Path, left_out: Sequence[str], *, gaps: bool) -> str:
+def _next(args: argparse.Namespace, command: str, columns: Path, end: Sequence[str]) -> str:
     """The command to run next."""
-    words = ["multicontact", "identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
+    words = ["multicontact", command, str(args.model), *map(str, args.logs), "--columns", str(columns)]
     words += ["--base", args.base] if args.base else []
     words += ["--ignore", *args.ignore] if args.ignore else []
     words += ["--packages", *map(str, args.packages)] if args.packages else []
-    for joint in args.fix:
-        words += ["--fix", *joint]
-    words += ["--leave-out", *left_out] if left_out else []
-    return shlex.join([*words, "--gaps"] if gaps else words)
+    words += [word for joint in args.fix for word in ("--fix", *joint)]
+    return shlex.join([*words, *end])
+
+
+def _angles(args: argparse.Namespace, markers: Path) -> str:
+    """The command that makes angles of markers."""
+    base = ["--base", args.base] if args.base else []
+    fixed = [word for joint in args.fix for word in ("--fix", *joint)]
+    return shlex.join(["multicontact", "angles", str(args.model), str(markers), *base, *fixed])
 
 
 def _rate(text: str) -> float:

@@ -1,6 +1,6 @@
 """The contents of a log before any mapping: layout of text, numeric columns at common times, and irregularities."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -17,9 +17,19 @@ from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.sampled import GAP, Sampled, interpolated
 from ident.recordings.several_files import files_of, name_of, read_files
+from ident.recordings.turns import unwrapped
 
 OWN_TIMES = Clock("time", "s", "the file knows its times")
 """Placeholder for the clock of a file that has several, beside other files."""
+
+WHOLE_TURNS = (2 * np.pi, 360.0)
+"""Jumps of wrapped angles, which are taken out as `read_log` does."""
+
+MARKERS = ".trc"
+"""Suffix of files that hold only markers."""
+
+FEW = 3
+"""Smallest number of markers that show the pose of a body."""
 
 PREAMBLE = 40
 """Largest number of lines before a table."""
@@ -41,6 +51,8 @@ class LogContents:
         units: Units stated by the file, by column.
         holes: Number of time steps that are gaps.
         labels: Words of columns that hold one word throughout.
+        markers: Labels of markers, whose columns are left out.
+        jumps: Number of jumps by a whole turn that were taken out, by column.
     """
 
     path: Path
@@ -54,6 +66,8 @@ class LogContents:
     units: dict[str, str] = field(default_factory=dict)
     holes: int = 0
     labels: dict[str, str] = field(default_factory=dict)
+    markers: tuple[str, ...] = ()
+    jumps: dict[str, int] = field(default_factory=dict)
 
     @property
     def has_gaps(self) -> bool:
@@ -83,7 +97,10 @@ class LogContents:
         lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
         for name, x in self.columns.items():
             lost = f", {100 * self.missing[name]:.2g} % missing" if name in self.missing else ""
-            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}")
+            wraps = f", without {self.jumps[name]} jumps by a whole turn" if name in self.jumps else ""
+            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}{wraps}")
+        if self.markers:
+            lines.append(f"  positions of {len(self.markers)} markers: {', '.join(self.markers)}")
         if self.constant:
             lines.append(
                 f"  never changing: {', '.join(f'{name} ({value:g})' for name, value in self.constant.items())}"
@@ -113,6 +130,23 @@ def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogConten
         return replace(_at_common_times(path, clock, [table]), layouts=(layout,), clocks=(clock,))
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
+
+
+def without_markers(contents: LogContents, sites: Collection[str]) -> LogContents:
+    """The contents without positions of markers: of a file that holds markers, or named like sites of the model."""
+    of_markers = any(file.suffix.lower() == MARKERS for file in files_of(contents.path))
+    axes: dict[str, list[str]] = {}
+    for name in contents.names:
+        label, _, axis = name.rpartition(".")
+        if axis.lower() in "xyz" and (of_markers or label.rpartition(":")[2] in sites):
+            axes.setdefault(label, []).append(name)
+    markers = {label: names for label, names in axes.items() if label and len(names) == 3}
+    if len(markers) < FEW:
+        return contents
+    gone = {name for names in markers.values() for name in names}
+    columns = {name: x for name, x in contents.columns.items() if name not in gone}
+    constant = {name: x for name, x in contents.constant.items() if name not in gone}
+    return replace(contents, columns=columns, constant=constant, markers=tuple(markers))
 
 
 def _of_one_clock(path: Path, limit: int, rate: float) -> tuple[Layout, Clock, Table]:
@@ -192,7 +226,7 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     """Columns of all tables, interpolated at uniform times that all of them cover."""
     unread: dict[str, str] = {}
     sampled: dict[str, Sampled] = {}
-    units, labels = dict[str, str](), dict[str, str]()
+    units, labels, jumps = dict[str, str](), dict[str, str](), dict[str, int]()
     holes = 0
     for table in tables:
         numbers = _numbers(table, unread)
@@ -202,7 +236,10 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
             raise LogError(f"a log needs at least 10 samples, it has {len(own)}.")
         # If times repeat or go back, the first ones are kept.
         kept = np.flatnonzero(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
-        sampled |= {name: Sampled(own[kept] - (own[0] if clock else 0), x[kept]) for name, x in numbers.items()}
+        for name, x in numbers.items():
+            x, number = unwrapped(x[kept], WHOLE_TURNS)
+            sampled[name] = Sampled(own[kept] - (own[0] if clock else 0), x)
+            jumps |= {name: number} if number else {}
         units |= table.units
         steps = np.diff(own[kept])
         holes += int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum())
@@ -217,7 +254,9 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
     columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
     constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
-    return LogContents(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels)
+    return LogContents(
+        path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels, jumps=jumps
+    )
 
 
 def check_same_columns(

@@ -6,13 +6,11 @@ from pathlib import Path
 
 from experiments.studies.marker_logs import with_angles
 from ident.estimation.preparation import Prepared, prepared
-from ident.files.column import KINDS
 from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
 from ident.recordings.columns.segments import read_segments
 from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 from sim.models.couplings import check_torques
 from sim.models.mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
@@ -56,7 +54,7 @@ def prepare(
     """
     arm = read_mechanism(source, base=base, ignore=ignore, fix=fix, packages=packages, person=person, columns=columns)
     with with_angles(source, log_path, base, fix) as (angles_path, notes):
-        log = recorded(arm, angles_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
+        log = read_log(angles_path, arm, columns, gaps=gaps, limit=limit)
     log = replace(log, notes=(*notes, *log.notes))
     if person is not None:
         log = replace(log, notes=(*log.notes, _of_person(arm, person)))
@@ -80,24 +78,6 @@ def read_mechanism(
     """Reads a model, arguments as for `prepare`."""
     arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages)
     return arm if person is None else with_person(arm, person, read_segments(columns) if columns else None)
-
-
-def recorded(
-    arm: Mechanism,
-    log_path: Path,
-    *,
-    columns: Path | None = None,
-    fix: Mapping[str, Sequence[float]] | None = None,
-    gaps: bool = False,
-    limit: int = LIMIT,
-) -> Recording:
-    """Reads a log of a mechanism, arguments as for `prepare`."""
-    log = read_log(log_path, arm, columns, gaps=gaps, limit=limit)
-    still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
-    if unread := [name for name in log.unused if name in still]:
-        sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."
-        log = replace(log, notes=(*log.notes, sentence))
-    return log
 
 
 def _of_person(arm: Mechanism, person: Person) -> str:
