@@ -33,6 +33,7 @@ class Mechanism(Brief):
             `ident.parameters.prior.body_covariance`; defaults for others.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
+        mount: Orientation of the base frame in the world (3, 3), if it is another than in the model; None for that.
     """
 
     tree: Tree
@@ -45,6 +46,7 @@ class Mechanism(Brief):
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
+    mount: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -109,6 +111,16 @@ class Mechanism(Brief):
         """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
         tree = self.tree.fixed(coordinates)
         return replace(self, tree=tree, **self._of_joints(tree))
+
+    @property
+    def in_world(self) -> np.ndarray:
+        """Orientation of the base frame in the world, for a base at rest (3, 3)."""
+        return self.pose[:3, :3] if self.mount is None else self.mount
+
+    def mounted(self, orientation: np.ndarray) -> "Mechanism":
+        """The mechanism on a base with another orientation in the world (3, 3): gravity has another direction in it."""
+        gravity = orientation.T @ self.in_world @ self.gravity
+        return replace(self, gravity=np.where(np.abs(gravity) < 1e-12, 0.0, gravity), mount=orientation)
 
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
         """Ranges and drives of the joints that a tree has."""
