@@ -16,11 +16,11 @@ def run(args: argparse.Namespace) -> None:
     from ident.payload.mounting import place_of
     from sim.models.mechanism import mechanism
 
-    folder, fix = own_model.folder(args), options.fixed(args.fix)
-    robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix, packages=args.packages)
+    folder, model = own_model.folder(args), options.of_model(args)
+    robot = mechanism(args.model, **model)
     if args.flange:
         place_of(robot, args.body, args.flange)
-    read = {"columns": args.columns, "fix": fix, "limit": options.size_limit(args)}
+    read = {"columns": args.columns, "fix": model["fix"], "limit": options.size_limit(args)}
     logs = [recorded(robot, log, **read) for log in args.logs]
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
     payload = identify_payload(robot, logs, body=args.body, sensor=args.sensor, **fitting)

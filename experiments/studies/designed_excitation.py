@@ -109,6 +109,7 @@ def problem_of(
     ignore: Sequence[str] = (),
     packages: Sequence[Path] = (),
     drive: Sequence[str] | None = (),
+    base_rpy_deg: Sequence[float] | None = None,
 ) -> Problem:
     """Problem of exciting a model or a scene.
 
@@ -117,10 +118,12 @@ def problem_of(
         base: Body whose frame is {0}, by default the scene's or the world's.
         joints: As for `excitation.problem`, also `sensors`, `noise`, `ignore` and `drive`.
         packages: Folders of ROS packages, for meshes.
+        base_rpy_deg: As for `sim.mechanism`.
     """
     scene = model in scenes.NAMES
     base = base or scenes.BASES.get(model) if scene else base
-    arm = mechanism(scenes.load(model) if scene else model, base, ignore=ignore, packages=packages)
+    source = scenes.load(model) if scene else model
+    arm = mechanism(source, base, ignore=ignore, packages=packages, base_rpy_deg=base_rpy_deg)
     return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore, drive=drive)
 
 

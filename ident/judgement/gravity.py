@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import stated_drive_torques
+from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement.diagnosis import right_angled_rotations
 from ident.judgement.torque_checks import drive_rows, without_drives
@@ -41,8 +42,8 @@ AXIS, AWAY = np.cos(np.radians(8)), np.cos(np.radians(15))
 """Cosine of the angle from an axis up to which a fitted direction is taken as that axis; and of the one from the stated
 direction up to which the set-up's tilt of gravity explains it."""
 
-SEARCH = {"method": "Nelder-Mead", "options": {"xatol": 0.01, "fatol": 1e-3}}
-"""Search of a direction, to half a degree."""
+FIRST_TURNS = np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.4]])
+"""Directions from which a search begins, about the best of some: turns by less than half their distance, rad."""
 
 TIE, BRAKING = 1.25, -0.02
 """Factor between misfits that are alike; and mean power of the torques over their size, below which they would drive
@@ -113,6 +114,15 @@ def gravity_check(
         rpy_deg=rpy_deg(mechanism, best),
         joint=None if compared.wrench else _joint_of(mechanism, best - down),
     )
+
+
+def recorded_gravity(prepared: Prepared) -> GravityCheck | None:
+    """Comparison of directions of gravity in a recording; None where nothing holds a base at rest."""
+    if not prepared.recording.is_held(prepared.mechanism.tree):
+        return None
+    samples = prepared.samples[prepared.taken(slice(prepared.edge, len(prepared.samples) - prepared.edge))]
+    measured = dict(zip(prepared.equations.channels, samples.measured.T, strict=True))
+    return gravity_check(prepared.mechanism, samples.motion, measured, prepared.frame) if len(samples) else None
 
 
 def rpy_deg(mechanism: Mechanism, direction: np.ndarray) -> tuple[float, ...]:
@@ -222,7 +232,12 @@ class _Compared:
         corners = [np.array([x, y, z]) / np.sqrt(3) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
         first = min((*starts, *corners), key=self.misfit)
         across = linalg.null_space(first[None])
-        turned = optimize.minimize(lambda a: self.misfit(_unit(first + across @ a)), np.zeros(2), **SEARCH)
+        turned = optimize.minimize(
+            lambda a: self.misfit(_unit(first + across @ a)),
+            np.zeros(2),
+            method="Nelder-Mead",
+            options={"initial_simplex": FIRST_TURNS, "xatol": 0.01, "fatol": 1e-3},
+        )
         best = _unit(first + across @ turned.x)
         axis = np.round(best)
         return axis if np.abs(best).max() > AXIS else best
