@@ -77,7 +77,7 @@ class GravityCheck:
     @property
     def suspicious(self) -> bool:
         """True if another direction explains far more than the stated one, and more than other signs do."""
-        return self.turned < AWAY and self.misfit < min(FAR_BETTER * self.stated, EXPLAINED, self.other)
+        return bool(self.turned < AWAY and self.misfit < min(FAR_BETTER * self.stated, EXPLAINED, self.other))
 
 
 def gravity_check(
@@ -222,9 +222,9 @@ class _Compared:
         """Misfit of a direction with each variant of the measured channels (v, N, C)."""
         predicted, A = self._at(direction)
         left = variants.reshape(len(variants), -1) - predicted
-        precision = linalg.cho_factor(A.T @ A + UNMODELLED**2 * np.eye(A.shape[1]))
-        across = left @ A
-        squares = (left**2).sum(axis=1) - (across * linalg.cho_solve(precision, across.T).T).sum(axis=1)
+        # Orthogonal, since a model in wrong units makes columns of any size.
+        Q = np.linalg.qr(np.vstack([A, UNMODELLED * np.eye(A.shape[1])]))[0][: len(A)]
+        squares = (left**2).sum(axis=1) - ((left @ Q) ** 2).sum(axis=1)
         return np.sqrt(np.maximum(squares, 0) / predicted.size)
 
     def best(self, starts: Sequence[np.ndarray]) -> np.ndarray:
