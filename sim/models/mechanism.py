@@ -27,6 +27,7 @@ from sim.models.mujoco_model import (
 )
 from sim.models.names import joint_name, name_of
 from sim.models.opensim.mechanism import is_opensim, mechanism_from_opensim
+from sim.models.plausible_units import note_units
 from sim.models.transmissions import transmissions
 
 
@@ -80,7 +81,7 @@ def mechanism(
         The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior if all bodies are massless.
 
     Warns:
-        ModelNote: As for `tree_from_model`, `drives_of_model` and `mechanism_from_opensim`.
+        ModelNote: As for `tree_from_model`, `drives_of_model`, `mechanism_from_opensim` and `note_units`.
 
     Raises:
         ModelError: As for `tree_from_model`, a body has numbers that are not finite, or the drive of a joint has
@@ -92,6 +93,7 @@ def mechanism(
     else:
         arm = _from_mujoco(source, base, beyond, ignore, fix, packages, drives=drives)
     arm = arm if base_rpy_deg is None else arm.mounted(base_rpy_deg)
+    note_units(arm)
     return _with_merged_welds(arm) if merge_welds else arm
 
 

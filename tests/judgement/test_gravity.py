@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import driven_arm
+import mujoco
 import numpy as np
 import pytest
 
@@ -36,7 +37,8 @@ def recorded(rpy=(0, 0, 0), speed=1.0, seed=1):
     torques = torques + 0.5 * np.tanh(motion.dq / 0.01) + rng.normal(scale=0.05, size=q.shape)
     wrench = base_wrench_regressor(ARM.tree, *motion.states, gravity=true.gravity) @ ARM.known
     wrench = wrench + rng.normal(scale=0.1, size=wrench.shape)
-    return t, motion, dict(zip(ARM.tree.freedoms, torques.T)), dict(zip(COMPONENTS, wrench.T))
+    named = zip((ARM.tree.freedoms, COMPONENTS), (torques, wrench), strict=True)
+    return t, motion, *(dict(zip(names, x.T, strict=True)) for names, x in named)
 
 
 def opposite(measured):
@@ -135,8 +137,6 @@ def test_the_orientation_is_stated_once_and_for_a_base_at_rest(tmp_path):
 
 
 def test_a_model_is_mounted_as_an_argument_says():
-    import mujoco
-
     spec = mujoco.MjSpec.from_string(driven_arm.text(**driven_arm.NONE))
     wall = sim.mechanism(spec, base_rpy_deg=(0, 90, 0))
     assert np.allclose(wall.gravity, [9.81, 0, 0]) and "[0, 90, 0]" in repr(wall)
