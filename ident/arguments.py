@@ -102,6 +102,23 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
     return tuple(dict.fromkeys(given))
 
 
+def checked_rpy(where: str, given: Any, error: type[InputError] = InputError) -> tuple[float, ...]:
+    """Roll, pitch and yaw, degrees; arguments as for `checked_deviations`.
+
+    Raises:
+        InputError: They are no three finite numbers.
+    """
+    numbers = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else []
+    if len(numbers) != 3 or not all(is_number(x) and abs(x) < HUGE for x in numbers):
+        raise error(f"{where} needs roll, pitch and yaw in degrees, three numbers; got {_short(given)}.")
+    return tuple(map(float, numbers))
+
+
+def rpy_text(rpy_deg: Iterable[float]) -> str:
+    """Roll, pitch and yaw as they stand in a columns file."""
+    return f"[{', '.join(f'{angle:.6g}' for angle in rpy_deg)}]"
+
+
 def check_holdout(value: Any) -> None:
     """Raises an InputError unless a fraction to hold out is a number from 0 to less than 1."""
     if not (is_number(value) and 0 <= value < 1):

@@ -303,6 +303,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         known_bodies=mapping.known_bodies,
         streams=streams,
         held=mapping.held,
+        base_rpy_deg=mapping.base_rpy_deg,
         scales=mapping.scales,
         couplings=mapping.couplings,
     )
