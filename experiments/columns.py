@@ -23,8 +23,7 @@ def run(args: argparse.Namespace) -> None:
     out = args.out or files[0].with_name(files[0].name.partition(".")[0] + ".toml")
     if out.resolve() in {path.resolve() for path in (args.model, *files)}:
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
-    fix, ignore = options.fixed(args.fix), tuple(args.ignore)
-    arm = mechanism(args.model, args.base, ignore=ignore, fix=fix, packages=args.packages)
+    arm = mechanism(args.model, **options.of_model(args))
     log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)
     write_mapping(out, log, belief, arm.joints, force=args.force)
     lines = [*log.summary(), "", *table(log, belief)]
@@ -51,6 +50,7 @@ def _model(args: argparse.Namespace, command: str) -> list[str]:
     """Options on the model for the next command."""
     words = ["--base", args.base] if args.base else []
     if command != "angles":
+        words += ["--base-rpy", *(f"{angle:g}" for angle in args.base_rpy)] if args.base_rpy else []
         words += ["--ignore", *args.ignore] if args.ignore else []
         words += ["--packages", *map(str, args.packages)] if args.packages else []
     return words + [word for joint in args.fix for word in ("--fix", *joint)]

@@ -16,8 +16,8 @@ def run(args: argparse.Namespace) -> None:
     from ident.recordings.log import read_log
     from sim.models.mechanism import mechanism
 
-    folder, fix = own_model.folder(args), options.fixed(args.fix)
-    robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix, packages=args.packages)
+    folder, model = own_model.folder(args), options.of_model(args)
+    robot = mechanism(args.model, **model)
     if args.flange:
         place_of(robot, args.body, args.flange)
     logs = [read_log(log, robot, args.columns, limit=options.size_limit(args)) for log in args.logs]

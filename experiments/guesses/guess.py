@@ -21,7 +21,7 @@ from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.files.atomic import replacing
 from ident.files.column import KINDS
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.plane import plane_normal
 from ident.recordings.columns.mapping import joint_kinds

@@ -1,9 +1,10 @@
 """Findings on torques that are not what moves the joints: something else does, a loop acts, or a model computed them.
 
-Torques that move a joint contain its inertia H(q) q̈ and its weight G(q). By the inequality of Cauchy and Schwarz,
-whatever bodies of mass M, at heights z, move with a coordinate q,
+Torques that move a joint contain the weight a G and the inertia b D of masses at the centres of the model's bodies:
 
-    H ≥ Σ m (∂z/∂q)² ≥ (Σ m ∂z/∂q)² / M = (G / g)² / M
+    τ = a G(q) + b D(q, q̇, q̈) + friction + spring + offset
+
+Bodies with a times the model's first moments and up to k times its masses have b ≥ a² / k.
 """
 
 from collections.abc import Container, Iterator
@@ -12,26 +13,20 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.estimation.samples import Samples
-from ident.estimation.units import coefficient_unit
+from ident.geometry.inertia import parameters_from_com
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
-from ident.judgement.torque_checks import FRICTION, SLOW
+from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
-from ident.tolerances import DRIVE
-
-ENOUGH = 200
-"""Largest number of samples in which torques are taken apart, evenly spread."""
+from ident.tolerances import DRIVE, SINGULAR
 
 TIMES = 10.0
-"""Mass that moves with a joint over that of the model's bodies beyond it, up to which it is likely."""
+"""Masses over the model's up to which they are likely."""
 
 DEVIATIONS = 4.0
-"""Standard deviations by which a joint's inertia must be below the least that its weight allows."""
-
-WEIGHS = 0.2
-"""Weight on a joint, over the largest in any direction of gravity, below which the model's largest stands in for it."""
+"""Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
 
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
@@ -40,20 +35,29 @@ EXPLAINED, SMOOTHLY = 0.1, 0.01
 """Largest residual of computed torques over their signal, and largest friction in them over it."""
 
 
-class Inertia(NamedTuple):
-    """Inertia of a joint by the estimate, kg m², of a slide kg.
+class Parts(NamedTuple):
+    """Weight a and inertia b in a torque, over those of the model's masses.
 
     Attributes:
-        value: Its mean over the motion.
-        least: The least that its weight allows.
-        std: Standard deviation of the difference of both.
-        unit: Its unit.
+        weight: a.
+        weight_std: Its standard deviation.
+        inertia: b.
+        inertia_std: Its standard deviation.
     """
 
-    value: float
-    least: float
-    std: float
-    unit: str
+    weight: float
+    weight_std: float
+    inertia: float
+    inertia_std: float
+
+    @property
+    def moves(self) -> bool:
+        """False if the inertia is significantly below the least that goes with the weight, the model's without any.
+
+        Inertia far below zero is no lack of it but another error, as of the direction of gravity.
+        """
+        least = (self.weight if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0) ** 2 / TIMES
+        return not -least / TIMES <= self.inertia + DEVIATIONS * self.inertia_std < least
 
 
 def cause_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -61,10 +65,10 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
     checks = evidence.checks.torques
     if checks is None or not evidence.logs:
         return
-    less = {joint: own for joint, own in inertias(evidence).items() if own.value + DEVIATIONS * own.std < own.least}
-    if less and not checks.grossly_wrong:
-        values = {joint: own._asdict() for joint, own in less.items()}
-        yield Finding.of("motion_not_by_torques", Place(joints=tuple(less)), joints=values)
+    others = {joint: parts for joint, parts in torque_parts(evidence).items() if not parts.moves}
+    if others and not checks.grossly_wrong:
+        values = {joint: parts._asdict() for joint, parts in others.items()}
+        yield Finding.of("motion_not_by_torques", Place(joints=tuple(others)), joints=values)
     for loop, joints in evidence.mechanism.loops.items():
         if acting := tuple(joint for joint in joints if joint in evidence.channels):
             yield Finding.of("loop_left_out", Place(channels=acting), loop=loop, joints=acting)
@@ -74,42 +78,43 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
         yield Finding.of("computed_torques", place, joints=tuple(moving), largest=max(moving.values()))
 
 
-def inertias(evidence: Evidence) -> dict[str, Inertia]:
-    """Inertia of each joint with a torque by the estimate, beside the least that its weight allows."""
-    mechanism, fit, motion = evidence.mechanism, evidence.fit, evidence.logs[0].samples.motion
-    tree, g = mechanism.tree, float(np.linalg.norm(mechanism.gravity))
-    if motion.base is not None or not g or mechanism.prior is None:
+def torque_parts(evidence: Evidence) -> dict[str, Parts]:
+    """Weight and inertia in the torques of a resting base's joints, by joint."""
+    mechanism, log = evidence.mechanism, evidence.logs[0]
+    samples = log.samples[slice(log.edge, len(log.samples) - log.edge, max(1, len(log.samples) // ENOUGH))]
+    motion, tree = samples.motion, mechanism.tree
+    if motion.base is not None or mechanism.prior is None:
         return {}
-    q = motion.q[:: -(-len(motion) // ENOUGH)]
-    rest = np.zeros((len(q), len(tree.freedoms)))
-    C = fit.covariance if evidence.covariance_setup is None else evidence.covariance_setup
-    still, out = _columns(evidence, Motion(q, rest, rest)), dict[str, Inertia]()
-    levers = still / g
-    levers[:, :, fit.parameters.rank :] = 0
-    of_model = [joint_torque_regressor(tree, q, rest, rest, gravity=axis) @ mechanism.known for axis in np.eye(3)]
-    for c, k in enumerate(fit.equations.torques):
-        unit = rest.copy()
-        unit[:, k] = 1
-        row = _columns(evidence, Motion(q, rest, unit))[c] - still[c]
-        value, lever, slope = float((row @ fit.values).mean()), levers[c] @ fit.values, levers[c]
-        along = np.stack([each[:, k] for each in of_model], axis=-1)
-        if np.linalg.norm(along @ mechanism.gravity) < WEIGHS * g * np.linalg.norm(along):
-            lever, slope = np.linalg.norm(along, axis=-1), 0 * slope
-        most = TIMES * max(_mass_moved(evidence, k), 1e-300)
-        difference = (row - 2 * lever[:, None] * slope / most).mean(axis=0)
-        std = float(np.sqrt(max(difference @ C @ difference, 0)))
-        joint = tree.freedoms[k]
-        unit_name = coefficient_unit(f"{DRIVE['rotor']}({joint})", tree)
-        out[joint] = Inertia(value, float((lever**2).mean() / most), std, unit_name)
+    bodies = mechanism.known.reshape(-1, 10)
+    masses = [parameters_from_com(phi[0], phi[1:4] / max(phi[0], 1e-300), np.zeros((3, 3))) for phi in bodies]
+    at_rest = motion.q, 0 * motion.dq, 0 * motion.ddq
+    torques, weight = (
+        joint_torque_regressor(tree, *states, gravity=mechanism.gravity) @ np.concatenate(masses)
+        for states in (motion.states, at_rest)
+    )
+    q, axes, out = tree.freedom_coordinates(motion.q), evidence.fit.equations.axes, dict[str, Parts]()
+    for measured, k in zip(samples.measured.T[-len(_torques(evidence)) :], evidence.fit.equations.torques, strict=True):
+        columns = [weight[:, k], torques[:, k] - weight[:, k], q[:, k], *friction_columns(axes, motion, k)]
+        values, std = _regressed(np.stack(columns, axis=1), measured)
+        out[tree.freedoms[k]] = Parts(values[0], std[0], values[1], std[1])
     return out
 
 
-def _mass_moved(evidence: Evidence, freedom: int) -> float:
-    """Mass of the model's bodies that move with a freedom; of all if joints follow others, kg."""
-    tree, masses = evidence.mechanism.tree, evidence.mechanism.known[::10]
-    body = [i for i, each in enumerate(tree.bodies) for _ in each.freedom_names][freedom]
-    moved = range(len(tree.bodies)) if tree.followers else tree.carried(body)
-    return float(sum(masses[tree.inertial.index(i)] for i in moved if i in tree.inertial))
+def _regressed(X: np.ndarray, y: np.ndarray) -> tuple[list[float], list[float]]:
+    """Coefficients of columns (N, m) in a signal (N,), with deviations for residuals that are alike for some samples.
+
+    Those of columns that are zero or dependent are large.
+    """
+    norms = np.linalg.norm(X, axis=0)
+    norms = np.where(norms > 0, norms, 1)
+    U, s, Vt = np.linalg.svd(X / norms, full_matrices=False)
+    inverse = 1 / np.maximum(s, SINGULAR * s[0])
+    values = Vt.T @ (np.where(s > SINGULAR * s[0], inverse, 0) * (U.T @ y))
+    left = y - X / norms @ values
+    lag = np.clip((left[1:] @ left[:-1]) / max(float(left @ left), 1e-300), 0, 0.999)
+    variance = float(left @ left) / len(y) * (1 + lag) / (1 - lag)
+    std = np.sqrt(variance * (Vt.T**2 @ inverse**2))
+    return (values / norms).tolist(), (std / norms).tolist()
 
 
 def _torques(evidence: Evidence) -> tuple[str, ...]:

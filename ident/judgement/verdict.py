@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ident.display.brief import Worded
 from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
@@ -112,8 +113,8 @@ class Precision:
         return "Single masses are not determined."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Verdict(Worded):
     """Decision on an estimate, with its reasons.
 
     Attributes:
@@ -183,9 +184,6 @@ class Verdict:
         channels = {"predicted": list(self.predicted), "missed": list(self.missed), "idle": dict(self.idle)}
         return {"verdict": str(self), "outcome": self.outcome.value, "channels": channels}
 
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.outcome.value}: {self}>"
-
     def __str__(self) -> str:
         first = [] if self.worse is None else [self.worse.text]
         doubtful = self.outcome is Outcome.NOT
@@ -194,21 +192,22 @@ class Verdict:
 
     def _decision(self) -> Iterator[str]:
         """Yields sentences on the decision, the channels that are predicted, and what to do."""
-        count = f"{len(self.predicted)} of {number_of(len(self.counted), 'channel')}"
+        channels = number_of(len(self.counted), "channel")
+        count = f"{len(self.predicted)} of {channels}" if self.counted else "nothing, as no channel counts"
         if self.doubts:
             speak = "one finding below speaks" if len(self.doubts) == 1 else f"{len(self.doubts)} findings below speak"
             yield f"Not usable as it is: {speak} against it. It predicts {count}."
         elif self.outcome is Outcome.NOT:
-            yield f"Not usable: it predicts none of {number_of(len(self.counted), 'channel')} on the {self.part} part."
+            yield f"Not usable: it predicts {f'none of {channels}' if self.counted else count} on the {self.part} part."
+            yield "Check names, units and signs of the columns, and that the motors alone move the joints."
         elif self.outcome is Outcome.PARTLY:
             yield f"Partly usable: it predicts {count}: {_shown(self.predicted)}."
             yield "Use it for these alone; for the others move further and faster, or complete the model."
         else:
             yield from self._use()
         if self.idle:
-            reasons = dict.fromkeys(self.idle.values())
-            channels = {why: listed(c for c, own in self.idle.items() if own == why) for why in reasons}
-            yield f"Not counted: {listed(f'{of} ({IDLE[why]})' for why, of in channels.items())}."
+            of = {why: listed(c for c, own in self.idle.items() if own == why) for why in self.idle.values()}
+            yield f"Not counted: {listed(f'{names} ({IDLE[why]})' for why, names in of.items())}."
 
     def _use(self) -> Iterator[str]:
         """Yields sentences on what a usable estimate may be used for."""

@@ -14,7 +14,7 @@ from ident.errors import InputError, LogError
 from ident.files.column import BALL, COMMAND, KINDS, Columns
 from ident.files.counted import counted
 from ident.files.in_memory import TYPES, InMemory, kind_of, table_of
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
@@ -303,6 +303,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         known_bodies=mapping.known_bodies,
         streams=streams,
         held=mapping.held,
+        base_rpy_deg=mapping.base_rpy_deg,
         scales=mapping.scales,
         couplings=mapping.couplings,
     )

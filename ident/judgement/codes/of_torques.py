@@ -68,12 +68,13 @@ def _low_velocity(values: Mapping[str, float]) -> str:
 
 def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
     each = listed(
-        f"{joint} {x['value']:.2g} ± {x['std']:.1g} {x['unit']} (at least {x['least']:.2g} by its weight)"
+        f"{joint} {100 * x['inertia']:.0f} ± {100 * x['inertia_std']:.0f} % ({100 * x['weight']:.0f} %)"
         for joint, x in joints.items()
     )
     return (
-        f"Motion that the torques do not explain: by these the inertia is too small, {each}. A hand or something else "
-        "moves the joints, or the torques are commands that something overrides. Record motion by the motors alone."
+        "Motion that the torques do not explain: they hold too little of the inertia of the model's masses, of their "
+        f"weight in brackets: {each}. A hand or something else moves the joints, or the torques are commands that "
+        "something overrides. Record motion by the motors alone."
     )
 
 

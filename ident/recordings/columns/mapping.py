@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ident.arguments import OF_BODIES, checked_deviations
+from ident.arguments import OF_BODIES, checked_deviations, checked_rpy
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
@@ -43,7 +43,7 @@ class ColumnMapping:
             `base.position` and `base.quaternion`, or `base.pose`.
         sensors: Sensors of the wrenches by name.
         plates: Those of them that rest in the world, by name.
-        held: True if something holds the base, as for `Recording`.
+        held: True if something holds the base, as for `Recording`; likewise `base_rpy_deg`.
         servos: Servos of commanded joints, as for `Recording`.
         scales: Uncertainties of the scales of torques, as for `Recording`.
         couplings: Motors that move several joints together, as for `Recording`.
@@ -63,6 +63,7 @@ class ColumnMapping:
     known_bodies: dict[str, dict[str, float]] = field(default_factory=dict)
     plates: dict[str, Plate] = field(default_factory=dict)
     held: bool | None = None
+    base_rpy_deg: tuple[float, ...] | None = None
     servos: dict[str, Servo] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -184,11 +185,15 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
         mapping.sensors[name] = _sensor(name, entry, bodies, plate)
     if "base" in entries:
         entry = table("base", entries["base"])
-        check_keys("[base]", entry, ("position", "quaternion", "unit", "held"))
+        check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
+        if "rpy_deg" in entry:
+            mapping.base_rpy_deg = checked_rpy("base.rpy_deg", entry["rpy_deg"], LogError)
         mapping.held = entry.get("held")
         if not isinstance(mapping.held, bool | None):
             raise LogError(f"base.held needs true or false, got {short(mapping.held)}.")
-        if entry.keys() != {"held"}:
+        if entry.keys() - {"held", "rpy_deg"}:
+            if "rpy_deg" in entry:
+                raise LogError("[base] has rpy_deg, for a base at rest, and columns of a moving one; keep one of them.")
             length = factor_of("base", entry, "unit", "length")
             mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
             mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
