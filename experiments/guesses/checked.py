@@ -107,4 +107,6 @@ def _set_axes(belief: Belief, log: Prepared) -> None:
             elif first := entries.get("force") or entries.get("torque"):
                 first.why += f"; sign and axes as the model has them ({100 * check.error:.0f} % off)"
             continue
-        set_turn(belief.groups[name], check, "base" if name == GROUND else "body")
+        frame = "base" if name == GROUND else "body"
+        why = f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {100 * check.error:.0f} %"
+        set_turn(belief.groups[name], check.rotation, frame, why, opposite=check.sign < 0)

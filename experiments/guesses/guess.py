@@ -6,9 +6,11 @@ from pathlib import Path
 
 from experiments.guesses.belief import Belief, Entry, Group
 from experiments.guesses.checked import check_wrenches_and_torques
-from experiments.guesses.chosen import add_any, add_measured, add_series
+from experiments.guesses.chosen import add_any, add_series
 from experiments.guesses.explained import Model
-from experiments.guesses.log_contents import LogContents, check_same_columns, log_contents, without_markers
+from experiments.guesses.log_contents import LogContents, check_same_columns, log_contents
+from experiments.guesses.markers import without_markers
+from experiments.guesses.measured import add_measured
 from experiments.guesses.names import add_commands, add_named, add_only, is_named_after
 from experiments.guesses.orientations import BASE, add_orientations
 from experiments.guesses.sensors import place_wrenches

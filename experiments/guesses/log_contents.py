@@ -1,6 +1,6 @@
 """The contents of a log before any mapping: layout of text, numeric columns at common times, and irregularities."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -24,12 +24,6 @@ OWN_TIMES = Clock("time", "s", "the file knows its times")
 
 WHOLE_TURNS = (2 * np.pi, 360.0)
 """Jumps of wrapped angles, which are taken out as `read_log` does."""
-
-MARKERS = ".trc"
-"""Suffix of files that hold only markers."""
-
-FEW = 3
-"""Smallest number of markers that show the pose of a body."""
 
 PREAMBLE = 40
 """Largest number of lines before a table."""
@@ -122,57 +116,33 @@ def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogConten
     """
     try:
         files = files_of(path)
-        if len(files) > 1:
-            return _of_several_files(path, files, limit, rate)
-        if has_several_clocks(path):
+        if len(files) == 1 and has_several_clocks(path):
             return _at_common_times(path, None, read_clocks(path, limit=limit))
-        layout, clock, table = _of_one_clock(path, limit, rate)
-        return replace(_at_common_times(path, clock, [table]), layouts=(layout,), clocks=(clock,))
+        parts = [_file(file, limit, rate, alone=len(files) == 1) for file in files]
+        layouts, clocks = tuple(layout for layout, _, _ in parts), tuple(clock for _, clock, _ in parts)
+        tables, clock = [table for _, _, table in parts if table], clocks[0] if len(files) == 1 else None
+        if len(files) > 1:
+            mapping = ColumnMapping(layouts=layouts, clocks=tuple(each.columns for each in clocks))
+            tables = read_files(files, mapping, limit)
+        return replace(_at_common_times(path, clock, tables), layouts=layouts, clocks=clocks)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def without_markers(contents: LogContents, sites: Collection[str]) -> LogContents:
-    """The contents without positions of markers: of a file that holds markers, or named like sites of the model."""
-    of_markers = any(file.suffix.lower() == MARKERS for file in files_of(contents.path))
-    axes: dict[str, list[str]] = {}
-    for name in contents.names:
-        label, _, axis = name.rpartition(".")
-        if axis.lower() in "xyz" and (of_markers or label.rpartition(":")[2] in sites):
-            axes.setdefault(label, []).append(name)
-    markers = {label: names for label, names in axes.items() if label and len(names) == 3}
-    if len(markers) < FEW:
-        return contents
-    gone = {name for names in markers.values() for name in names}
-    columns = {name: x for name, x in contents.columns.items() if name not in gone}
-    constant = {name: x for name, x in contents.constant.items() if name not in gone}
-    return replace(contents, columns=columns, constant=constant, markers=tuple(markers))
-
-
-def _of_one_clock(path: Path, limit: int, rate: float) -> tuple[Layout, Clock, Table]:
+def _file(path: Path, limit: int, rate: float, *, alone: bool) -> tuple[Layout, Clock, Table | None]:
     """Layout of a file, its column of times, and its first `ROWS` samples."""
-    layout = _layout(path, limit)
-    table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
-    if table is None:
-        raise LogError("it has no rows of numbers.")
-    clock = clock_of(_numbers(table, {}), rate)
+    if has_several_clocks(path):
+        return Layout(), OWN_TIMES, None
+    try:
+        layout = _layout(path, limit)
+        table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
+        if table is None:
+            raise LogError("it has no rows of numbers.")
+        clock = clock_of(_numbers(table, {}), rate)
+    except (LogError, OSError) as error:
+        raise error if alone else LogError(f"{path.name}: {error}") from None
     (table,) = counted([table], clock.columns)
     return layout, clock, table
-
-
-def _of_several_files(path: Path, files: Sequence[Path], limit: int, rate: float) -> LogContents:
-    """Reads a log in several files."""
-    layouts, clocks = list[Layout](), list[Clock]()
-    for file in files:
-        try:
-            known = has_several_clocks(file)
-            layout, clock, _ = (Layout(), OWN_TIMES, None) if known else _of_one_clock(file, limit, rate)
-        except (LogError, OSError) as error:
-            raise LogError(f"{file.name}: {error}") from None
-        layouts, clocks = [*layouts, layout], [*clocks, clock]
-    times = tuple(clock.columns for clock in clocks)
-    tables = read_files(files, ColumnMapping(layouts=tuple(layouts), clocks=times), limit)
-    return replace(_at_common_times(path, None, tables), layouts=tuple(layouts), clocks=tuple(clocks))
 
 
 def _layout(path: Path, limit: int) -> Layout:

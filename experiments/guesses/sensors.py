@@ -7,13 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief, Entry, Group
-from experiments.guesses.chosen import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES
+from experiments.guesses.chosen import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES
 from experiments.guesses.explained import Model, explained, unexplained
 from experiments.guesses.log_contents import LogContents
+from experiments.guesses.measured import AGREES
 from experiments.guesses.words import LIKE, likeness, words
 from ident.errors import ExcitationError
 from ident.estimation.equations import COMPONENTS
-from ident.judgement.diagnosis import FrameCheck
 from ident.payload.weight import TURNED, weighed
 
 SIZE = 5.0
@@ -125,13 +125,8 @@ def _turn_inner(group: Group, model: Model, predicted: np.ndarray) -> None:
     with suppress(ExcitationError):
         # The direction of gravity decides, whatever the payload weighs.
         fit = weighed(np.hstack([force, 0 * force]), -predicted[:, :3])
-        if fit.opposite:
-            group.entries["applied_to_link"] = Entry(False, "the opposite sign fits gravity")
-        if fit.angle > TURNED and "rpy_deg" not in group.entries:
-            angles = Rotation.from_matrix(fit.rotation.T).as_euler("xyz", degrees=True)
-            near = 90 * np.round(angles / 90)
-            angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
-            group.entries["rpy_deg"] = Entry(angles.tolist(), "its axes in those of the body fit gravity")
+        turned = fit.angle > TURNED and "rpy_deg" not in group.entries
+        set_turn(group, fit.rotation.T if turned else np.eye(3), "body", "gravity fits", opposite=fit.opposite)
 
 
 def set_unit(belief: Belief, contents: LogContents, groups: Sequence[Group], kind: str, ratio: float) -> bool:
@@ -162,15 +157,16 @@ def set_unit(belief: Belief, contents: LogContents, groups: Sequence[Group], kin
     return changed
 
 
-def set_turn(group: Group, check: FrameCheck, frame: str) -> None:
-    """Sets the sign and the axes of a wrench that a check suggests."""
-    error = f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {100 * check.error:.0f} %"
-    if check.suspicious and check.sign < 0:
-        group.entries["applied_to_link"] = Entry(False, f"the opposite sign: {error}")
-    if check.suspicious and not np.array_equal(check.rotation, np.eye(3)):
-        # A frame that is not turned states no angles; others are multiples of 90°.
-        angles = Rotation.from_matrix(check.rotation).as_euler("xyz", degrees=True).round(9) + 0.0
-        group.entries["rpy_deg"] = Entry(angles.tolist(), f"its axes in those of the {frame}: {error}")
+def set_turn(group: Group, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
+    """Sets the sign and the axes of a wrench, at right angles if they nearly are."""
+    if opposite:
+        group.entries["applied_to_link"] = Entry(False, f"the opposite sign: {why}")
+    if not np.array_equal(rotation, np.eye(3)):
+        angles = Rotation.from_matrix(rotation).as_euler("xyz", degrees=True)
+        near = 90 * np.round(angles / 90)
+        angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
+        group.entries["rpy_deg"] = Entry(angles.tolist(), f"its axes in those of the {frame}: {why}")
+        # A frame that is not turned states no angles.
         if "frame" in group.entries:
             group.entries["frame"] = Entry("plate", "axes other than the world's")
             group.entries["position"] = Entry([0, 0, 0], "the world's origin")
