@@ -119,6 +119,26 @@ def rpy_text(rpy_deg: Iterable[float]) -> str:
     return f"[{', '.join(f'{angle:.6g}' for angle in rpy_deg)}]"
 
 
+def checked_coordinates(where: str, given: Any) -> dict[str, list[float]]:
+    """Coordinates of joints by name, from numbers or lists by name; empty for joints that are only named.
+
+    Raises:
+        InputError: A joint has no name, or a coordinate is no number.
+    """
+    needed = f"{where} needs joints with where they stand, as {{'elbow': 0.5}}, or joints alone, as ['elbow']"
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{needed}; got {described(given)}.")
+    out = {}
+    for name in names:
+        stated: Any = given[name] if isinstance(given, Mapping) else ()
+        values = [stated] if is_number(stated) or not isinstance(stated, Iterable) else list(stated)
+        if not all(map(is_number, values)):
+            raise InputError(f"{needed}; '{name}' is given {described(stated)}.")
+        out[name] = [float(x) for x in values]
+    return out
+
+
 def check_holdout(value: Any) -> None:
     """Raises an InputError unless a fraction to hold out is a number from 0 to less than 1."""
     if not (is_number(value) and 0 <= value < 1):

@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 from ident.arguments import OF_BODIES, check_type, checked_deviations, checked_rpy, rpy_text
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
+from ident.mechanism.body import BASE, Body
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
+from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 
 
@@ -32,6 +34,7 @@ class Mechanism(Brief):
             carrier's base frame.
         prior_known: Standard deviations of the prior by the bodies' names, as for
             `ident.parameters.prior.body_covariance`; defaults for others.
+        mimics: How the model couples joints, by the name of the one that follows another if it is not measured.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
         loops: Joints whose torques a coupling that the equations leave out changes, by its name.
@@ -48,6 +51,7 @@ class Mechanism(Brief):
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
+    mimics: Mapping[str, Follower] = field(default_factory=dict)
     loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
     base_rpy_deg: tuple[float, ...] | None = None
 
@@ -65,6 +69,11 @@ class Mechanism(Brief):
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
         object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
+
+    @classmethod
+    def lone_body(cls, name: str = "body", gravity: Sequence[float] = (0, 0, -9.81)) -> "Mechanism":
+        """One body without a model, whose pose is measured: that of the base, in axes in which gravity is given."""
+        return cls(Tree((Body(name, BASE, np.eye(4), np.zeros(6)),)), np.array(gravity, float))
 
     @property
     def _in_short(self) -> dict[str, object]:
@@ -140,10 +149,22 @@ class Mechanism(Brief):
         # Of right angles nothing but rounding is left.
         return replace(self, gravity=np.where(np.abs(gravity) < 1e-12, 0.0, gravity), base_rpy_deg=rpy)
 
+    def following(self, followers: Mapping[str, Follower]) -> "Mechanism":
+        """The mechanism with some joints that follow others, by name; they lose their names and their drives."""
+        leads = {body: followers[body.joint] for body in self.tree.bodies if body.joint in followers}
+        if not leads:
+            return self
+        bodies = (replace(each, joint="", follows=leads[each]) if each in leads else each for each in self.tree.bodies)
+        tree = Tree(tuple(bodies))
+        return replace(self, tree=tree, **self._of_joints(tree))
+
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
-        """Ranges and drives of the joints that a tree has."""
+        """Ranges, drives and couplings of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
-        return {"ranges": ranges, "drives": {k: drive for k, drive in self.drives.items() if k in tree.freedoms}}
+        mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
+        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in tree.freedoms}
+        loops = {name: joints for name, joints in self.loops.items() if set(joints) <= set(tree.joints)}
+        return {"ranges": ranges, "mimics": mimics, "drives": drives, "loops": loops}
 
     @property
     def known(self) -> np.ndarray:

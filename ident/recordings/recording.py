@@ -17,6 +17,7 @@ from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
+from ident.mechanism.follower import Follower
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
@@ -66,6 +67,8 @@ class Recording(Brief):
             servo, or of a motor's torque constant.
         couplings: Motors that move several joints together, to which rotors and friction belong: rows of R in
             `q_motor = R q`, by the motors' names, as numbers other than zero by joint.
+        followers: Joints without channels that follow another one, by name.
+        still: True if samples are poses at rest, in any order, whose times mean nothing.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -87,11 +90,13 @@ class Recording(Brief):
     servos: Mapping[str, Servo] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
     couplings: Couplings = field(default_factory=dict)
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
     held: bool | None = None
     base_rpy_deg: tuple[float, ...] | None = None
+    still: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", checked_channel("time", self.time, None))
