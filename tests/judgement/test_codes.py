@@ -142,9 +142,8 @@ EXAMPLES = {
     "heavier_last_link": [{"body": "hand", "mass": 0.81, "std": 0.07}],
     "payload_forces_unexplained": [{"ratios": {"Fx": 0.97, "Fz": 0.93}}],
     "payload_mass_unlikely": [
-        {"mass": 799.6, "most": 87.0, "robot": 8.7},
-        {"mass": 210500.0, "most": 87.0, "robot": 8.7},
-        {"mass": 210500.0, "most": 2300.0, "robot": None},
+        {"mass": 799.6, "robot": 8.7},
+        {"mass": 210500.0, "robot": None},
     ],
     "payload_mass_unknown": [{}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
