@@ -116,7 +116,7 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
 def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estimate):
     other = replace(with_ratios(estimate, squares=[0.5, 0.9, 0.6, 1, 1]), singular_values=np.array([1, 1e-5]))
     worse = other.verdict().worse
-    assert worse.values["take"] is None and "brackets: move the joints further; " in worse.text
+    assert worse.values["take"] is None and "over signal. Move the joints further. " in worse.text
 
 
 def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):

@@ -131,7 +131,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert abs(value["m1"] - 61.65) < 0.1
     assert abs(value["m3rz3"] - 8.5) < 0.4
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
-    assert "Not explained by this motion, held-out residual over standard deviation in brackets: Fy" in printed
+    assert "Not explained by this motion, held-out residual over signal in brackets: Fy" in printed
     assert "Mx (1." in printed
     suffix = Path(model).suffix
     assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
@@ -330,7 +330,7 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys,
     links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
     assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
     assert all((tmp_path / "me" / link).is_file() for link in links)
-    assert "Usable: held-out residuals are at most" in capsys.readouterr().out
+    assert "Usable to predict" in capsys.readouterr().out
 
 
 def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
