@@ -76,16 +76,10 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(
             "Samples may be missing (--gaps) for the trajectory estimate only: a filter would invent them."
         )
-    read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
+    read = {**options.of_model(args), "columns": args.columns, "cutoff": args.cutoff}
     read |= {"filters": args.estimator != "trajectory"}
     read |= {"drive": options.drives(args.drive), "leave_out": tuple(args.leave_out)}
-    read |= {"ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    return read | {
-        "limit": options.size_limit(args),
-        "gaps": args.gaps,
-        "person": _person(args),
-        "packages": args.packages,
-    }
+    return read | {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args)}
 
 
 @contextmanager
@@ -131,7 +125,6 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     add_options(out)
-    options.add_film(out)
     options.add_rerun(out)
     otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)

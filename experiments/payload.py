@@ -11,17 +11,16 @@ def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
     from experiments.document.writer import write
     from experiments.reports import payload_report
-    from experiments.studies.identification import recorded
     from ident.payload.identification import identify_payload
     from ident.payload.mounting import place_of
+    from ident.recordings.log import read_log
     from sim.models.mechanism import mechanism
 
-    folder, fix = own_model.folder(args), options.fixed(args.fix)
-    robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix, packages=args.packages)
+    folder, model = own_model.folder(args), options.of_model(args)
+    robot = mechanism(args.model, **model)
     if args.flange:
         place_of(robot, args.body, args.flange)
-    read = {"columns": args.columns, "fix": fix, "limit": options.size_limit(args)}
-    logs = [recorded(robot, log, **read) for log in args.logs]
+    logs = [read_log(log, robot, args.columns, limit=options.size_limit(args)) for log in args.logs]
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
     payload = identify_payload(robot, logs, body=args.body, sensor=args.sensor, **fitting)
     report = payload_report.PayloadReport(payload, args.flange or args.body)

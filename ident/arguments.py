@@ -42,6 +42,8 @@ def checked_path(where: str, given: Any, needed: str = "a path") -> Path:
 
 def described(value: Any) -> str:
     """A value for messages: itself if it is plain, else its type."""
+    if shape := getattr(value, "shape", ()):
+        return f"an array {tuple(shape)} of {getattr(value, 'dtype', 'no numbers')}"
     plain = isinstance(value, str | PathLike | Real | list | tuple | dict | None)
     text = _short(repr(value)) if plain else f"an object of type {type(value).__name__}"
     return " ".join(text.split())
@@ -98,6 +100,23 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
     if wrong:
         raise InputError(f"{where} needs a list out of {', '.join(names)}; got {', '.join(map(_short, wrong))}.")
     return tuple(dict.fromkeys(given))
+
+
+def checked_rpy(where: str, given: Any, error: type[InputError] = InputError) -> tuple[float, ...]:
+    """Roll, pitch and yaw, degrees; arguments as for `checked_deviations`.
+
+    Raises:
+        InputError: They are no three finite numbers.
+    """
+    numbers = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else []
+    if len(numbers) != 3 or not all(is_number(x) and abs(x) < HUGE for x in numbers):
+        raise error(f"{where} needs roll, pitch and yaw in degrees, three numbers; got {_short(given)}.")
+    return tuple(map(float, numbers))
+
+
+def rpy_text(rpy_deg: Iterable[float]) -> str:
+    """Roll, pitch and yaw as they stand in a columns file."""
+    return f"[{', '.join(f'{angle:.6g}' for angle in rpy_deg)}]"
 
 
 def check_holdout(value: Any) -> None:

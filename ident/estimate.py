@@ -458,7 +458,7 @@ class Estimate:
         Raises:
             InputError: The file is missing, is no saved estimate, or was written by another version.
         """
-        loaded: Estimate = load_object(path, "estimate")
+        loaded: Estimate = load_object(path, "estimate", cls)
         return loaded
 
     @cached_property

@@ -127,6 +127,8 @@ def problem_of(
             raise InputError(
                 f"{role} needs the channels {', '.join(first.channels)}; it has {', '.join(other.equations.channels)}."
             )
+        if other.mechanism.base_rpy_deg != logs[0].mechanism.base_rpy_deg:
+            raise InputError(f"{role} needs the first one's orientation of the base (base_rpy_deg).")
     whole, ends = zip(*(_split(log, 0.0 if judges else holdout) for log in logs), strict=True)
     measured = [log.samples.measured[part] for log, part in zip(logs, whole, strict=True)]
     if any(map(len, measured)) and not any(np.ptp(x, axis=0).any() for x in measured if len(x)):

@@ -193,6 +193,7 @@ def scaled(joints, known):
     return ident.identify(arm, with_servos(log, stated, arm, []), known=known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joints", "known", "std", "fixed_by"),
     [

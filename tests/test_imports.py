@@ -53,7 +53,6 @@ ALLOWED = {
 EXTRAS = {
     "cli": {"argcomplete"},
     "symbols": {"sympy"},
-    "runs": {"distributed"},
     "benchmark": {"pinocchio"},
     "document": {"PIL", "rerun"},
     "files": {"ezc3d", "rosbags", "pyarrow"},

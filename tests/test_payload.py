@@ -17,6 +17,8 @@ from ident.payload.identification import identify_payload
 from ident.payload.payload import described
 from ident.recordings.wrench import Sensor
 
+pytestmark = pytest.mark.slow
+
 TRUTH = np.array([wrist.TOOL["mass"], *wrist.TOOL["com"], *wrist.TOOL["inertia"]])
 GIVEN = {"body": "tool", "sensor": "wrist"}
 

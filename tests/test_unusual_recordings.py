@@ -42,6 +42,7 @@ def test_equations_that_are_singular_are_solved_with_what_is_known():
     assert _known_enough(estimate, None, {"mass": 0.2}) == {"mass": 0.2}
 
 
+@pytest.mark.slow
 def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
     estimate = ident.identify(PENDULUM, shortened(RECORDING, 49))
     assert abs(estimate.psi[0] - TRUTH[0]) < 3 * estimate.std_setup[0]

@@ -56,9 +56,18 @@ def _files(log: Path) -> tuple[Path, ...]:
     return files_of(log)
 
 
-def _resolved(log: Path) -> tuple[Path, ...]:
-    """Files of a log in sorted order, so that logs can be compared."""
-    return tuple(sorted(file.resolve() for file in _files(log)))
+def _resolved(log: Path) -> tuple[str, ...]:
+    """Files of a log in sorted order, so that logs can be compared; a file has one entry under all of its names."""
+    return tuple(sorted(_place(file) for file in _files(log)))
+
+
+def _place(file: Path) -> str:
+    """Place of a file on its disk; its path if it is none."""
+    try:
+        place = file.stat()
+    except OSError:
+        return str(file.resolve())
+    return f"{place.st_dev} {place.st_ino}" if place.st_ino else str(file.resolve())
 
 
 def _judges(args: argparse.Namespace) -> list[Path]:

@@ -34,6 +34,7 @@ class Outcome:
         seconds: CPU time, s.
         error: The sentence with which it failed; empty if it did not.
         remark: The sentence on captions or parameters of its document that could not be chosen; empty if all could.
+        files: SHA-256 sums of the files in its folder, by name.
     """
 
     log: str
@@ -49,6 +50,7 @@ class Outcome:
     seconds: float = 0.0
     error: str = ""
     remark: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it in JSON's types."""
@@ -68,7 +70,7 @@ class Outcome:
             **{name: isinstance(given[name], str) for name in ("log", "folder", "error", "remark")},
             "verdict": given["verdict"] in ([""] if failed else verdicts),
             **{name: isinstance(given[name], list) and _are_texts(given[name]) for name in NAMES},
-            "units": isinstance(given["units"], dict) and _are_texts(given["units"].values()),
+            **{name: isinstance(given[name], dict) and _are_texts(given[name].values()) for name in ("units", "files")},
             **{name: isinstance(given[name], dict) and _are_numbers(given[name].values()) for name in NUMBERS},
             "seconds": _are_numbers([given["seconds"]]),
         }

@@ -1,6 +1,7 @@
 """Findings on a fit: its course, set-up errors, agreement of its parts, and residuals of each channel."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -41,6 +42,19 @@ more has 4."""
 
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
+
+
+def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on the stated direction of gravity."""
+    check = evidence.checks.gravity
+    if check is not None and check.suspicious:
+        own: dict[str, Any] = {
+            "rpy_deg": check.rpy_deg,
+            "stated": check.stated,
+            "misfit": check.misfit,
+            "joint": check.joint,
+        }
+        yield Finding.of("gravity_direction", **own)
 
 
 def setup_remarks(evidence: Evidence) -> Iterator[Finding]:

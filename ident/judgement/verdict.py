@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ident.display.brief import Worded
 from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
@@ -112,8 +113,8 @@ class Precision:
         return "Single masses are not determined."
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Verdict(Worded):
     """Decision on an estimate, with its reasons.
 
     Attributes:
@@ -182,9 +183,6 @@ class Verdict:
         """The verdict in words, the decision, and the channels by how they are predicted, in JSON's types."""
         channels = {"predicted": list(self.predicted), "missed": list(self.missed), "idle": dict(self.idle)}
         return {"verdict": str(self), "outcome": self.outcome.value, "channels": channels}
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.outcome.value}: {self}>"
 
     def __str__(self) -> str:
         first = [] if self.worse is None else [self.worse.text]

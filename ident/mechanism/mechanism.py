@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ident.arguments import OF_BODIES, check_type, checked_deviations
+from ident.arguments import OF_BODIES, check_type, checked_deviations, checked_rpy, rpy_text
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
 from ident.mechanism.carrier import Carrier, divided
@@ -34,6 +35,7 @@ class Mechanism(Brief):
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
         loops: Joints whose torques a coupling that the equations leave out changes, by its name.
+        base_rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees, if they are others than in the model.
     """
 
     tree: Tree
@@ -47,6 +49,7 @@ class Mechanism(Brief):
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
     loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    base_rpy_deg: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -71,6 +74,7 @@ class Mechanism(Brief):
             "joints": listed(self.tree.joints),
             "mass": mass or "none, no prior",
             "gravity": f"{listed(f'{x:.4g}' for x in self.gravity)} m/s²",
+            "base": "" if self.base_rpy_deg is None else f"rpy {rpy_text(self.base_rpy_deg)}",
             "sites": listed(self.sites),
             "drives": listed(self.drives),
             "carried by": listed(self.carrier.joints) if self.carrier else "",
@@ -105,12 +109,36 @@ class Mechanism(Brief):
         sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
         part = Mechanism(tree, self.gravity, prior, sites, **self._of_joints(tree), carrier=carrier)
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
-        return replace(part, prior_known=known)
+        return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg)
 
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":
         """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
         tree = self.tree.fixed(coordinates)
         return replace(self, tree=tree, **self._of_joints(tree))
+
+    @property
+    def in_world(self) -> np.ndarray:
+        """Orientation of the base frame in the world, for a base at rest (3, 3)."""
+        return self.pose[:3, :3] if self.base_rpy_deg is None else _orientation(self.base_rpy_deg)
+
+    def mounted(self, rpy_deg: Sequence[float]) -> "Mechanism":
+        """The mechanism on a base that is turned in the world, so that gravity has another direction in its frame.
+
+        Args:
+            rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees: about its x, y and z, as in URDF.
+
+        Raises:
+            InputError: They are no three numbers, or others than were stated before.
+        """
+        rpy = checked_rpy("base_rpy_deg", rpy_deg)
+        if self.base_rpy_deg not in (None, rpy):
+            raise InputError(
+                f"The base's roll, pitch and yaw are stated twice: {rpy_text(rpy)} and {rpy_text(self.base_rpy_deg)}. "
+                "Keep one of rpy_deg under [base] and --base-rpy (base_rpy_deg)."
+            )
+        gravity = _orientation(rpy).T @ self.in_world @ self.gravity
+        # Of right angles nothing but rounding is left.
+        return replace(self, gravity=np.where(np.abs(gravity) < 1e-12, 0.0, gravity), base_rpy_deg=rpy)
 
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
         """Ranges and drives of the joints that a tree has."""
@@ -149,6 +177,11 @@ class Mechanism(Brief):
     def weight(self) -> float:
         """Weight of all bodies by the prior, N."""
         return self.mass * float(np.linalg.norm(self.gravity))
+
+
+def _orientation(rpy_deg: Sequence[float]) -> np.ndarray:
+    """Orientation by roll, pitch and yaw in degrees (3, 3)."""
+    return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix())
 
 
 def checked_gravity(gravity: np.ndarray) -> np.ndarray:

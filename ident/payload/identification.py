@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.arguments import check_type, checked_deviations
 from ident.errors import InputError
-from ident.estimation.preparation import prepared
+from ident.estimation.preparation import mounted, prepared
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism, check_mechanism
 from ident.payload.mounting import on_payload
@@ -60,6 +60,7 @@ def identify_payload(
         raise InputError("A payload needs at least one recording, got none.")
     for k, each in enumerate(recordings):
         check_type(f"recording[{k}]", each, Recording, "a Recording, as of mc.read_log")
+    robot = mounted(robot, recordings[0])
     part = robot.beyond(body)
     if part.tree.joints:
         raise InputError(

@@ -14,7 +14,7 @@ from ident.errors import InputError, LogError
 from ident.files.column import BALL, COMMAND, KINDS, Columns
 from ident.files.counted import counted
 from ident.files.in_memory import TYPES, InMemory, kind_of, table_of
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
@@ -176,7 +176,7 @@ def _recordings(
         recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
         recording = placed(recording, mechanism, mapping.plates, notes if first else [])
         if first:
-            notes += misspelt(unused, _missing(mapping, kinds))
+            notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
             _check(recording, mapping, mechanism, kinds, notes)
         yield replace(recording, notes=notes, unused=unused)
     if clock is None:
@@ -224,6 +224,7 @@ def _of_several_clocks(
     recording = placed(recording, mechanism, mapping.plates, notes)
     _check(recording, mapping, mechanism, kinds, notes)
     unused = [name for table in tables for name in table.cells if name not in mapping.used]
+    notes += _unread(unused, mapping, mechanism)
     return replace(recording, notes=notes, unused=unused)
 
 
@@ -251,6 +252,13 @@ def _missing(mapping: ColumnMapping, kinds: Mapping[str, str]) -> list[str]:
         for name, own in zip_longest(names, mapping.columns.get(key, none).names[: len(names)])
         if not own
     ]
+
+
+def _unread(unused: Sequence[str], mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:
+    """A sentence on the columns of joints that are fixed."""
+    usual = {name.format(joint) for joint in mechanism.tree.still for names in KINDS.values() for name in names}
+    unread = [name for name in unused if name in (*usual, *mapping.still)]
+    return [f"Columns of joints that are fixed (--fix) were not read: {', '.join(unread)}."] if unread else []
 
 
 def _check_length(samples: int) -> None:
@@ -295,6 +303,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         known_bodies=mapping.known_bodies,
         streams=streams,
         held=mapping.held,
+        base_rpy_deg=mapping.base_rpy_deg,
         scales=mapping.scales,
         couplings=mapping.couplings,
     )

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.arguments import checked_path
+from ident.arguments import checked_path, checked_rpy
 from ident.display.brief import Brief, listed
 from ident.display.frames import channels_frame
 from ident.errors import LogError
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
 from ident.mechanism.motion import Motion
@@ -54,6 +54,7 @@ class Recording(Brief):
         sensors: Sensors of the wrenches, by name. By default the ground's is in the base frame and measures the wrench
             that the ground exerts on the mechanism.
         base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base at rest.
+        base_rpy_deg: Roll, pitch and yaw of a base at rest, as for `Mechanism`; None for the model's.
         held: True if something holds the base, whose wrench is the ground's; None to infer it from the mechanism.
         setup: Standard deviations of set-up errors that differ from the defaults, in SI units and radians, by the
             kinds of `ident.setup.SETUP`; zero for what is exactly as stated.
@@ -90,6 +91,7 @@ class Recording(Brief):
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
     held: bool | None = None
+    base_rpy_deg: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", checked_channel("time", self.time, None))
@@ -110,6 +112,8 @@ class Recording(Brief):
             raise LogError("True values need the same channels and shapes as the measured ones.")
         if self.base is not None and not (self.base.shape == (len(self.time), 4, 4) and is_rigid(self.base)):
             raise LogError(f"A moving base needs poses ({len(self.time)}, 4, 4), got {self.base.shape}.")
+        if self.base_rpy_deg is not None:
+            object.__setattr__(self, "base_rpy_deg", checked_rpy("base_rpy_deg", self.base_rpy_deg, LogError))
         object.__setattr__(self, "streams", {name: checked_stream(name, x) for name, x in self.streams.items()})
         for name, stream in self.streams.items():
             common = self._common(name).values
@@ -312,7 +316,7 @@ class Recording(Brief):
 
         Args:
             path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
-            limit: Bytes that an archive may take in memory, as for `npz.check_size`.
+            limit: Bytes that an archive may take in memory, as for `limits.check_size`.
 
         Raises:
             LogError: The file is missing or not a recording; the message names file, row and column.
@@ -327,7 +331,7 @@ class Recording(Brief):
         Args:
             path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
             samples: Samples of each piece; the last one may have fewer.
-            limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
+            limit: Bytes that a piece of an archive may take in memory, as for `limits.check_size`.
 
         Raises:
             LogError: The file is missing or not a recording, as for `load`; raised when the faulty piece is read.

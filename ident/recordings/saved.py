@@ -38,7 +38,8 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
     annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
     annotations |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
-    annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
+    stated = {name: fields[name] for name in ("held", "base_rpy_deg")}
+    annotations["stated"] = {name: x for name, x in stated.items() if x is not None}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
 
@@ -48,7 +49,7 @@ def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
     Args:
         path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
         samples: Samples of each piece; the last one may have fewer.
-        limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
+        limit: Bytes that a piece of an archive may take in memory, as for `limits.check_size`.
 
     Raises:
         LogError: The file is missing or not a recording; raised when the faulty piece is read.
@@ -83,10 +84,11 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations["couplings"] = couplings_of(annotations["couplings"])
     for body, known in annotations.get("known_bodies", {}).items():
         checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
-    held = annotations.pop("stated", {}).get("held")
+    stated = annotations.pop("stated", {})
+    held = stated.get("held")
     if not isinstance(held, bool | None):
         raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")
-    annotations["held"] = held
+    annotations |= {"held": held, "base_rpy_deg": stated.get("base_rpy_deg")}
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
     return {"time": time, "measured": measured, "true": true, "base": base} | annotations

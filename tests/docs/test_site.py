@@ -15,6 +15,7 @@ pytest.importorskip("latex2mathml", reason="the extra docs builds the site")
 
 ROOT = Path(experiments.__file__).parents[1]
 pytestmark = [
+    pytest.mark.extras,
     pytest.mark.skipif(not (ROOT / "mkdocs.yml").exists(), reason="only a checkout has a mkdocs.yml"),
     pytest.mark.filterwarnings("ignore"),
 ]

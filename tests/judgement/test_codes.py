@@ -21,6 +21,7 @@ MASSES = {"masses": {"link1": {"mass": 2.5, "std": 0.1, "model": 1.0}, "tool": {
 MOVED = {"moved": [{"name": "m2rz2", "body": "link2", "z": 1.2}, {"name": "Fv(hip)", "body": None, "z": -0.4}]}
 SPAN = {"start": 1.0, "end": 2.5, "carries": 0.3}
 CLIPPED = {"channel": "Fz", "limits": (-500.0, 500.0), "unit": "N", "share": 0.1}
+GRAVITY = {"rpy_deg": (180.0, 0.0, 0.0), "stated": 0.8, "misfit": 0.1}
 TURN = {"x": "-y", "y": "x", "z": "z"}
 FRAME = {"wrench": "ground", "error": 1.4, "error_turned": 0.2}
 STEPS = [
@@ -117,6 +118,7 @@ EXAMPLES = {
     "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
+    "gravity_direction": [{**GRAVITY, "joint": None}, {**GRAVITY, "joint": "hip"}],
     "setup_unexplained": [{"changed": True}, {"changed": False}],
     "not_converged": [
         {"status": "interrupted", "rounds": 1},

@@ -47,6 +47,7 @@ def test_right_torques_of_a_model_with_too_light_a_tool_are_no_finding():
     assert mass.value == pytest.approx(14.8, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [False, True])
 def test_torques_that_are_a_seventh_too_large_are_a_finding_beside_a_plate(light):
     estimate = identified(light=light, factor=1.15)

@@ -10,6 +10,8 @@ import pytest
 import ident
 from ident.errors import InputError, LogError
 
+pytestmark = pytest.mark.extras
+
 
 def columns():
     """Columns of the arm's recording, with names that the arm has."""

@@ -15,6 +15,8 @@ import sim
 from experiments import identify
 from ident.judgement.fit_findings import FAR_APART
 
+pytestmark = pytest.mark.slow
+
 JOINTS = wrist.JOINTS
 PENDULUM = str(Path(scenes.__file__).parent / "double_pendulum.xml")
 FRICTION = ["--drive", "viscous", "coulomb"]

@@ -24,6 +24,8 @@ from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "dfki_double_pendulum"
 MORE = """
 alike = [["Fc(turn)", "Fc(lift)"]]
