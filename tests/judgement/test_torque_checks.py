@@ -173,8 +173,9 @@ def test_what_may_not_have_been_there_is_screwed_to_what_moves_and_has_a_mass():
         <body name="link">{inertial(2)}<joint name="turn"/>
           <body name="tool">{inertial(1)}<body name="camera">{inertial(0.1)}</body></body>
           <body name="frame"/>
+          <body name="flange"><body name="hand">{inertial(0.7)}</body></body>
         </body>
         <body name="plate">{inertial(1)}</body>
       </body></worldbody></mujoco>"""
     mechanism = sim.mechanism(mujoco.MjSpec.from_string(model))
-    assert [mechanism.tree.names[i] for i in _mounted(mechanism)] == ["tool", "camera"]
+    assert [mechanism.tree.names[i] for i in _mounted(mechanism)] == ["tool", "camera", "hand"]
