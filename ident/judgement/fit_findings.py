@@ -13,6 +13,7 @@ from ident.judgement.halves import DISAGREE
 from ident.judgement.place import Place
 from ident.parameters.prior import known_covariance
 from ident.recordings.resolution import white_noise
+from ident.recordings.wrench import GROUND
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
 from ident.trajectory.fit.fitted import TrajectoryFit
 
@@ -149,14 +150,16 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels with large residuals relative to their signals."""
+    """Findings on channels with large residuals relative to their signals, without those that are mirrored."""
+    ground = evidence.checks.frames.get(GROUND)
+    ratios = {c: x for c, x in evidence.ratios.items() if ground is None or c not in ground.mirrored}
     kinds = (
         ("residual_above_signal", LEFT, np.inf),
         ("unexplained_channels", UNEXPLAINED, LEFT),
         ("poor_prediction", POOR, UNEXPLAINED),
     )
     for code, low, high in kinds:
-        if between := {channel: ratio for channel, ratio in evidence.ratios.items() if low < ratio <= high}:
+        if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
             yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.part)
 
 
