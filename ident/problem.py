@@ -14,11 +14,15 @@ from ident.estimation.preparation import Part, Prepared, flat_channels, without_
 from ident.estimation.samples import Samples, joined
 from ident.parameters.prior import KNOWN
 from ident.recordings.gaps import stretches
+from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 from ident.trajectory.fit.iteration import Report
+
+SAME = 1e-9
+"""Share of a recording's time by which times of the same recording differ at most, as by rounding in a file."""
 
 LEAST_HELD_OUT = 2
 """Least number of held-out samples: a signal's standard deviation needs two."""
@@ -118,6 +122,7 @@ def problem_of(
     Raises:
         InputError: There are too few samples, or channels differ.
     """
+    _check_different(logs, judges)
     first = logs[0].equations
     for other, role in [
         *((log, "A log to fit besides the first") for log in logs[1:]),
@@ -150,6 +155,28 @@ def problem_of(
     fitted = [Part(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
     to_judge = [_settled(log, end) if alone else Part(log, end) for log, end in zip(judges or logs, ends, strict=True)]
     return _without_flat(Problem(fitted, to_judge, bool(judges), **more))
+
+
+def _check_different(logs: Sequence[Prepared], judges: Sequence[Prepared]) -> None:
+    """Refuses a recording that is fitted twice, or fitted and to judge by."""
+    for number, log in enumerate((*logs, *judges)):
+        for other in logs[:number]:
+            if _are_same(log.recording, other.recording):
+                raise InputError(
+                    "A recording can be fitted once only, but one of them is given twice."
+                    if number < len(logs)
+                    else "The recording to judge by (held_out) has to be another one than the recording that is fitted."
+                )
+
+
+def _are_same(one: Recording, other: Recording) -> bool:
+    """True if two recordings have the same times, and the same values in all channels that both have."""
+    if one is other or one.time.shape != other.time.shape:
+        return one is other
+    if np.ptp(one.time - other.time) > SAME * np.ptp(one.time):
+        return False
+    shared = one.measured.keys() & other.measured.keys()
+    return bool(shared) and all(np.array_equal(one[name], other[name], equal_nan=True) for name in shared)
 
 
 def _with_rests(log: Prepared, part: slice) -> Prepared:
