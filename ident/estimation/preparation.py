@@ -7,8 +7,8 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from ident.arguments import checked_names
-from ident.errors import LogError
+from ident.arguments import checked_names, rpy_text
+from ident.errors import InputError, LogError
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.excitation import separable
@@ -154,7 +154,8 @@ def prepared(
     """
     mechanism = mechanism.following(recording.followers)
     tree = mechanism.tree
-    mechanism, (recording,) = at_rest(_with_known_bodies(mechanism, recording), [recording])
+    mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
+    mechanism, (recording,) = at_rest(mechanism, [recording])
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(recording, tree, leave_out)
@@ -166,6 +167,9 @@ def prepared(
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
+    if mechanism.base_rpy_deg is not None:
+        down = ", ".join(f"{x:.3g}" for x in mechanism.gravity)
+        notes.append(f"The base's roll, pitch and yaw are {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
     notes += [repairs.rest_note(*each) for each in repairs.rests(recording, tree).items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)
@@ -207,6 +211,19 @@ def prepared(
         drives=drives,
         searches_stribeck=drive is None,
     )
+
+
+def mounted(mechanism: Mechanism, recording: Recording) -> Mechanism:
+    """Mechanism with the orientation of its base that a recording states.
+
+    Raises:
+        InputError: The base moves, or another orientation was stated before.
+    """
+    if recording.base_rpy_deg is not None:
+        mechanism = mechanism.mounted(recording.base_rpy_deg)
+    if recording.base is not None and mechanism.base_rpy_deg is not None:
+        raise InputError("The recording has poses of a base that moves; base_rpy_deg (--base-rpy) is for one at rest.")
+    return mechanism
 
 
 def at_rest(mechanism: Mechanism, recordings: Sequence[Recording]) -> tuple[Mechanism, list[Recording]]:

@@ -38,11 +38,13 @@ class Memory:
         missing: True for columns read so far that are empty throughout, by name.
         separators: One column with each decimal separator found so far, by separator.
         marks: Decimal separators in the cells of text columns that have been parsed, by name.
+        turned: Whole turns taken off columns up to the end of the last piece, in their unit, by name.
     """
 
     missing: dict[str, bool] = field(default_factory=dict)
     separators: dict[str, str] = field(default_factory=dict)
     marks: dict[str, set[str]] = field(default_factory=dict)
+    turned: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twic
 from ident.recordings.followers import with_followers
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.times import POSES
+from ident.recordings.turns import turns_of, with_continuous_angles
 from ident.recordings.wrench import GROUND, Sensor, sensors_of
 from ident.tolerances import HUGE
 
@@ -81,7 +82,10 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
         for name in used.read:
             if name not in table.cells:
                 raise LogError(f"{key} is mapped to column '{short(name)}', but {table.available()}.")
-    return replace(mapping, columns=columns, sensors=sensors)
+    hinges = [joint for joint in joints if joints[joint] == "hinge"]
+    angles = {f"joints.{joint}.{kind}" for joint in hinges for kind in ("position", "command")}
+    turns = {name: own for key in columns if key in angles for name, own in turns_of(columns[key]).items()}
+    return replace(mapping, columns=columns, sensors=sensors, turns=turns)
 
 
 def _of_joint(table: Table, joint: str, joint_kind: str, kind: str) -> Columns:
@@ -138,6 +142,11 @@ def read_channels(
     Raises:
         LogError: A column has no numbers, not all of them, or numbers out of range.
     """
+    table = with_continuous_angles(table, mapping.turns, notes)
+    for key, columns in mapping.columns.items():
+        if not table.memory.turned.keys().isdisjoint(columns.read):
+            # Its turns show its unit, however far it goes.
+            mapping.columns[key] = replace(columns, unit="rad")
     channels = {
         key: _read(table, key, columns, notes, gaps and not key.startswith("base."))
         for key, columns in mapping.columns.items()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.arguments import checked_path, described
 from ident.errors import InputError, LogError
 from ident.files.column import BALL, COMMAND, KINDS, Columns
@@ -18,7 +19,7 @@ from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
-from ident.mechanism.mechanism import Mechanism, check_mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
@@ -37,6 +38,7 @@ MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`
 """Advice for a file of markers where joint angles are needed."""
 
 
+@typed("path", "columns")
 def read_log(
     path: str | Path | InMemory,
     mechanism: Mechanism,
@@ -72,13 +74,13 @@ def read_log(
             column.
         InputError: The library that reads such files is not installed.
     """
-    check_mechanism("mechanism", mechanism)
     if not isinstance(path, str | Path):
         return _in_memory(path, mechanism, columns, gaps=gaps)
     (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
     return recording
 
 
+@typed("path", "columns")
 def read_log_pieces(
     path: str | Path,
     mechanism: Mechanism,
@@ -96,7 +98,6 @@ def read_log_pieces(
         path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
         samples: Samples of each piece, at least `LEAST_SAMPLES`.
     """
-    check_mechanism("mechanism", mechanism)
     yield from _pieces(checked_path("path", path), mechanism, columns, samples, gaps=False, limit=limit)
 
 
@@ -185,7 +186,7 @@ def _recordings(
         recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
         recording = placed(recording, mechanism, mapping.plates, notes if first else [])
         if first:
-            notes += misspelt(unused, _missing(mapping, kinds))
+            notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
             _check(recording, mapping, mechanism, kinds, notes)
         yield replace(recording, notes=notes, unused=unused)
     if clock is None:
@@ -235,6 +236,7 @@ def _of_several_clocks(
     recording = placed(recording, mechanism, mapping.plates, notes)
     _check(recording, mapping, mechanism, kinds, notes)
     unused = [name for table in tables for name in table.cells if name not in mapping.used]
+    notes += _unread(unused, mapping, mechanism)
     return replace(recording, notes=notes, unused=unused)
 
 
@@ -262,6 +264,13 @@ def _missing(mapping: ColumnMapping, kinds: Mapping[str, str]) -> list[str]:
         for name, own in zip_longest(names, mapping.columns.get(key, none).names[: len(names)])
         if not own
     ]
+
+
+def _unread(unused: Sequence[str], mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:
+    """A sentence on the columns of joints that are fixed."""
+    usual = {name.format(joint) for joint in mechanism.tree.still for names in KINDS.values() for name in names}
+    unread = [name for name in unused if name in (*usual, *mapping.of_fixed)]
+    return [f"Columns of joints that are fixed (--fix) were not read: {', '.join(unread)}."] if unread else []
 
 
 def _check_length(samples: int) -> None:
@@ -306,6 +315,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         known_bodies=mapping.known_bodies,
         streams=streams,
         held=mapping.held,
+        base_rpy_deg=mapping.base_rpy_deg,
         still=mapping.still,
         scales=mapping.scales,
         couplings=mapping.couplings,

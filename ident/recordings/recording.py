@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.arguments import checked_path
+from ident.annotations import typed
+from ident.arguments import check_type, checked_path, checked_rpy
 from ident.display.brief import Brief, listed
 from ident.display.frames import channels_frame
 from ident.errors import LogError
@@ -22,7 +23,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import saved
-from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
+from ident.recordings.sampled import STREAMS, Sampled, at_common_times, checked_channel, checked_stream
 from ident.recordings.servo import Servo
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
@@ -34,6 +35,7 @@ STATES = ("position", "velocity", "acceleration")
 """Names of q, q̇ and q̈ in a joint's channels."""
 
 
+@typed("noise", "streams")
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Brief):
     """Channels at common sample times, simulated or measured, and streams at times of their own.
@@ -55,6 +57,7 @@ class Recording(Brief):
         sensors: Sensors of the wrenches, by name. By default the ground's is in the base frame and measures the wrench
             that the ground exerts on the mechanism.
         base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base at rest.
+        base_rpy_deg: Roll, pitch and yaw of a base at rest, as for `Mechanism`; None for the model's.
         held: True if something holds the base, whose wrench is the ground's; None to infer it from the mechanism.
         setup: Standard deviations of set-up errors that differ from the defaults, in SI units and radians, by the
             kinds of `ident.setup.SETUP`; zero for what is exactly as stated.
@@ -94,9 +97,12 @@ class Recording(Brief):
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
     held: bool | None = None
+    base_rpy_deg: tuple[float, ...] | None = None
     still: bool = False
 
     def __post_init__(self) -> None:
+        check_type("streams", self.streams, Mapping, STREAMS)
+        check_type("noise", self.noise, Mapping, "a mapping of standard deviations")
         object.__setattr__(self, "time", checked_channel("time", self.time, None))
         if not np.isfinite(self.time).all():
             raise LogError("Recorded times need finite numbers.")
@@ -115,6 +121,8 @@ class Recording(Brief):
             raise LogError("True values need the same channels and shapes as the measured ones.")
         if self.base is not None and not (self.base.shape == (len(self.time), 4, 4) and is_rigid(self.base)):
             raise LogError(f"A moving base needs poses ({len(self.time)}, 4, 4), got {self.base.shape}.")
+        if self.base_rpy_deg is not None:
+            object.__setattr__(self, "base_rpy_deg", checked_rpy("base_rpy_deg", self.base_rpy_deg, LogError))
         object.__setattr__(self, "streams", {name: checked_stream(name, x) for name, x in self.streams.items()})
         for name, stream in self.streams.items():
             common = self._common(name).values
@@ -136,6 +144,7 @@ class Recording(Brief):
         }
 
     @classmethod
+    @typed("streams")
     def from_streams(
         cls, streams: Mapping[str, tuple[Any, Any]], *, rate: float | None = None, **others: Any
     ) -> "Recording":
@@ -180,6 +189,7 @@ class Recording(Brief):
             return Sampled(self.time, self.base.reshape(-1, 16))
         return Sampled(self.time, self[channel])
 
+    @typed()
     def with_sensors(self, sensors: Mapping[str, Sensor]) -> "Recording":
         """The recording with sensors added or replaced, by the names of their wrenches."""
         return replace(self, sensors={**self.sensors, **sensors})
@@ -241,6 +251,7 @@ class Recording(Brief):
         forces = [name.removesuffix("_force") for name in self.measured if name.endswith("_force")]
         return tuple(name for name in forces if f"{name}_torque" in self.measured)
 
+    @typed()
     def wrench(self, name: str) -> Wrench:
         """The wrench `[F; τ]` of a force and a torque channel, with the covariance of their noise if known.
 

@@ -43,8 +43,8 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
         joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
         for joint, lead in fields["followers"].items()
     }
-    stated = {"held": fields["held"], "still": fields["still"] or None}
-    annotations["stated"] = {key: value for key, value in stated.items() if value is not None}
+    stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {"still": fields["still"] or None}
+    annotations["stated"] = {name: x for name, x in stated.items() if x is not None}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
 
@@ -96,6 +96,7 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations[key] = stated.get(key, otherwise)
         if not isinstance(annotations[key], bool | None):
             raise LogError(f"'{key}' of 'stated' needs true or false, got {short(stated[key])}.")
+    annotations["base_rpy_deg"] = stated.get("base_rpy_deg")
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
     return {"time": time, "measured": measured, "true": true, "base": base} | annotations

@@ -106,7 +106,9 @@ def _mechanism(
         gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
         tree = skeleton.carried(base)
     tree = _without(tree, origin.beyond)
-    tree = tree.fixed({name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()})
+    rest = {name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()}
+    # The model itself holds locked coordinates at their default.
+    tree = tree.fixed({name: q for name, q in rest.items() if len(fix[name]) or not skeleton.coordinates[name].locked})
     bodies = [tree.names[i] for i in tree.inertial]
     prior = np.concatenate([body_parameters(frames.bodies[name]) for name in bodies])
     _note_inertias(frames, bodies)
