@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from ident.judgement.codes.row import Row, listed, number_of
+from ident.judgement.codes.row import Row, listed, number_of, percent
 
 
 def _not_converged(status: str, rounds: int) -> str:
@@ -15,9 +15,9 @@ def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[i
     still = f" Of all candidates, the estimate {predicts}" if best else ""
     each = listed(f"{log} ({z:.1f})" for log, z in zip(logs, rms_z, strict=True))
     return (
-        f"Logs disagree: what each says of the base parameters differs from what the others say, in standard "
-        f"deviations from the noise (root mean square) of log {each}. Something changed between them, "
-        f"as a load, a mounting or friction; look at them one by one.{still}"
+        f"Logs disagree: base parameters of a log differ from those of the others, in standard deviations from the "
+        f"noise (root mean square) of log {each}. Something changed between them, as a load, a mounting or friction; "
+        f"look at them one by one.{still}"
     )
 
 
@@ -30,15 +30,15 @@ def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
 
 
 def _beyond_ranges(shares: Mapping[str, float]) -> str:
-    each = listed(f"{joint} ({share:.0%} of the samples)" for joint, share in shares.items())
+    each = listed(f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items())
     return f"Joints are recorded beyond the model's ranges: {each}; a zero, a sign or a unit may be wrong."
 
 
 def _exact_torques(joints: Sequence[str]) -> str:
     return (
         f"The scale of the torques of {listed(joints)} is stated as uncertain (torque_std, kp_std), but least squares "
-        "take it as exact: an error of the scale is in the estimate and not in the standard deviations; --estimator "
-        "trajectory estimates it."
+        "take it as exact. Its error is in the estimate and not in the standard deviations; --estimator trajectory "
+        "estimates it."
     )
 
 
@@ -52,8 +52,8 @@ def _exact_setup(kinds: Sequence[str]) -> str:
 FIT = {
     "not_converged": Row(_not_converged, doubt=True),
     "halves_disagree": Row(
-        "Two halves of the data differ by {rms_z:.1f} of their standard deviations from the noise (root mean square): "
-        "model or set-up are not quite right, and those deviations are widened by as much.",
+        "Two halves of the data differ by {rms_z:.1f} of their standard deviations from the noise (root mean square). "
+        "Model or set-up are not quite right, and those deviations are widened by as much.",
         doubt=False,
     ),
     "logs_disagree": Row(_logs_disagree, doubt=None),
