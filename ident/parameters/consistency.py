@@ -18,7 +18,9 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from ident.annotations import typed
 from ident.display.bodies import QUANTITIES, UNITS, BodyValue, bodies_frame, bodies_text, comments
+from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia, with_centers
 from ident.parameters.base_parameters import BaseParameters
@@ -37,8 +39,8 @@ LOOSER = 1.0, 2.0, 4.0
 """Factors by which the deviation of hardly identifiable masses is increased if the bodies do not fit ψ otherwise."""
 
 
-@dataclass(frozen=True, eq=False)
-class ConsistentParameters:
+@dataclass(frozen=True, eq=False, repr=False)
+class ConsistentParameters(Brief):
     """Full parameters of physical bodies, and their fit to the given base parameters.
 
     Attributes:
@@ -140,6 +142,12 @@ class ConsistentParameters:
         return bodies_text(self.rows)
 
     @property
+    def _in_short(self) -> dict[str, object]:
+        masses = (f"{each.body} {each.words}" for each in self.rows[::10])
+        moved = f"{self.distance:.1f} standard deviations from the estimate, " + "not " * (not self.attainable)
+        return {"masses (kg)": listed(masses), "base parameters": f"{moved}within its 95 % region"}
+
+    @property
     def unseen(self) -> np.ndarray:
         """Mask of bodies whose mass is hardly identifiable: its 95 % interval reaches a factor of two (b,)."""
         return np.asarray(2 * self.mass_std >= np.log(2) * self.phi[::10])
@@ -154,6 +162,7 @@ class ConsistentParameters:
         return tuple((self.names[k], float(self.shift[k])) for k in order if abs(self.shift[k]) >= least)
 
 
+@typed()
 def consistent_parameters(
     psi: np.ndarray,
     covariance: np.ndarray,
@@ -203,6 +212,8 @@ def consistent_parameters(
             or the prior has a negative mass or no mass and extent at all.
     """
     psi, C, prior = (np.array(x, float) for x in (psi, covariance, prior))
+    if masses is not None and masses < 0:
+        raise InputError(f"masses needs a relative standard deviation of zero or more, got {masses:g}.")
     _check(psi, C, base, prior)
     physical, raised = physical_prior(prior, bodies=bodies)
     std = np.sqrt(np.diag(C))

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
 from sim.models.inertials import shortened
+from sim.models.urdf import text_of
 from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
 
 SAME = 1e-12
@@ -39,7 +40,7 @@ def updated_urdf(
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
     """
-    data = path.read_bytes()
+    data = text_of(path)
     root = root_of(path, data)
     of_links, of_joints = (_first_of_each_name(root, tag) for tag in ("link", "joint"))
     comments = comments or {}
