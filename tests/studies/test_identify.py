@@ -610,7 +610,7 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path), "--name", "x"]
     assert identify.main([*arguments, "--estimator", "weighted"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("Verdict: ") and len(lines) <= 45
+    assert lines[0].startswith("Verdict: ") and len(lines) <= 50
     shown = " ".join(lines)
     assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
     assert ("more remarks" in shown) == (remarks > 0)
