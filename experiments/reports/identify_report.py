@@ -154,7 +154,7 @@ def quality_table(result: Estimate) -> tabular.Table:
 def full_table(result: Estimate) -> tabular.Table:
     """Physically consistent bodies with their intervals beside the model's."""
     rows, finite = result.consistent().rows, np.isfinite
-    decimals = tuple(each.decimals for each in rows)
+    decimals, whole = tuple(each.decimals for each in rows), (0,) * len(rows)
     return tabular.Table(
         "Full, physically consistent parameters, SI units",
         *tabular.columns(
@@ -164,11 +164,12 @@ def full_table(result: Estimate) -> tabular.Table:
             estimate=[each.value for each in rows],
             lower=[each.lower if finite(each.lower) else None for each in rows],
             upper=[each.upper if finite(each.upper) else None for each in rows],
-            from_data_percent=[round(100 * each.share, 1) for each in rows],
+            from_data_percent=[100 * each.share for each in rows],
             model=[each.model for each in rows],
             note=["as stated" if each.stated else "" if each.determined else "not determined" for each in rows],
         ),
-        digits=dict.fromkeys(("estimate", "lower", "upper", "model"), decimals),
+        digits={**dict.fromkeys(("estimate", "lower", "upper", "model"), decimals), "from_data_percent": whole},
+        heads={"lower": "95 % from", "upper": "to", "from_data_percent": "from data (%)"},
         caption="Physically consistent bodies, 95 % intervals, inertia about the origin of the body's frame",
         notes=(
             "Intervals include all physical bodies that the estimate allows.",
@@ -259,7 +260,7 @@ def _bodies(result: Estimate) -> list[str]:
         masses = [f"{each.body} {each.words} kg" for each in full.rows[::10] if each.determined]
         known = f": {', '.join(masses)}" if masses else ""
         return [f"The data determine {len(masses)} of {len(full.bodies)} masses{known}."]
-    return ["Bodies of the updated model, with 95 % intervals", str(full), ""]
+    return ["Bodies of the updated model, with 95 % intervals (-: not determined)", str(full), ""]
 
 
 def document(

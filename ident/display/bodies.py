@@ -72,6 +72,14 @@ class BodyValue(NamedTuple):
         return f"{_number(self.value, self.decimals)} ({self.limits}{', of the prior' * (not self.determined)})"
 
     @property
+    def brief(self) -> str:
+        """Value and largest distance of a limit: `0.076 ± 0.053`; a dash where it is not determined."""
+        half = max(self.value - self.lower, self.upper - self.value)
+        if self.stated or not np.isfinite(half) or not (self.determined or self.with_prior):
+            return self.words if self.stated else "-"
+        return f"{_number(self.value, self.decimals)} ± {_number(half, self.decimals)}"
+
+    @property
     def decimals(self) -> int | None:
         """Decimals of the value: two digits of a quarter of the interval; None without limits."""
         return decimals_of((self.upper - self.lower) / 4) if np.isfinite(self.lower) else None
@@ -83,9 +91,9 @@ def _number(x: float, decimals: int | None) -> str:
 
 
 def bodies_text(rows: Sequence[BodyValue]) -> str:
-    """Mass and centre of mass of each body with their intervals, a line each."""
+    """Mass and centre of mass of each body with their intervals, a line each; a dash: not determined."""
     lines = [
-        (own[0].body, own[0].words, f"{100 * own[0].share:.0f} %", *(x.words for x in own[1:4]))
+        (own[0].body, own[0].words, f"{100 * own[0].share:.0f} %", *(x.brief for x in own[1:4]))
         for own in _by_body(rows)
     ]
     return "\n".join(aligned(HEADS, lines, (2,)))
