@@ -375,7 +375,7 @@ class Estimate:
         for _ in range(LINEARISED if included else 0):
             full = fitted(full.phi)
         # Frames stay without mass.
-        return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi))
+        return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
 
     def consistent(self) -> ConsistentParameters:
         """Physical bodies as close to the mechanism's prior as the estimate allows."""
