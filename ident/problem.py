@@ -145,7 +145,7 @@ def problem_of(
     if rows < needed or judged < LEAST_HELD_OUT:
         raise InputError(
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
-            f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)}"
+            f"{100 * holdout:.0f} % held out, are too few for {len(first.names)} parameters.{_lost(logs)}"
         )
     fitted = [Part(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
     to_judge = [_settled(log, end) if alone else Part(log, end) for log, end in zip(judges or logs, ends, strict=True)]

@@ -166,6 +166,20 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
 
 
+MOST = 25
+"""Largest number of words in a sentence, apart from brackets and from lists of names with numbers after a colon."""
+
+
+@pytest.mark.parametrize("code", FINDINGS)
+def test_sentences_are_short(code):
+    for values in EXAMPLES[code]:
+        for sentence in re.split(r"(?<=[.;!?]) ", re.sub(r" ?\([^()]*\)", "", Finding(code, values, False).text)):
+            words = re.sub(r": [^:]*\d[^:]*$", "", sentence).split()
+            assert sum(any(map(str.isalnum, word)) for word in words) <= MOST, sentence
+        # One style: a number, a space, the unit.
+        assert not re.search(r"\d%", Finding(code, values, False).text)
+
+
 def test_every_code_is_the_finding_of_some_judge():
     """Codes are written out wherever they are used, but for those of the set-up's kinds."""
     room = Path(ident.__file__).parent / "judgement"

@@ -619,4 +619,4 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
     assert ("more remarks" in shown) == (remarks > 0)
     page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
-    assert page.count("Constant offsets were found and taken out") >= remarks
+    assert page.count("Constant offsets are taken out") >= remarks

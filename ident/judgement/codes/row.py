@@ -37,6 +37,11 @@ def followed(values: Mapping[str, float], form: str = ".2g") -> str:
     return listed(f"{name} {value:{form}}" for name, value in values.items())
 
 
+def percent(share: float) -> str:
+    """A share in %."""
+    return f"{100 * share:.0f} %"
+
+
 def in_log(log: int | None) -> str:
     """Phrase ` in log N`, with a leading space; empty for None."""
     return "" if log is None else f" in log {log}"
