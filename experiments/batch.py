@@ -36,7 +36,7 @@ PROGRESS = "batch_outcomes.npz"
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 """Errors of the disk rather than of a log: they end the batch, which can be resumed once there is room."""
 
-MODEL = ("base", "ignore", "fix", "packages", "person", "columns")
+MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns")
 """Options that say how the model is read."""
 
 

@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies.designed_excitation import Bounds, designed, problem_of
 
     kinds = {key: getattr(args, key) for key in ("base", "joints", "sensors", "noise", "ignore", "packages")}
-    kinds |= {"drive": options.drives(args.drive), "fix": options.fixed(args.fix)}
+    kinds |= {"drive": options.drives(args.drive), "fix": options.fixed(args.fix), "base_rpy_deg": args.base_rpy}
     search = {key: getattr(args, key) for key in ("seconds", "harmonics", "criterion", "starts", "iterations", "seed")}
     search |= {key: getattr(args, key) for key in ("floor", "log", "columns")}
     search |= {"bounds": Bounds(args.position, args.margin, args.velocity, args.acceleration)}
@@ -44,6 +44,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--seconds", type=_positive, help=f"duration; {SECONDS:g} or the paper's if not given")
     out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
     out.add_argument("--base", help="body that is the base; the scene's or the world if not given")
+    options.add_base_rpy(out)
     out.add_argument(
         "--position", nargs=2, type=_number, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.arguments import near
+from ident.arguments import check_type, near
 from ident.display.brief import listed, short
 from ident.display.frames import parameters_frame
 from ident.display.html import estimate_html
@@ -323,6 +323,8 @@ class Estimate:
         Raises:
             InputError: The motion does not fit the mechanism.
         """
+        needed = "a Motion(q, dq, ddq); a recording is predicted by identify(..., held_out=recording)"
+        check_type("motion", motion, Motion, needed)
         return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
 
     def compare(self, other: "Estimate") -> Comparison:

@@ -117,6 +117,7 @@ def problem_of(
     fix: Mapping[str, Sequence[float]] | None = None,
     packages: Sequence[Path] = (),
     drive: Sequence[str] | None = (),
+    base_rpy_deg: Sequence[float] | None = None,
 ) -> Problem:
     """Problem of exciting a model or a scene.
 
@@ -126,10 +127,12 @@ def problem_of(
         joints: As for `excitation.problem`, also `sensors`, `noise`, `ignore` and `drive`.
         fix: Joints that do not move, with their coordinates, as for `sim.mechanism`.
         packages: Folders of ROS packages, for meshes.
+        base_rpy_deg: As for `sim.mechanism`.
     """
     scene = model in scenes.NAMES
     base = base or scenes.BASES.get(model) if scene else base
-    arm = mechanism(scenes.load(model) if scene else model, base, ignore=ignore, fix=fix, packages=packages)
+    source = scenes.load(model) if scene else model
+    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages, base_rpy_deg=base_rpy_deg)
     return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore, fix=fix, drive=drive)
 
 

@@ -121,7 +121,7 @@ def problem(
     rest = rest_coordinates(model, base)
     locked = mechanism.fixed({name: rest[name] for name in mechanism.tree.joints if name not in moving})
     gravity = mechanism.gravity
-    if base is not None:
+    if base is not None and mechanism.base_rpy_deg is None:
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))
         gravity = still.T[0, :3, :3].T @ gravity_of(model)
     locked = replace(locked, gravity=gravity)

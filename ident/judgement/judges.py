@@ -10,6 +10,7 @@ from ident.judgement.fit_findings import (
     caveats,
     course_findings,
     exact_setup_findings,
+    gravity_findings,
     halves_findings,
     inseparable_findings,
     model_error_findings,
@@ -44,6 +45,7 @@ from ident.judgement.wrench_findings import (
 )
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
+    gravity_findings,
     candidate_findings,
     frame_findings,
     base_findings,

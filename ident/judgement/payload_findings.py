@@ -34,8 +34,8 @@ INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
 TIMES, HEAVIEST = 10.0, 2300.0
-"""Largest likely mass of a payload over that of all bodies of the robot's model, and in kg: robots carry less than they
-weigh, and the strongest on the market 2300 kg."""
+"""Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry less than
+they weigh, and the strongest on the market 2300 kg."""
 
 
 def payload_findings(
@@ -62,9 +62,9 @@ def payload_findings(
         *resolution_findings(evidence),
         *(finding for finding in consistency_findings(evidence) if finding.doubt),
     ]
-    most = HEAVIEST if not robot else min(HEAVIEST, TIMES * robot)
-    if mass > most:
-        on_fit.append(Finding.of("payload_mass_unlikely", mass=mass, most=most, robot=robot))
+    if mass > min(robot or HEAVIEST, HEAVIEST):
+        far = mass > min(TIMES * (robot or HEAVIEST), HEAVIEST)
+        on_fit.append(Finding.of("payload_mass_unlikely", doubt=far, mass=mass, robot=robot))
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
     if not identifiable[0] or not identifiable[1:4].all():
         on_fit.append(Finding.of("payload_mass_unknown"))
@@ -118,6 +118,10 @@ class PayloadVerdict(Verdict):
         numbers = zip(("mass_within", "centre_within", "inertia_within"), within, strict=True)
         own = {"mass": float(values[0]), **dict(numbers)} | ({"inertia_within": None} if _unknown(identifiable) else {})
         return replace(cls.of(evidence, findings, **own), precision=None)
+
+    def _part(self) -> str:
+        mass = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
+        return f"Use its mass alone, {mass} (95 %); turn the sensor further and faster for centre and inertias."
 
     def _use(self) -> Iterator[str]:
         known = self.inertia_within

@@ -4,7 +4,8 @@ Torques that move a joint contain the weight a G and the inertia b D of masses a
 
     τ = a G(q) + b D(q, q̇, q̈) + friction + spring + offset
 
-Bodies with a times the model's first moments and up to k times its masses have b ≥ a² / k.
+Bodies with a times the model's first moments and up to k times its masses have b ≥ a² / k; torques with another unit or
+scale b ≥ a / k.
 """
 
 from collections.abc import Container, Iterator
@@ -56,7 +57,8 @@ class Parts(NamedTuple):
 
         Inertia far below zero is no lack of it but another error, as of the direction of gravity.
         """
-        least = (self.weight if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0) ** 2 / TIMES
+        weight = abs(self.weight) if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0
+        least = weight * min(weight, 1.0) / TIMES
         return not -least / TIMES <= self.inertia + DEVIATIONS * self.inertia_std < least
 
 

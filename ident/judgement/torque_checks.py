@@ -134,18 +134,18 @@ def torque_checks(prepared: Prepared) -> TorqueChecks | None:
     motion, first = samples.motion, len(prepared.equations.channels) - len(felt)
     Y = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity, base=motion.base)[:, felt]
     by_body = Y.reshape(*Y.shape[:2], -1, 10)
-    drives = _drive_rows(prepared.equations.axes, motion, felt)
-    measured = _without(drives, samples.measured[:, first:])
-    of_bodies = _without(drives, np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)))
-    uncertain = _without(drives, np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape))
+    drives = drive_rows(prepared.equations.axes, motion, felt)
+    measured = without_drives(drives, samples.measured[:, first:])
+    of_bodies = without_drives(drives, np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)))
+    uncertain = without_drives(drives, np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape))
     # Of the drives that the model states, springs are left.
-    stated = _without(drives, stated_drive_torques(mechanism, motion)[:, felt]) if mechanism.drives else 0
+    stated = without_drives(drives, stated_drive_torques(mechanism, motion)[:, felt]) if mechanism.drives else 0
     predicted, size = of_bodies.sum(axis=2) + stated, np.linalg.norm(uncertain, axis=(0, 2))
     each = zip(felt, measured.T, predicted.T, size, strict=True)
     checks = [_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each]
     load = None
     if any(check.scaled and check.gain > SCALE for check in checks):
-        columns = (_without(drives, by_body[:, :, b]) for b in range(by_body.shape[2]))
+        columns = (without_drives(drives, by_body[:, :, b]) for b in range(by_body.shape[2]))
         load = best_load(mechanism, measured, predicted, columns, size)
     return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies), load)
 
@@ -182,7 +182,7 @@ def _mounted(mechanism: Mechanism) -> Iterator[int]:
             yield i
 
 
-def _drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:
+def drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:
     """Columns of offset, friction and rotor inertia of each torque (N, m), of unit norm."""
     ddq, out = axes.moved(motion.ddq), []
     for k in felt:
@@ -200,8 +200,8 @@ def friction_columns(axes: Axes, motion: Motion, freedom: int) -> list[np.ndarra
     return columns
 
 
-def _without(drives: Sequence[np.ndarray], torques: np.ndarray) -> np.ndarray:
-    """Torques (N, k, ...) less their regression on the columns of `_drive_rows`."""
+def without_drives(drives: Sequence[np.ndarray], torques: np.ndarray) -> np.ndarray:
+    """Torques (N, k, ...) less their regression on the columns of `drive_rows`."""
     out = torques.reshape(*torques.shape[:2], -1).copy()
     for column, rows in enumerate(drives):
         out[:, column] -= rows @ np.linalg.lstsq(rows, out[:, column], rcond=1e-10)[0]

@@ -202,12 +202,16 @@ class Verdict(Worded):
             yield "Check names, units and signs of the columns, and that the motors alone move the joints."
         elif self.outcome is Outcome.PARTLY:
             yield f"Partly usable: it predicts {count}: {_shown(self.predicted)}."
-            yield "Use it for these alone; for the others move further and faster, or complete the model."
+            yield self._part()
         else:
             yield from self._use()
         if self.idle:
             of = {why: listed(c for c, own in self.idle.items() if own == why) for why in self.idle.values()}
             yield f"Not counted: {listed(f'{names} ({IDLE[why]})' for why, names in of.items())}."
+
+    def _part(self) -> str:
+        """Sentence on what a partly usable estimate may be used for."""
+        return "Use it for these alone; for the others move further and faster, or complete the model."
 
     def _use(self) -> Iterator[str]:
         """Yields sentences on what a usable estimate may be used for."""

@@ -258,6 +258,6 @@ def test_digits_follow_the_standard_deviation():
     assert rounded(2.51934, 0.0312) == ("2.519", "0.031")
     assert rounded(2.51934, 0.0996) == ("2.52", "0.10")
     assert rounded(1234.5, 27.0) == ("1234", "27") and rounded(1234.5, 270.0) == ("1230", "270")
-    assert rounded(-0.001, 0.1) == ("0.00", "0.10")
+    assert rounded(-0.001, 0.1) == ("-0.001", "0.10") and rounded(0.0, 0.1) == ("0.00", "0.10")
     assert rounded(0.5, 0.0) == ("0.5", "0")
     assert aligned(["a", "n"], [["x", "1.5"], ["yy", "22"]], [1]) == ["a     n", "x   1.5", "yy   22"]

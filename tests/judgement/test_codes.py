@@ -20,6 +20,7 @@ MASSES = {"masses": {"link1": {"mass": 2.5, "std": 0.1, "model": 1.0}, "tool": {
 MOVED = {"moved": [{"name": "m2rz2", "body": "link2", "z": 1.2}, {"name": "Fv(hip)", "body": None, "z": -0.4}]}
 SPAN = {"start": 1.0, "end": 2.5, "carries": 0.3}
 CLIPPED = {"channel": "Fz", "limits": (-500.0, 500.0), "unit": "N", "share": 0.1}
+GRAVITY = {"rpy_deg": (180.0, 0.0, 0.0), "stated": 0.8, "misfit": 0.1}
 TURN = {"x": "-y", "y": "x", "z": "z"}
 FRAME = {"wrench": "ground", "error": 1.4, "error_turned": 0.2}
 STEPS = [
@@ -55,7 +56,9 @@ EXAMPLES = {
         FRAME | {"opposite": True, "frame": "as stated", "axes": TURN},
         FRAME | {"opposite": False, "frame": "transposed", "axes": TURN},
         FRAME | {"opposite": True, "frame": "turned", "axes": TURN},
+        FRAME | {"opposite": True, "frame": "as stated", "axes": TURN, "rpy_deg": [180.0, 0.0, 0.0]},
     ],
+    "mirrored_components": [{"wrench": "ground", "components": parts} for parts in (("Fy",), ("Fy", "Mx"))],
     "total_wrench_sign": [{"error": 2.0, "error_turned": 0.01}],
     "other_base": [{"body": "foot", "error": 1.2, "error_there": 0.1}],
     "contact_left_out": [{"body": "hand", "point": [0.0, 0.1, 0.25], "explained": 0.8}],
@@ -116,6 +119,7 @@ EXAMPLES = {
     "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
+    "gravity_direction": [{**GRAVITY, "joint": None}, {**GRAVITY, "joint": "hip"}],
     "setup_unexplained": [{"changed": True}, {"changed": False}],
     "not_converged": [
         {"status": "interrupted", "rounds": 1},
@@ -142,9 +146,8 @@ EXAMPLES = {
     "heavier_last_link": [{"body": "hand", "mass": 0.81, "std": 0.07}],
     "payload_forces_unexplained": [{"ratios": {"Fx": 0.97, "Fz": 0.93}}],
     "payload_mass_unlikely": [
-        {"mass": 799.6, "most": 87.0, "robot": 8.7},
-        {"mass": 210500.0, "most": 87.0, "robot": 8.7},
-        {"mass": 210500.0, "most": 2300.0, "robot": None},
+        {"mass": 799.6, "robot": 8.7},
+        {"mass": 210500.0, "robot": None},
     ],
     "payload_mass_unknown": [{}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
@@ -162,22 +165,12 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
         finding = Finding(code, values, False)
         assert re.fullmatch(r"[A-Z].*\.", finding.text) and finding.text in finding.line
         assert not re.search(r"[{}]|  |None|\bnan\b|\.\.", finding.text)
+        # Lists of names and numbers may be longer.
+        sentences = [each.split(": ")[0] for each in re.split(r"(?<=\.) (?=[A-Z])", finding.text)]
+        assert max(len(each.split()) for each in sentences) <= 25
+        assert not re.search(r"\d%", finding.text)
         read = json.loads(json.dumps(finding.to_dict(), allow_nan=False))
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
-
-
-MOST = 25
-"""Largest number of words in a sentence, apart from brackets and from lists of names with numbers after a colon."""
-
-
-@pytest.mark.parametrize("code", FINDINGS)
-def test_sentences_are_short(code):
-    for values in EXAMPLES[code]:
-        for sentence in re.split(r"(?<=[.;!?]) ", re.sub(r" ?\([^()]*\)", "", Finding(code, values, False).text)):
-            words = re.sub(r": [^:]*\d[^:]*$", "", sentence).split()
-            assert sum(any(map(str.isalnum, word)) for word in words) <= MOST, sentence
-        # One style: a number, a space, the unit.
-        assert not re.search(r"\d%", Finding(code, values, False).text)
 
 
 def test_every_code_is_the_finding_of_some_judge():

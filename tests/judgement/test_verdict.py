@@ -1,5 +1,6 @@
 """Findings and verdicts of identifications from short simulated recordings."""
 
+import re
 from dataclasses import replace
 
 import mujoco
@@ -132,6 +133,54 @@ def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(es
     assert verdict.outcome is Outcome.NOT and verdict.best is None and not verdict.predicted
     assert str(verdict).startswith("Not usable: it predicts none of 6 channels on the held-out part.")
     assert "No candidate explains any channel, so that none is best." in str(verdict)
+
+
+@pytest.mark.parametrize(
+    ("ratios", "outcome", "predicted"),
+    [
+        ([0.1], Outcome.USABLE, 6),
+        ([0.1, 0.8], Outcome.USABLE, 5),
+        ([0.1, 0.95], Outcome.PARTLY, 5),
+        ([0.1, 0.6, 0.6], Outcome.PARTLY, 4),
+        ([0.1, 0.95, 0.95, 0.95, 0.95, 0.95], Outcome.PARTLY, 1),
+        ([0.95, 0.95, 0.95, 0.95, 0.95, 0.95], Outcome.NOT, 0),
+    ],
+)
+def test_a_verdict_counts_all_channels_that_move(estimate, ratios, outcome, predicted):
+    """Three quarters are predicted, and none is unexplained."""
+    every = dict(zip(estimate.channels, [*ratios, *(6 - len(ratios)) * [0.1]], strict=True))
+    verdict = Verdict.of(replace(estimate.evidence, ratios=every, idle={}), [])
+    assert verdict.outcome is outcome and len(verdict.predicted) == predicted and len(verdict.counted) == 6
+    assert set(verdict.missed) == set(verdict.ratios) - set(verdict.predicted) and not verdict.idle
+    shown = verdict.to_dict()
+    assert shown["channels"]["predicted"] == list(verdict.predicted) and shown["outcome"] == outcome.value
+    assert str(verdict) == shown["verdict"] == repr(verdict)
+    words = {
+        Outcome.USABLE: "Usable to predict wrenches: ",
+        Outcome.PARTLY: f"Partly usable: it predicts {predicted} of 6 channels: ",
+        Outcome.NOT: "Not usable: it predicts none of 6 channels on the held-out part.",
+    }
+    assert str(verdict).startswith(words[outcome])
+
+
+def test_channels_that_do_not_count_are_named_with_the_reason(estimate):
+    """The first component is along the pendulum's axis."""
+    verdict = estimate.verdict()
+    assert dict(verdict.idle) == {"Fx": "plane"} and verdict.usable and "Fx" not in verdict.counted
+    assert "in all 5 channels. Not counted: Fx (out of the plane that the model moves in)." in str(verdict)
+    none = Verdict.of(replace(estimate.evidence, idle=dict.fromkeys(estimate.channels, "noise")), [])
+    assert none.outcome is Outcome.NOT and str(none).startswith("Not usable: it predicts nothing, as no channel counts")
+
+
+def test_what_is_known_is_in_the_verdict(estimate):
+    verdict = estimate.verdict()
+    assert not verdict.precision.poor and f"Of {estimate.base.rank} base parameters it knows" in str(verdict)
+    assert re.search(r"It determines the whole mass, 20\.\d+ ± 0\.\d+ kg, but no single ones\.", str(verdict))
+    poor = replace(verdict, precision=replace(verdict.precision, known=(0, 1, 2), mass=None))
+    assert "Usable to predict wrenches, not to read off single parameters:" in str(poor)
+    assert "Single masses are not determined." in str(poor)
+    weighed = replace(verdict.precision, weighed=("link1", "link2"))
+    assert "It determines the mass of link1, link2." in str(replace(verdict, precision=weighed))
 
 
 def test_worse_in_a_channel_and_better_overall_is_no_doubt(estimate):

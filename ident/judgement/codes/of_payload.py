@@ -20,18 +20,17 @@ def _unexplained(ratios: Mapping[str, float]) -> str:
     )
 
 
-def _unlikely(mass: float, most: float, robot: float | None) -> str:
-    beside = f"all bodies of the model weigh {robot:.3g} kg" if robot else "the strongest robots carry that at most"
-    unit = f"in mN it would be {mass / 1e3:.3g} kg" if mass / 1e3 < most else "they may be raw counts"
+def _unlikely(mass: float, robot: float | None) -> str:
+    more = f"{mass / robot:.2g} times all bodies of the model" if robot else "more than the strongest robots carry"
     return (
-        f"A payload of {mass:.4g} kg is above {most:.3g} kg: {beside}. The unit of the forces is likely wrong: {unit}. "
-        "State the unit or the gain of the wrench in the columns file."
+        f"A payload of {mass:.4g} kg is {more}: the unit of the forces is likely wrong. In mN it would be "
+        f"{mass / 1e3:.3g} kg; raw counts need their factor. State the unit or the gain in the columns file."
     )
 
 
 PAYLOAD = {
     "payload_forces_unexplained": Row(_unexplained, doubt=True),
-    "payload_mass_unlikely": Row(_unlikely, doubt=True),
+    "payload_mass_unlikely": Row(_unlikely, doubt=None),
     "payload_mass_unknown": Row(
         "The motion does not determine mass and centre of mass. Turn the sensor further, about more than one axis.",
         doubt=True,

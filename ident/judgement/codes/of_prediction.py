@@ -16,8 +16,7 @@ def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) ->
         for name, channels in worse.items()
     ]
     return (
-        f"Worse than {', and than '.join(parts)}, by the held-out residual over the signal in brackets. "
-        f"{_advice('model' in worse, **advice)}"
+        f"Worse than {', and than '.join(parts)}, held-out residual over signal. {_advice('model' in worse, **advice)}"
     )
 
 
@@ -31,7 +30,7 @@ def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]
     name = CANDIDATES[candidate]
     return (
         f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {percent(behind - 1)} in the median "
-        f"channel ({listed(pairs[:SHOWN])}{more}). Take it if you only want to predict."
+        f"channel. Take it if you only want to predict; residual over signal: {listed(pairs[:SHOWN])}{more}."
     )
 
 

@@ -67,13 +67,13 @@ def _low_velocity(values: Mapping[str, float]) -> str:
 
 def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
     each = listed(
-        f"{joint} {100 * x['inertia']:.0f} ± {100 * x['inertia_std']:.0f} % ({100 * x['weight']:.0f} %)"
+        f"{joint} {100 * x['inertia']:.0f} ± {percent(x['inertia_std'])} ({percent(x['weight'])})"
         for joint, x in joints.items()
     )
     return (
-        "Motion that the torques do not explain: they hold too little of the inertia of the model's masses, of their "
-        f"weight in brackets: {each}. A hand or something else moves the joints, or the torques are commands that "
-        "something overrides. Record motion by the motors alone."
+        "Motion that the torques do not explain. Share of the model's inertia in them, with that of its weight in "
+        f"brackets: {each}. A hand or something else moves the joints, or the torques are commands that something "
+        "overrides. Record motion by the motors alone."
     )
 
 

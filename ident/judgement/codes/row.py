@@ -37,14 +37,14 @@ def followed(values: Mapping[str, float], form: str = ".2g") -> str:
     return listed(f"{name} {value:{form}}" for name, value in values.items())
 
 
-def percent(share: float) -> str:
-    """A share in %."""
-    return f"{100 * share:.0f} %"
-
-
 def in_log(log: int | None) -> str:
     """Phrase ` in log N`, with a leading space; empty for None."""
     return "" if log is None else f" in log {log}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """A share in per cent."""
+    return f"{100 * share:.{digits}f} %"
 
 
 def number_of(number: int, noun: str) -> str:
