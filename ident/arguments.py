@@ -40,6 +40,18 @@ def checked_path(where: str, given: Any, needed: str = "a path") -> Path:
     return Path(given)
 
 
+def checked_target(path: str | PathLike[str], needed: str = "a path") -> Path:
+    """Path of a file to write.
+
+    Raises:
+        InputError: It is neither a text nor a path, or a folder.
+    """
+    target = checked_path("path", path, needed)
+    if target.is_dir():
+        raise InputError(f"path needs the path of a file to write; '{target}' is a folder.")
+    return target
+
+
 def described(value: Any) -> str:
     """A value for messages: itself if it is plain, else its type."""
     if shape := getattr(value, "shape", ()):

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.arguments import OF_BODIES, check_type, checked_deviations, checked_rpy, rpy_text
+from ident.annotations import typed
+from ident.arguments import OF_BODIES, checked_deviations, checked_rpy, rpy_text
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
 from ident.mechanism.body import BASE, Body
@@ -17,6 +18,7 @@ from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 
 
+@typed("gravity", "prior_known", "drives")
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(Brief):
     """A tree of bodies with gravity, and the prior, sites, ranges and drives of a model.
@@ -62,6 +64,8 @@ class Mechanism(Brief):
                 f"The bodies {', '.join(self.bodies)} need a prior φ of {10 * len(self.bodies)} parameters, got shape "
                 f"{np.shape(self.prior)}."
             )
+        if self.prior is not None and not np.isfinite(self.prior.astype(float)).all():
+            raise ModelError("A prior φ needs finite numbers, got NaN or infinity.")
         if not isinstance(self.prior_known, Mapping):
             raise ModelError(f"prior_known needs standard deviations by the bodies' names, got {self.prior_known}.")
         if absent := [name for name in self.prior_known if name not in self.bodies]:
@@ -104,6 +108,7 @@ class Mechanism(Brief):
         """Coordinates of the freedoms at which their springs are at rest, rad or m (n,); zero without a drive."""
         return np.array([self.drives.get(freedom, NO_DRIVE).springref for freedom in self.tree.freedoms])
 
+    @typed()
     def beyond(self, body: str) -> "Mechanism":
         """A body and all bodies on it as a mechanism, with the joints before it as carrier; the source is not kept.
 
@@ -120,6 +125,7 @@ class Mechanism(Brief):
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
         return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg)
 
+    @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":
         """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
         tree = self.tree.fixed(coordinates)
@@ -177,6 +183,7 @@ class Mechanism(Brief):
             raise ModelError(f"A mechanism needs mass; {', '.join(self.bodies)} have none (no prior φ).")
         return self.prior
 
+    @typed()
     def site(self, name: str) -> tuple[str, np.ndarray]:
         """Place of a site: the name of a body, and a pose in its frame (4, 4).
 
@@ -211,8 +218,3 @@ def checked_gravity(gravity: np.ndarray) -> np.ndarray:
     if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
         raise ModelError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
     return g
-
-
-def check_mechanism(where: str, given: Any) -> None:
-    """Raises an InputError unless the argument of a name is a mechanism."""
-    check_type(where, given, Mechanism, 'a Mechanism, such as mc.mechanism("arm.xml")')

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import Ad, ad, hat, inverse
@@ -29,6 +30,7 @@ TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)
 """Twice the pseudo-inertia of each unit φ, in integers (10, 4, 4)."""
 
 
+@typed()
 @dataclass(frozen=True)
 class Sensors:
     """Available measurements.

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.arguments import check_type, checked_deviations
 from ident.errors import InputError
 from ident.estimation.preparation import at_rest, mounted, prepared
 from ident.identification import identified
-from ident.mechanism.mechanism import Mechanism, check_mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.payload.mounting import beyond, on_payload
 from ident.payload.payload import Payload
 from ident.payload.weight import known, likely, weighing
@@ -27,6 +28,7 @@ from ident.tolerances import HOLDOUT
 from ident.trajectory.fit.iteration import Report
 
 
+@typed("recording", "setup")
 def identify_payload(
     robot: Mechanism,
     recording: Recording | Sequence[Recording],
@@ -56,7 +58,6 @@ def identify_payload(
         InputError: Something is missing or does not fit, or the sensor is mounted in another way than was stated.
         ExcitationError: The motion does not separate the payload from the sensor's offsets.
     """
-    check_mechanism("robot", robot)
     check_type("recording", recording, Recording | Sequence, "a Recording, as of mc.read_log, or a list of them")
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.arguments import checked_path, described
 from ident.errors import InputError, LogError
 from ident.files.column import BALL, COMMAND, KINDS, Columns
@@ -18,7 +19,7 @@ from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
 from ident.files.selection import selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
-from ident.mechanism.mechanism import Mechanism, check_mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
@@ -37,6 +38,7 @@ MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`
 """Advice for a file of markers where joint angles are needed."""
 
 
+@typed("path", "columns")
 def read_log(
     path: str | Path | InMemory,
     mechanism: Mechanism,
@@ -72,13 +74,13 @@ def read_log(
             column.
         InputError: The library that reads such files is not installed.
     """
-    check_mechanism("mechanism", mechanism)
     if not isinstance(path, str | Path):
         return _in_memory(path, mechanism, columns, gaps=gaps)
     (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
     return recording
 
 
+@typed("path", "columns")
 def read_log_pieces(
     path: str | Path,
     mechanism: Mechanism,
@@ -96,7 +98,6 @@ def read_log_pieces(
         path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
         samples: Samples of each piece, at least `LEAST_SAMPLES`.
     """
-    check_mechanism("mechanism", mechanism)
     yield from _pieces(checked_path("path", path), mechanism, columns, samples, gaps=False, limit=limit)
 
 

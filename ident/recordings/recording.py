@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.arguments import checked_path, checked_rpy
+from ident.annotations import typed
+from ident.arguments import check_type, checked_path, checked_rpy
 from ident.display.brief import Brief, listed
 from ident.display.frames import channels_frame
 from ident.errors import LogError
@@ -22,7 +23,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import saved
-from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
+from ident.recordings.sampled import STREAMS, Sampled, at_common_times, checked_channel, checked_stream
 from ident.recordings.servo import Servo
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
@@ -34,6 +35,7 @@ STATES = ("position", "velocity", "acceleration")
 """Names of q, q̇ and q̈ in a joint's channels."""
 
 
+@typed("noise", "streams")
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Brief):
     """Channels at common sample times, simulated or measured, and streams at times of their own.
@@ -99,6 +101,8 @@ class Recording(Brief):
     still: bool = False
 
     def __post_init__(self) -> None:
+        check_type("streams", self.streams, Mapping, STREAMS)
+        check_type("noise", self.noise, Mapping, "a mapping of standard deviations")
         object.__setattr__(self, "time", checked_channel("time", self.time, None))
         if not np.isfinite(self.time).all():
             raise LogError("Recorded times need finite numbers.")
@@ -140,6 +144,7 @@ class Recording(Brief):
         }
 
     @classmethod
+    @typed("streams")
     def from_streams(
         cls, streams: Mapping[str, tuple[Any, Any]], *, rate: float | None = None, **others: Any
     ) -> "Recording":
@@ -184,6 +189,7 @@ class Recording(Brief):
             return Sampled(self.time, self.base.reshape(-1, 16))
         return Sampled(self.time, self[channel])
 
+    @typed()
     def with_sensors(self, sensors: Mapping[str, Sensor]) -> "Recording":
         """The recording with sensors added or replaced, by the names of their wrenches."""
         return replace(self, sensors={**self.sensors, **sensors})
@@ -245,6 +251,7 @@ class Recording(Brief):
         forces = [name.removesuffix("_force") for name in self.measured if name.endswith("_force")]
         return tuple(name for name in forces if f"{name}_torque" in self.measured)
 
+    @typed()
     def wrench(self, name: str) -> Wrench:
         """The wrench `[F; τ]` of a force and a torque channel, with the covariance of their noise if known.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import ModelError
 from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
@@ -51,6 +52,7 @@ class Origin:
     packages: tuple[Path, ...] = ()
 
 
+@typed("source", "fix")
 def mechanism(
     source: Source,
     base: str | None = None,

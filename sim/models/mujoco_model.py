@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 import scenes
+from ident.annotations import typed
 from ident.arguments import check_type, checked_coordinates
 from ident.errors import ModelError
 from ident.geometry import se3
@@ -68,6 +69,7 @@ def _compiled_file(path: Path, packages: Sequence[str | Path]) -> mujoco.MjModel
         return mujoco.MjModel.from_xml_path(str(path))
 
 
+@typed("source", "fix")
 def tree_from_model(
     source: Source,
     base: str | None = None,
@@ -139,6 +141,7 @@ def body_parameters(model: mujoco.MjModel, b: int) -> np.ndarray:
     return parameters_from_com(model.body_mass[b], model.body_ipos[b], R @ np.diag(model.body_inertia[b]) @ R.T)
 
 
+@typed("source")
 def state_columns(
     source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -164,6 +167,7 @@ def rest_coordinates(source: Source, base: str | None = None, beyond: Sequence[s
     return {tree.bodies[i].joint: coordinates[i] for i in tree.moving}
 
 
+@typed("source")
 def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> BaseMotion:
     """Motion of a moving base, from MuJoCo's states.
 
