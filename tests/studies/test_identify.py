@@ -169,7 +169,7 @@ def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, 
         == 0
     )
     assert (
-        "Constant offsets are in the measurements and were not fitted (--offsets does): Fx 4.5"
+        "The measurements have constant offsets that were not fitted: Fx 4.5"
         in capsys.readouterr().out
     )
 
