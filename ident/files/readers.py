@@ -152,5 +152,6 @@ def _refusal(path: Path) -> LogError:
         return LogError("there is no such file; check its path and its name.")
     if path.is_dir():
         return LogError(f"the folder needs {BAG_FOLDER} of a ROS 2 bag or {lerobot.INFO} of a LeRobot dataset.")
-    ends = ", ".join(end for end in (*TEXT[:3], ".npz", *ONE_CLOCK, *SEVERAL_CLOCKS) if not end.endswith(".gz"))
+    one_clock = [suffix for suffix in ONE_CLOCK if suffix not in json_lines.SUFFIX[1:]]
+    ends = ", ".join((*TEXT[:3], ".npz", *one_clock, *SEVERAL_CLOCKS))
     return LogError(f"logs end in {ends}, or are ROS 2 or LeRobot folders.")

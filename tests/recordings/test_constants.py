@@ -68,7 +68,7 @@ def resting(quaternion, **others):
     """A recording of the pendulum, as if on a base at a constant pose."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), [1, 2, 3]
-    return replace(LOG, base=np.tile(T, (len(LOG.time), 1, 1)), **others)
+    return replace(others.pop("log", LOG), base=np.tile(T, (len(LOG.time), 1, 1)), **others)
 
 
 def test_a_base_at_a_constant_pose_is_one_at_rest():
@@ -87,7 +87,7 @@ def test_a_base_at_a_constant_pose_is_one_at_rest():
 def test_logs_of_bases_that_rest_differently_are_refused():
     plain = prepared(PENDULUM, LOG, filters=False)
     for quaternion, what in ((TILTED, "rests in the same direction of gravity"), ([1, 0, 0, 0], "")):
-        log = prepared(PENDULUM, resting(quaternion), filters=False)
+        log = prepared(PENDULUM, resting(quaternion, log=faulty(1)), filters=False)
         if not what:
             assert len(identified([plain, log], estimator="weighted").logs) == 2
             continue
