@@ -168,10 +168,7 @@ def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, 
         identify.main([*arguments, "--cutoff", "3", "--estimator", "weighted", "--no-offsets", "--out", str(tmp_path)])
         == 0
     )
-    assert (
-        "The measurements have constant offsets that were not fitted: Fx 4.5"
-        in capsys.readouterr().out
-    )
+    assert "The measurements have constant offsets that were not fitted: Fx 4.5" in capsys.readouterr().out
 
 
 @needs_data
