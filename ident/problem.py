@@ -165,8 +165,8 @@ def problem_of(
     if sum(fitted) < needed or min(fitted) < least or judged < LEAST_HELD_OUT:
         raise InputError(
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
-            f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)} The fit needs "
-            f"{needed}, of each log at least {least}, and the judgement {LEAST_HELD_OUT}; there are "
+            f"{100 * holdout:.0f} % held out, are too few for {len(first.names)} parameters.{_lost(logs)} The fit "
+            f"needs {needed}, of each log at least {least}, and the judgement {LEAST_HELD_OUT}; there are "
             f"{' + '.join(map(str, fitted))} and {judged}.{POSES if 1 / logs[0].recording.rate >= SLOW else ''}"
         )
     to_fit = [Part(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
