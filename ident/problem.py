@@ -200,8 +200,9 @@ def _with_rests(log: Prepared, part: slice) -> Prepared:
     """Recording with notes on joints that rest in the fitted part and move later."""
     inside = {} if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
     always = repairs.rests(log.recording, log.mechanism.tree)
-    more = [f"In what is fitted, {repairs.rest_note(*each)}" for each in inside.items() if each[0] not in always]
-    return replace(log, notes=(*log.notes, *more)) if more else log
+    more = {joint: x for joint, x in inside.items() if joint not in always}
+    notes = [f"In what is fitted, {repairs.rest_note(*each)}" for each in more.items()]
+    return replace(log, notes=(*log.notes, *notes), resting=(*log.resting, *more)) if more else log
 
 
 def _lost(logs: Sequence[Prepared]) -> str:

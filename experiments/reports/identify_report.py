@@ -25,6 +25,7 @@ from experiments.reports.identify_figures import (
     spectra_figure,
 )
 from experiments.reports.identify_replay import replay
+from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit, unit_of
 from ident.geometry.inertia import PARAMETERS, with_bodies
@@ -70,7 +71,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
     if result.trajectory is not None and result.trajectory.known:
         moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.fit.names) - base.rank)]
         columns |= {"moved_from_model_std": moved}
-    return tabular.Table(
+    table = tabular.Table(
         "Base parameters, SI units",
         *tabular.columns(**columns),
         caption="Identified base parameters beside the model's own",
@@ -86,6 +87,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
     )
+    return table.without(result.undetermined, undetermined_sentence(result))
 
 
 def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
@@ -171,7 +173,10 @@ def full_table(result: Estimate) -> tabular.Table:
 def data_lines(result: Estimate) -> list[str]:
     """Lines on the data: samples, structure, excitation and checks."""
     prepared, base, checks = result.prepared, result.base, result.checks
-    samples, singular, numbers = len(prepared.samples), result.singular_values, result.condition_numbers
+    samples, numbers = len(prepared.samples), result.condition_numbers
+    singular = result.determined_values
+    each = f"{numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm"
+    published = "" if result.undetermined else f" Condition numbers as often published: {each}."
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     if result.trajectory is not None:
         fit = result.trajectory.fit
@@ -184,12 +189,11 @@ def data_lines(result: Estimate) -> list[str]:
         f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, "
         f"{len(result.held_out.time)} held out.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
-        f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, each channel divided by "
-        "its signal.",
+        f"Excitation: condition number {result.determined_condition:.3g} of the unit-norm columns, each channel over "
+        f"its signal. {undetermined_sentence(result)}".rstrip(),
         f"Fit: {filtered}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
-        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. Condition numbers as often "
-        f"published: {numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm.",
+        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}.{published}",
     ]
     if (weight := checks.weight) is not None:
         lines.append(
