@@ -147,7 +147,7 @@ class Estimate:
         groups = dict.fromkeys(each.body for each in self.parameters)
         return Groups({body: tuple(each for each in self.parameters if each.body == body) for body in groups})
 
-    @typed()
+    @typed("level")
     def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
         """Confidence intervals of the base parameters (r, 2).
 
