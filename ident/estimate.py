@@ -360,7 +360,7 @@ class Estimate:
         return Evidence(
             fit=self.fit,
             ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
-            part="held-out",
+            part=held.part,
             condition_number=self.condition_number,
             checks=self.checks,
             offsets=self.offsets,

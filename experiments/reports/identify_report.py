@@ -140,7 +140,7 @@ def quality_table(result: Estimate) -> tabular.Table:
         "ratio_model_as_it_came": "ratio, model as it came",
         "ratio_least_squares": "ratio, least squares",
     }
-    return tabular.Table("Prediction of the held-out part", columns, tuple(rows), units=tuple(units), heads=heads)
+    return tabular.Table(f"Prediction of the {held.part} part", columns, tuple(rows), units=tuple(units), heads=heads)
 
 
 def full_table(result: Estimate) -> tabular.Table:
@@ -172,9 +172,11 @@ def data_lines(result: Estimate) -> list[str]:
             f"trajectory by splines with knots {min(result.trajectory.steps):.2g} s apart, {noise} noise "
             f"in the weights, {fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
         )
+    held = result.held_out
+    judged = "which the fit is judged by" if held.fitted else f"{len(held.time)} held out"
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
-        f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
+        f"{result.part.stop - result.part.start} fitted, {judged}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
         f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, each channel divided by "

@@ -156,7 +156,7 @@ def prepared(
     mechanism = _with_known_bodies(mechanism, recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
-    recording = repairs.without_channels(recording, tree, leave_out)
+    recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
     steps = repairs.steps(recording, tree)
     recording, clipped = repairs.without_clipped(recording, mechanism)
     recording, notes = repairs.without_spikes(recording, mechanism.joints)

@@ -1,4 +1,4 @@
-"""Sentences on the prediction of held-out samples: the candidates, and the residual of each channel."""
+"""Sentences on the prediction of the samples to judge by: the candidates, and the residual of each channel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,7 +16,7 @@ def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) ->
         for name, channels in worse.items()
     ]
     return (
-        f"Worse than {', and than '.join(parts)}, held-out residual over standard deviation in brackets: "
+        f"Worse than {', and than '.join(parts)}, residual over standard deviation in brackets: "
         f"{_advice('model' in worse, **advice)}."
     )
 
@@ -87,7 +87,7 @@ LACKS = {
 def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
     each = ", or ".join(LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
     return (
-        f"The model lacks something that the parameters take up in part: what is held out would be predicted with "
+        f"The model lacks something that the parameters take up in part: what it is judged by would be predicted with "
         f"{1 - ratio:.0%} less residual by {each}."
     )
 

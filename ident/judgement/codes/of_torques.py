@@ -38,7 +38,7 @@ def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
 def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
     return (
         "Friction at rest is anything up to breakaway: torques count less the slower a joint is, and are not judged "
-        f"below a velocity, in rad/s (m/s): {followed(velocities)}. Held-out residual over signal below it: "
+        f"below a velocity, in rad/s (m/s): {followed(velocities)}. Residual over signal below it: "
         f"{followed(at_rest) or 'there are no such samples'}."
     )
 
