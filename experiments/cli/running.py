@@ -54,15 +54,9 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     options = parser.parse_args(argv)
     variables = environment(default_variables())
     interrupted = f"{parser.prog}: interrupted; every file is whole."
-    with (
-        variables,
-        seldom_collected(),
-        _without_log(),
-        _interruptible_once(interrupted) as asked,
-        _notes_printed_once(),
-    ):
+    with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
-            with _its_consequences(asked), style_of(options):
+            with _without_log(), _its_consequences(asked), style_of(options):
                 study(options)
         except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
