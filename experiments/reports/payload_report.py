@@ -194,6 +194,7 @@ class PayloadReport:
         if model is not None and payload.robot.prior is not None:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
+        part = payload.estimate.held_out.part
         held_out = identify_figures.held_out_figure(payload.estimate)
         return Document(
             f"Payload of {model.name if model else payload.body}, identified from {', '.join(map(name_of, logs))}",
@@ -207,7 +208,7 @@ class PayloadReport:
                 **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
-            figures={"figure_held_out": (held_out, "Measured and predicted channels on the held-out part.")},
+            figures={"figure_held_out": (held_out, f"Measured and predicted channels on the {part} part.")},
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,
