@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from experiments.document import escape, terminal
-from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations, of_numbers
+from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations
 from experiments.document.layout import Layout
 from experiments.document.regrouped import DAGGER, Regrouped
+from ident.display.text import decimals_beside, decimals_of
 from ident.estimation.units import unit_of
 from ident.geometry.inertia import body_of_parameter
 
@@ -151,9 +152,11 @@ class Table:
         std = self.deviations.get(column, column)
         if std not in self.columns or std not in self.deviations.values():
             return None
-        cell = self.rows[row][self.columns.index(std)]
-        rule = of_deviations if std == column else of_numbers
-        return rule([cell if isinstance(cell, float) else None])[0]
+        own, cell = (self.rows[row][self.columns.index(name)] for name in (column, std))
+        deviation = cell if isinstance(cell, float) else None
+        if std == column:
+            return of_deviations([deviation])[0]
+        return decimals_beside(own, deviation) if isinstance(own, float) else decimals_of(deviation)
 
     def bracketed(self) -> dict[str, str]:
         """Columns of standard deviations by those of their estimates, of those pairs that the table has."""

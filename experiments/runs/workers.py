@@ -70,10 +70,11 @@ class Workers:
         done: list[Any] = [*kept.done()[: len(tasks)]] if self.resume else []
         again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(str(outcome)))]
         with self.pool(len(tasks) - len(done) + len(again)) as pool:
-            # The file's outcomes stay until all are saved: they would be the same again.
             with closing(in_order(pool.executor, work, [tasks[k] for k in again], ahead=pool.ahead)) as batches:
                 for k, (outcome,) in zip(again, batches, strict=True):
                     done[k] = outcome
+            if again:
+                kept.save(done)
             with closing(in_order(pool.executor, work, tasks[len(done) :], ahead=pool.ahead)) as batches:
                 outcomes = kept.collect(batches, len(tasks), done)
         return [json.loads(str(outcome)) for outcome in outcomes]

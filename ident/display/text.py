@@ -29,19 +29,32 @@ def decimals_of(std: float | None) -> int | None:
     return 1 - int(f"{std:.1e}".partition("e")[2]) if std and math.isfinite(std) else None
 
 
+def decimals_beside(value: float, std: float | None) -> int | None:
+    """Decimals of an estimate: those of its standard deviation, or more where it would be printed as zero.
+
+    >>> [decimals_beside(*each) for each in ((2.5, 0.031), (-0.0002, 0.031), (0.0, 0.031), (0.3, 740.0), (2.5, None))]
+    [3, 4, 3, 1, None]
+    """
+    decimals = decimals_of(std)
+    if decimals is None or not value or not math.isfinite(value) or round(value, decimals):
+        return decimals
+    return -int(f"{value:.0e}".partition("e")[2])
+
+
 def rounded(value: float, std: float) -> tuple[str, str]:
     """A value and its standard deviation, with two significant digits of the latter."""
     if (decimals := decimals_of(std)) is None:
         return f"{value:.4g}", f"{std:.2g}"
-    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}", f"{round(std, decimals):.{max(decimals, 0)}f}"
+    own = decimals_beside(value, std) or 0
+    return f"{round(value, own) + 0.0:.{max(own, 0)}f}", f"{round(std, decimals):.{max(decimals, 0)}f}"
 
 
 def parameter_rows(parameters: Iterable[Parameter]) -> list[tuple[str, ...]]:
     """Cells of a table of parameters: name, body, estimate, both standard deviations, unit, model, regrouping."""
     rows: list[tuple[str, ...]] = []
     for each in parameters:
-        value, std = rounded(each.value, each.std)
-        wider = rounded(each.value, each.std_setup)[1]
+        value, std = rounded(each.estimate, each.std)
+        wider = rounded(each.estimate, each.std_setup)[1]
         model = "" if each.model is None else rounded(each.model, each.std)[0]
         regrouping = "" if each.expression == each.name else each.expression
         rows.append((each.name, each.body, value, std, wider, each.unit, model, regrouping))

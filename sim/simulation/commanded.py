@@ -115,6 +115,7 @@ def _driven(mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives:
     if without := [joint for joint in joints if joint not in recording.servos]:
         raise InputError(f"A simulation needs a command of every joint; {', '.join(without)} have none.")
     model = updated_spec(mechanism, phi).compile()
+    model.opt.gravity = mechanism.pose[:3, :3] @ mechanism.gravity
     ids = {joint_name(model, j): j for j in range(model.njnt)}
     if others := [name for name, j in ids.items() if name not in joints or model.jnt_type[j] not in ONE_DOF]:
         raise InputError(f"A simulation needs a command of every joint of the model; {', '.join(others)} have none.")

@@ -104,8 +104,8 @@ def test_the_report_has_all_tables_and_figures(result):
     text = " ".join(document.text().split())
     assert "of 1 pairs of parameters that are equal by construction 0 differ by at most 1.96 s.d." in text
     # Its verdict is a word of the table, and a sentence that is folded.
-    assert document.tables["table_recordings"].rows[0][3] == "usable" and "Usable: " not in text
-    assert document.folded["Verdicts in words"][0].startswith("Arm: Usable: ")
+    assert document.tables["table_recordings"].rows[0][3] == "usable" and "Usable to predict" not in text
+    assert document.folded["Verdicts in words"][0].startswith("Arm: Usable to predict ")
 
 
 def test_tables_and_figures_follow_from_the_numbers(result):

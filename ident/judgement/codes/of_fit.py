@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from ident.judgement.codes.row import Row, listed
+from ident.judgement.codes.row import Row, listed, number_of, percent
 
 
 def _not_converged(status: str, rounds: int) -> str:
     how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(status, "did not settle")
-    after = "1 round" if rounds == 1 else f"{rounds} rounds"
-    return f"The trajectory estimate {how} after {after}; its last iterate is given."
+    return f"The trajectory estimate {how} after {number_of(rounds, 'round')}; its last iterate is given."
 
 
 def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
@@ -16,9 +15,9 @@ def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[i
     still = f" Of all candidates, the estimate {predicts}" if best else ""
     each = listed(f"{log} ({z:.1f})" for log, z in zip(logs, rms_z, strict=True))
     return (
-        f"Logs disagree: what each says of the base parameters differs from what the others say, in standard "
-        f"deviations from the noise (root mean square) of log {each}. Something changed between them, "
-        f"as a load, a mounting or friction; look at them one by one.{still}"
+        f"Logs disagree: base parameters of a log differ from those of the others, in standard deviations from the "
+        f"noise (root mean square) of log {each}. Something changed between them, as a load, a mounting or friction; "
+        f"look at them one by one.{still}"
     )
 
 
@@ -31,15 +30,15 @@ def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
 
 
 def _beyond_ranges(shares: Mapping[str, float]) -> str:
-    each = listed(f"{joint} ({share:.0%} of the samples)" for joint, share in shares.items())
+    each = listed(f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items())
     return f"Joints are recorded beyond the model's ranges: {each}; a zero, a sign or a unit may be wrong."
 
 
 def _exact_torques(joints: Sequence[str]) -> str:
     return (
         f"The scale of the torques of {listed(joints)} is stated as uncertain (torque_std, kp_std), but least squares "
-        "take it as exact: an error of the scale is in the estimate and not in the standard deviations; --estimator "
-        "trajectory estimates it."
+        "take it as exact. Its error is in the estimate and not in the standard deviations; --estimator trajectory "
+        "estimates it."
     )
 
 
@@ -50,23 +49,22 @@ def _exact_setup(kinds: Sequence[str]) -> str:
     )
 
 
-_PUT = "what the model says of its bodies, give or take, was put in"
-
 FIT = {
     "not_converged": Row(_not_converged, doubt=True),
     "halves_disagree": Row(
-        "Two halves of the data differ by {rms_z:.1f} of their standard deviations from the noise (root mean square): "
-        "model or set-up are not quite right, and those deviations are widened by as much.",
+        "Two halves of the data differ by {rms_z:.1f} of their standard deviations from the noise (root mean square). "
+        "Model or set-up are not quite right, and those deviations are widened by as much.",
         doubt=False,
     ),
     "logs_disagree": Row(_logs_disagree, doubt=None),
     "own_in_logs": Row(_own_in_logs, doubt=False),
-    "prior_as_asked": Row(
-        f"As asked for, {_PUT}; the motion would separate the base parameters without it.", doubt=False
+    "prior_beside_data": Row(
+        "The model's bodies served as a prior, though the recordings determine all base parameters without it.",
+        doubt=False,
     ),
     "prior_needed": Row(
-        f"The recordings alone do not determine all base parameters as well; {_PUT}, and those that the data hardly "
-        "see stay near it.",
+        "The recordings alone do not determine all base parameters: the model's bodies served as a prior. Parameters "
+        "that the data hardly determine stay near the model's; move further and faster to determine more.",
         doubt=False,
     ),
     "beyond_joint_ranges": Row(_beyond_ranges, doubt=True),

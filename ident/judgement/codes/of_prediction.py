@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ident.judgement.codes.row import Row, bracketed, listed
+from ident.judgement.codes.row import Row, bracketed, listed, percent
 
 CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
 """Candidates in words."""
@@ -16,8 +16,7 @@ def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) ->
         for name, channels in worse.items()
     ]
     return (
-        f"Worse than {', and than '.join(parts)}, held-out residual over standard deviation in brackets: "
-        f"{_advice('model' in worse, **advice)}."
+        f"Worse than {', and than '.join(parts)}, held-out residual over signal. {_advice('model' in worse, **advice)}"
     )
 
 
@@ -30,21 +29,21 @@ def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]
     more = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
     name = CANDIDATES[candidate]
     return (
-        f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {behind - 1:.0%} in the median channel "
-        f"({listed(pairs[:SHOWN])}{more}): for prediction alone it is the better choice."
+        f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {percent(behind - 1)} in the median "
+        f"channel. For prediction alone it is the better choice; residual over signal: {listed(pairs[:SHOWN])}{more}."
     )
 
 
 def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
     if take == "model":
-        return "keep the model"
+        return "Keep the model."
     if take == "least squares":
         cutoff = "" if cutoff_hz is None else f" --cutoff {cutoff_hz:.3g}"
-        return f"take least squares, --estimator weighted{cutoff}"
-    keep = "keep the model, or " if model_too else ""
+        return f"Take least squares: --estimator weighted{cutoff}."
+    keep = "Keep the model, or move" if model_too else "Move"
     return (
-        f"{keep}move the joints further; least squares had the model's bodies for a prior here, without which "
-        "--estimator weighted does not separate the parameters"
+        f"{keep} the joints further. Least squares had the model's bodies for a prior here, and --estimator weighted "
+        "alone does not separate the parameters."
     )
 
 
@@ -58,7 +57,7 @@ def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
         what = f"What is left is far more than the fast noise of the sensors: {each}."
     return (
         f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
-        "before; what is left, and how slow it is, is in the standard deviations."
+        "before. The standard deviations include what is left, and how slow it is."
     )
 
 
@@ -66,9 +65,9 @@ def _times(factor: float) -> str:
     return "over 100" if factor > 100 else f"{factor:.0f}"
 
 
-def _ratios(what: str, *, doubt: bool) -> Row:
+def _ratios(what: str, advice: str = "", *, doubt: bool) -> Row:
     def sentence(ratios: Mapping[str, float], part: str) -> str:
-        return f"{what}, {part} residual over standard deviation in brackets: {bracketed(ratios)}."
+        return f"{what}, {part} residual over signal in brackets: {bracketed(ratios)}.{advice}"
 
     return Row(sentence, doubt)
 
@@ -78,26 +77,26 @@ def _follow_motion(channels: Sequence[str]) -> str:
 
 
 LACKS = {
-    "force": "a force on '{body}' that depends on where it is, as of a cable, a hose or a spring",
-    "length": "another distance of the joint of '{body}' from the body that carries it",
+    "force": "a force on '{body}' by its place (cable, spring)",
+    "length": "another length up to the joint of '{body}'",
 }
 """Words for the forces and lengths that a model may lack, by kind."""
 
 
 def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
-    each = ", or ".join(LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
+    each = " or ".join(LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
     return (
-        f"The model lacks something that the parameters take up in part: what is held out would be predicted with "
-        f"{1 - ratio:.0%} less residual by {each}."
+        f"The model lacks something that the parameters take up in part. What is held out leaves {percent(1 - ratio)} "
+        f"less with this: {each}."
     )
 
-
-_DEAD = "More is left over than the channel varies, as of a constant offset or a sensor that died"
 
 PREDICTION = {
     "worse_than_candidate": Row(_worse, doubt=True),
     "candidate_better": Row(_better, doubt=False),
-    "residual_above_signal": _ratios(_DEAD, doubt=True),
+    "residual_above_signal": _ratios(
+        "More is left than the channel varies", " Look for a constant offset or a dead sensor.", doubt=True
+    ),
     "unexplained_channels": _ratios("Not explained by this motion", doubt=False),
     "poor_prediction": _ratios("Predicted poorly", doubt=False),
     "residual_follows_motion": Row(_follow_motion, doubt=True),

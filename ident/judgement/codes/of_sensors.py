@@ -4,15 +4,15 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
-from ident.judgement.codes.row import Row, in_log, listed
+from ident.judgement.codes.row import Row, in_log, listed, percent
 
 
 def _clipped(channel: str, limits: Sequence[float], unit: str, share: float, kept: bool, log: int | None) -> str:
     ends = " and ".join(f"{value:.4g} {unit}" for value in limits)
-    done = "these samples are left out" if kept else "so much that the channel is left out"
+    done = "These samples are left out." if kept else "The channel is left out."
     return (
-        f"{channel} is clipped at {ends}{in_log(log)}, which {share:.0%} of its samples read while the motion goes on; "
-        f"{done}. A sensor with a larger range, or a slower motion, would show the rest."
+        f"{channel} is clipped at {ends}{in_log(log)}: {percent(share)} of its samples read that while the motion goes "
+        f"on. {done} A sensor with a larger range, or a slower motion, would show the rest."
     )
 
 

@@ -1,8 +1,9 @@
 """Sentences on joint torques: sign and size, friction, drives, and bodies that were not carried."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
-from ident.judgement.codes.row import Row, bracketed, followed, listed
+from ident.judgement.codes.row import Row, bracketed, followed, listed, percent
 
 
 def _opposite(joints: Sequence[str]) -> str:
@@ -15,15 +16,15 @@ def _opposite(joints: Sequence[str]) -> str:
 def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
     or_load = "" if load is None else f", or '{load}' carries a heavy load that the model lacks"
     return (
-        f"Torques are the model's own but for a factor, in brackets: {bracketed(gains)}; a unit, a gear ratio or a "
+        f"Torques are the model's own but for a factor, in brackets: {bracketed(gains)}. A unit, a gear ratio or a "
         f"motor's constant may be missing{or_load}."
     )
 
 
 def _friction(shares: Mapping[str, float], drives: Sequence[str]) -> str:
     return (
-        f"Residuals follow the velocity or its sign, the share of their variance that friction would take away in "
-        f"brackets: {bracketed(shares, '.0%')}. It is likely and was not fitted: --drive {' '.join(drives)}."
+        "Residuals follow the velocity or its sign, with the share of their variance that friction explains: "
+        f"{listed(f'{joint} {percent(share)}' for joint, share in shares.items())}. Fit it: --drive {' '.join(drives)}."
     )
 
 
@@ -37,7 +38,7 @@ def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
 
 def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
     return (
-        "Friction at rest is anything up to breakaway: torques count less the slower a joint is, and are not judged "
+        "Friction at rest is anything up to breakaway: torques count less the slower a joint is. They are not judged "
         f"below a velocity, in rad/s (m/s): {followed(velocities)}. Held-out residual over signal below it: "
         f"{followed(at_rest) or 'there are no such samples'}."
     )
@@ -45,17 +46,14 @@ def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float
 
 def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
     return (
-        f"Coulomb friction does not jump but changes its sign over a velocity, in rad/s (m/s): {followed(velocities)}; "
-        "it is fitted and predicted as Fc tanh(q̇ / that)."
+        f"Coulomb friction does not jump but changes its sign over a velocity, in rad/s (m/s): {followed(velocities)}. "
+        "It is fitted and predicted as Fc tanh(q̇ / that)."
     )
 
 
 def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
-    fixed = " and ".join(fixed_by)
-    return (
-        f"The scale of the torques of {listed(joints)} was estimated; it is fixed by "
-        f"{fixed or 'the stated one alone, so that masses, friction and rotors are as uncertain as that'}."
-    )
+    fixed = " and ".join(fixed_by) or "the stated one alone: masses, friction and rotors are as uncertain as that"
+    return f"The scale of the torques of {listed(joints)} was estimated. It is fixed by {fixed}."
 
 
 def _low_velocity(values: Mapping[str, float]) -> str:
@@ -65,14 +63,45 @@ def _low_velocity(values: Mapping[str, float]) -> str:
     )
 
 
+def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
+    each = listed(
+        f"{joint} {100 * x['inertia']:.0f} ± {percent(x['inertia_std'])} ({percent(x['weight'])})"
+        for joint, x in joints.items()
+    )
+    return (
+        "Motion that the torques do not explain. Share of the model's inertia in them, with that of its weight in "
+        f"brackets: {each}. A hand or something else moves the joints, or the torques are commands that something "
+        "overrides. Record motion by the motors alone."
+    )
+
+
+def _loop(loop: str, joints: Sequence[str]) -> str:
+    names = " ".join(joints)
+    return (
+        f"The coupling '{loop}' acts on the torques of {listed(joints)}, but the equations leave it out. Take these "
+        f"torques away, --leave-out {names}; the wrench at the base is not affected."
+    )
+
+
+def _computed(joints: Sequence[str], largest: float) -> str:
+    return (
+        f"Torques are explained to {100 * largest:.1g} % without friction ({listed(joints)}): they are computed, "
+        "simulated, or measured behind the gears. Computed ones repeat the controller's model: record currents or "
+        "measured torques."
+    )
+
+
 TORQUES = {
+    "motion_not_by_torques": Row(_moved, doubt=True),
+    "loop_left_out": Row(_loop, doubt=True),
+    "computed_torques": Row(_computed, doubt=False),
     "torque_sign": Row(_opposite, doubt=True),
     "torque_scale": Row(_scaled, doubt=True),
     "torque_scale_estimated": Row(_basis, doubt=False),
     "body_not_carried": Row(
-        "The torques look as if '{body}' was not carried: without it {explained:.0%} of the squared difference from "
-        "the model's own prediction vanishes. Take it out of the model, or out of the updated one.",
-        doubt=True,
+        "The torques look as if '{body}' was not carried: without it the squared difference from the model's own "
+        "prediction is {explained:.0%} smaller. Base parameters are not affected; take it out of the updated model.",
+        doubt=False,
     ),
     "friction_not_fitted": Row(_friction, doubt=None),
     "drive_at_bound": Row(_bound, doubt=False),

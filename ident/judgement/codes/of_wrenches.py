@@ -2,29 +2,48 @@
 
 from collections.abc import Mapping, Sequence
 
+from ident.arguments import rpy_text
 from ident.estimation.equations import COMPONENTS
-from ident.judgement.codes.row import Row, listed
+from ident.judgement.codes.row import Row, listed, percent
 
 
-def _frame(wrench: str, opposite: bool, frame: str, axes: Mapping[str, str], error: float, error_turned: float) -> str:
+def _frame(
+    wrench: str,
+    opposite: bool,
+    frame: str,
+    axes: Mapping[str, str],
+    error: float,
+    error_turned: float,
+    rpy_deg: Sequence[float] | None = None,
+) -> str:
     turned = listed(f"{own} -> {other}" for own, other in axes.items())
     frames = {
         "as stated": "",
-        "transposed": "a frame that is transposed (its rotation is that of the base in the sensor)",
-        "turned": f"a frame that is turned (its axes look like {turned})",
+        "transposed": "a transposed frame (its rotation is that of the base in the sensor)",
+        "turned": f"a turned frame (axes {turned})",
     }
+    base = f" A base turned to rpy_deg = {rpy_text(rpy_deg)} would look alike." if rpy_deg else ""
     both = " and ".join(filter(None, ["the opposite sign" if opposite else "", frames[frame]]))
     return (
-        f"The wrench '{wrench}' looks as if it had {both}: against the model's own prediction its relative error "
-        f"would fall from {error:.2f} to {error_turned:.2f}."
+        f"The wrench '{wrench}' looks as if it had {both}. Against the model's own prediction its relative error "
+        f"would fall from {error:.2f} to {error_turned:.2f}.{base}"
+    )
+
+
+def _mirrored(wrench: str, components: Sequence[str]) -> str:
+    one = len(components) == 1
+    return (
+        f"{listed(components)} of the wrench '{wrench}' {'looks' if one else 'look'} mirrored: the opposite sign is "
+        f"far nearer to the model's own prediction. Give {'its column' if one else 'their columns'} gain = -1 in the "
+        "columns file."
     )
 
 
 def _contact(body: str, point: Sequence[float], explained: float) -> str:
     at = listed(f"{x:.2f}" for x in point)
     return (
-        f"A contact may be left out: forces through one point of body '{body}', ({at}) m in its frame, "
-        f"would explain {explained:.0%} of the residual moment."
+        f"A contact may be left out. Forces through one point of body '{body}', ({at}) m in its frame, "
+        f"would explain {percent(explained)} of the residual moment."
     )
 
 
@@ -32,17 +51,17 @@ def _unmeasured(start: float, end: float, carries: float, body: str | None, log:
     on = f", as on '{body}'" if body else ""
     where = "" if log is None else f"Log {log}: "
     return (
-        f"{where}From {start:.2f} to {end:.2f} s something that is not measured carries up to {carries:.0%} of the "
-        f"weight{on}; these samples are left out."
+        f"{where}From {start:.2f} to {end:.2f} s something that is not measured carries up to {percent(carries)} of "
+        f"the weight{on}. These samples are left out."
     )
 
 
 def _common_gain(mass: float, std: float, model: float) -> str:
     more = mass / model - 1
     return (
-        f"The estimate's mass, {mass:.2f} ± {std:.2g} kg, is {abs(more):.1%} {'more' if more > 0 else 'less'} than the "
-        "model's. A gain common to all channels is one with the mass: the recording cannot tell them apart, a scale "
-        "can."
+        f"The estimate's mass, {mass:.2f} ± {std:.2g} kg, is {percent(abs(more), 1)} "
+        f"{'more' if more > 0 else 'less'} than the model's. "
+        "A gain common to all channels would do the same: the recording cannot tell them apart, a scale can."
     )
 
 
@@ -55,11 +74,10 @@ def _unit(channel: str) -> str:
 
 
 def _large(offsets: Mapping[str, Sequence[float]], shares: Mapping[str, float]) -> str:
-    each = listed(f"{_offset(channel, *offset)} ({shares[channel]:.0%})" for channel, offset in offsets.items())
+    each = listed(f"{_offset(channel, *offset)} ({percent(shares[channel])})" for channel, offset in offsets.items())
     return (
-        f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
-        f"reach they are so much: {each}: a sensor may not be tared, gravity or mass of the "
-        "model may be wrong, or a support is not measured."
+        f"Constant offsets are large, in brackets relative to the model's weight or its moment at full reach: {each}. "
+        "Tare the sensor, check gravity and mass of the model, or measure a support that is left out."
     )
 
 
@@ -81,13 +99,14 @@ def _inseparable(channels: Sequence[str]) -> str:
 
 def _out_of_plane(normal: str, channels: Sequence[str]) -> str:
     return (
-        f"The model moves in the plane normal to {normal}; how the mechanism sways out of it, which "
-        f"{listed(channels)} show, it cannot explain: --leave-out {' '.join(channels)} leaves them out."
+        f"The model moves in the plane normal to {normal} and cannot explain {listed(channels)}, in which the "
+        f"mechanism sways out of it. Leave them out: --leave-out {' '.join(channels)}."
     )
 
 
 WRENCHES = {
     "wrench_sign_or_axes": Row(_frame, doubt=True),
+    "mirrored_components": Row(_mirrored, doubt=True),
     "total_wrench_sign": Row(
         "The total wrench looks as if it had the opposite sign: against the model's own prediction its relative "
         "error would fall from {error:.2f} to {error_turned:.2f}.",
@@ -102,7 +121,7 @@ WRENCHES = {
     "contact_left_out": Row(_contact, doubt=True),
     "unmeasured_contact": Row(_unmeasured, doubt=False),
     "weight_differs": Row(
-        "The wrenches weigh {measured:.2f} kg, the model {model:.2f} kg: a contact or support may be unmeasured, a "
+        "The wrenches weigh {measured:.2f} kg, the model {model:.2f} kg. A contact or support may be unmeasured, a "
         "unit may be wrong, or the model is of somebody else.",
         doubt=None,
     ),
