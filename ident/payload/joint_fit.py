@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from ident.tolerances import SIGNIFICANT
 from ident.setup import FRICTION, OFFSET
+from ident.tolerances import SIGNIFICANT
 from ident.trajectory.estimate import own_columns
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.precision import inverse_of_precision
@@ -28,7 +28,7 @@ LOAD = tuple(f"load({name})" for name in ("m", "mx", "my", "mz", "Ixx", "Iyy", "
 
 
 def joint_fit(
-    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, size: np.ndarray
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, size: np.ndarray, mean: np.ndarray
 ) -> TrajectoryEstimate:
     """Estimate whose first ten parameters are a load's φ, and the next those of recordings without it.
 
@@ -38,23 +38,24 @@ def joint_fit(
         without: Estimate from recordings without the load, of r base parameters.
         loaded: Estimate from recordings with it, of the same.
         columns: Base parameters of a unit of each of the load's parameters (r, 10).
-        size: Standard deviations of a prior of φ about zero, so wide that it matters only where data do not (10,).
+        size: Standard deviations of the load's prior, so wide that they matter only where data do not (10,).
+        mean: Mean of the load's prior (10,).
     """
     (together, cost), (apart, less) = (
-        _joined(without, loaded, columns, size, own=own) for own in ((), (FRICTION,))
+        _joined(without, loaded, columns, Prior(mean, np.diag(size**-2.0)), own=own) for own in ((), (FRICTION,))
     )
     more = len(apart.fit.names) - len(together.fit.names)
     return apart if more and cost - less > special.chdtri(more, SIGNIFICANT) else together
 
 
 def _joined(
-    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, size: np.ndarray, own: tuple[str, ...]
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, load: Prior, own: tuple[str, ...]
 ) -> tuple[TrajectoryEstimate, float]:
     """The joint estimate, with offsets and some other kinds of columns separate, and its cost but for a constant."""
     A, B, names = _maps(without, loaded, columns, own)
     count, first, last = len(names), without.fit, loaded.fit
     precision, mean = np.zeros((count, count)), np.zeros(count)
-    precision[range(10), range(10)] = size**-2.0
+    precision[:10, :10], mean[:10] = load.precision, load.mean
     at = slice(10, 10 + len(first.theta))
     precision[at, at], mean[at] = first.prior.precision, first.prior.mean
     # What both share has its prior once.
@@ -80,7 +81,9 @@ def _joined(
     setup = {places[each.name]: each for each in without.setup.values()}
     setup |= {places[name]: each for each in loaded.setup.values() if (name := each.name + LOADED) in places}
     solved = _solved(fit)
-    return replace(without, search=replace(without.search, fit=solved), setup=setup), -float(fit.gradient @ solved.theta)
+    return replace(without, search=replace(without.search, fit=solved), setup=setup), -float(
+        fit.gradient @ solved.theta
+    )
 
 
 def _maps(
