@@ -3,24 +3,28 @@
 import argparse
 import contextlib
 import errno
+import gc
 import io
 import json
 import sys
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments import identify
 from experiments.cli import options, own_model, print_options, running
+from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.data.batch import Outcome
+    from experiments.data.log_agreement import LogAgreement
     from experiments.document.writer import Output
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
@@ -29,7 +33,7 @@ if TYPE_CHECKING:
 PROGRESS = "batch_outcomes.npz"
 """File with the outcomes so far, by which an interrupted run is resumed."""
 
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 """Errors of the disk rather than of a log: they end the batch, which can be resumed once there is room."""
 
 MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns")
@@ -53,22 +57,23 @@ def run(args: argparse.Namespace) -> None:
     with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(kept_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-        origin = provenance({**kept.identity, **out.choices})
-        write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
+        origin, agreed = provenance({**kept.identity, **out.choices}), agreement_of(tasks, outcomes)
+        document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
+        write(document, out, stale=batch_report.OUTPUTS)
     if remarks := {each.remark: each.log for each in reversed(outcomes) if each.remark}:
         print("".join(f"{log}: {remark}\n" for remark, log in remarks.items()), end="", file=sys.stderr)
     if failed := [each for each in outcomes if each.error]:
-        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {', '.join(each.log for each in failed)}.")
+        raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed([each.log for each in failed], 3)}.")
     if remarks:
         raise InputError("Captions or parameters of single logs are as by default, for the reasons above.")
 
 
 def own_output(args: argparse.Namespace) -> "Output":
     """The folder and layout of the tables of all logs, without the captions and parameters meant for single logs."""
-    from experiments.reports.batch_report import TABLES
+    from experiments.reports.batch_report import SHOWN
 
     out = print_options.output_of(args)
-    captions = {name: text for name, text in out.layout.captions.items() if name in TABLES}
+    captions = {name: text for name, text in out.layout.captions.items() if name in SHOWN}
     return replace(out, layout=replace(out.layout, captions=captions, parameters=()), checked=True)
 
 
@@ -79,13 +84,13 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
             of a file of the batch's own.
     """
-    from experiments.reports.batch_report import TABLES
+    from experiments.reports.batch_report import SHOWN
 
     names = [own_model.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
-    shared = {"workers": 1, "film": False, "caption": [each for each in args.caption if each[0] not in TABLES]}
+    shared = {"workers": 1, "caption": [each for each in args.caption if each[0] not in SHOWN]}
     tasks = [
         argparse.Namespace(**{**vars(args), **shared, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
@@ -131,11 +136,39 @@ def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: 
         done = [json.loads(str(text)) for text in kept.done()] if kept.file.exists() else []
         lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
         raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
+    except (FullDiskError, OSError):
+        kept.keep()
+        raise
+
+
+class FullDiskError(InputError):
+    """Results of no log can be written."""
+
+
+def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[Outcome]") -> "LogAgreement | None":
+    """Agreement of the logs that did not fail, None for fewer than two.
+
+    Raises:
+        InputError: The results of a log are damaged.
+    """
+    from experiments.data.log_agreement import agreement
+    from experiments.studies.result_files import covariance_of
+
+    fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
+    covariances = [covariance_of(folder, tuple(each.values)) for folder, each in fitted]
+    return agreement([each.values for _, each in fitted], covariances)
 
 
 def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
-    """True if the results of a log that did not fail are gone."""
-    return not outcome["error"] and not (own_model.folder(task) / "estimate.json").is_file()
+    """True if the results of a log that did not fail are not as they were written."""
+    folder = own_model.folder(task)
+    return not outcome["error"] and not (outcome["files"] and sums_of(folder, outcome["files"]) == outcome["files"])
+
+
+def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """SHA-256 sums of those files of a folder that exist, by name."""
+    files = [folder / name for name in names if (folder / name).is_file()]
+    return {file.name: sha256(file.read_bytes()).hexdigest() for file in files}
 
 
 def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> "list[Outcome]":
@@ -177,14 +210,17 @@ def check_shared(args: argparse.Namespace) -> "Mechanism":
 
 def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
     """Outcome of one log, whose results are written, as a batch of JSON texts."""
-    return [json.dumps(outcome_of(task).to_dict())]
+    texts = [json.dumps(outcome_of(task).to_dict())]
+    # Estimates and figures hold cycles, 24 MB of a log of three joints, which wait for a rare collection otherwise.
+    gc.collect()
+    return texts
 
 
 def outcome_of(task: argparse.Namespace) -> "Outcome":
     """Outcome of one log, whose results are written; a failure is an outcome as well.
 
     Raises:
-        InputError: Results of no log can be written.
+        FullDiskError: Results of no log can be written.
     """
     from experiments.data.batch import Outcome
     from experiments.document.writer import written
@@ -195,10 +231,10 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder = own_model.folder(task)
         with contextlib.redirect_stderr(io.StringIO()), print_options.style_of(task):
             result, document, out = identify.identified_from(task, folder)
-            _, remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
-        if isinstance(error, OSError) and error.errno in FULL:
-            raise InputError(f"{name}: {error}") from None
+        if {getattr(each, "errno", None) for each in (error, error.__cause__)} & FULL:
+            raise FullDiskError(f"{name}: {error}") from None
         return Outcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
     except Exception as error:
         # One log must not end the others; what is printed is for a report of the fault.
@@ -212,18 +248,21 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder=folder.name,
         verdict=verdict.outcome.value,
         doubts=list(verdict.doubts),
+        predicted=list(verdict.predicted),
+        missed=list(verdict.missed),
         ratios=dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True)),
-        values={each.name: each.value for each in known},
+        values={each.name: each.estimate for each in known},
         std={each.name: each.std_setup for each in known},
         units={each.name: each.unit for each in known},
         seconds=time.process_time() - begun,
         remark=remark,
+        files=sums_of(folder, (file.name for file in folder.iterdir())),
     )
 
 
 def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
     """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
-    left_out = ("out", "workers", "scheduler", "tls", "resume", "logs", "held_out", "model", "columns")
+    left_out = ("out", "workers", "resume", "logs", "held_out", "model", "columns")
     given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
     model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
     files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]

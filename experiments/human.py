@@ -91,7 +91,6 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--no-rail", dest="rail", action="store_false", help="persons who stand on the plates alone")
     options.add_resume(out)
     options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
-    options.add_film(out)
     return out
 
 

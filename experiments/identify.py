@@ -125,7 +125,6 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     add_options(out)
-    options.add_film(out)
     options.add_rerun(out)
     otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)

@@ -65,7 +65,8 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     run_ = Run.of(study, trials, out.folder)
     if source is not None:
         origin["study"] = {"file": source.name, "sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
-    document, missing = written(study_report.document(study, origin), out, stale=study_report.OUTPUTS, inputs=inputs)
+    document = study_report.document(study, origin)
+    missing = written(document, out, stale=study_report.OUTPUTS, inputs=inputs)
     print(document.text())
     if trials.trials:
         more = monte_carlo_report.document(

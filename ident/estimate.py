@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.arguments import near
+from ident.annotations import typed
+from ident.arguments import check_type, near
 from ident.display.brief import listed, short
 from ident.display.frames import parameters_frame
 from ident.display.html import estimate_html
@@ -25,11 +26,12 @@ from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding
+from ident.judgement.idle import idle_channels
 from ident.judgement.judges import findings
 from ident.judgement.residuals import correlation_time, explained_by_motion
 from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.torque_checks import friction_shares
-from ident.judgement.verdict import Precision, Verdict
+from ident.judgement.verdict import Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.stated import column_place, with_values
@@ -127,7 +129,7 @@ class Estimate:
         return self._by_name[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._by_name
+        return isinstance(name, str) and name in self._by_name
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
@@ -148,6 +150,7 @@ class Estimate:
         groups = dict.fromkeys(each.body for each in self.parameters)
         return Groups({body: tuple(each for each in self.parameters if each.body == body) for body in groups})
 
+    @typed()
     def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
         """Confidence intervals of the base parameters (r, 2).
 
@@ -334,8 +337,11 @@ class Estimate:
         Raises:
             InputError: The motion does not fit the mechanism.
         """
+        needed = "a Motion(q, dq, ddq); a recording is predicted by identify(..., held_out=recording)"
+        check_type("motion", motion, Motion, needed)
         return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
 
+    @typed()
     def compare(self, other: "Estimate") -> Comparison:
         """Comparison with an estimate from another recording of the same mechanism, with a test of the difference.
 
@@ -391,6 +397,7 @@ class Estimate:
             covariance_setup=self.covariance_setup,
             consistent=self.consistent(),
             unmodelled=self.unmodelled,
+            idle=idle_channels(held, self.prepared),
         )
 
     @cached_property
@@ -400,9 +407,7 @@ class Estimate:
 
     def verdict(self) -> Verdict:
         """Verdict on the estimate, with its reasons; sentences when printed."""
-        names, bodies = self.base.names, self.prepared.mechanism.bodies
-        precision = Precision.of(names, self.psi, self.std, self.std_setup, bodies)
-        return Verdict.of(self.evidence, self.findings, precision)
+        return Verdict.of(self.evidence, self.findings)
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
@@ -470,7 +475,7 @@ class Estimate:
         Raises:
             InputError: The file is missing, is no saved estimate, or was written by another version.
         """
-        loaded: Estimate = load_object(path, "estimate")
+        loaded: Estimate = load_object(path, "estimate", cls)
         return loaded
 
     @cached_property

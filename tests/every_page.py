@@ -1,8 +1,5 @@
 """A page of each command that writes one, from minimal runs, for the tests of all pages."""
 
-import os
-from pathlib import Path
-
 import driven_arm
 import numpy as np
 import pytest
@@ -36,7 +33,6 @@ from experiments import (
 )
 from experiments.__main__ import main as everything
 from experiments.document.writer import PAGE
-from experiments.in_vivo import __main__ as in_vivo
 from experiments.noise import __main__ as noise_command
 from experiments.noise import estimators, figure, report
 from experiments.noise import study as noise
@@ -46,7 +42,6 @@ from experiments.studies.validation.registry import read_entry
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
-DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "human_bowing"
 PNG = ["--formats", "png"]
 SHORT = ["--samples", "150", *PNG]
 TRIALS = ["--trials", "2", "--redraw", "sensors"]
@@ -102,12 +97,6 @@ def _noise(folder):
         return noise_command.main(["--recordings", "2", *_out(folder)])
 
 
-def _in_vivo(folder):
-    if not (DATA / "bowing.csv").is_file():
-        pytest.skip("MULTICONTACT_DATA has no human_bowing")
-    return in_vivo.main(["--data", str(DATA), *_out(folder)])
-
-
 def _validate(folder):
     recorded(folder / "arm")
     text = TEXT.format(files=files_of(folder / "arm", "arm.xml", "one.csv", "two.csv"), more="")
@@ -144,7 +133,6 @@ COMMANDS = {
     "stream": _stream,
     "angles": _angles,
     "human": lambda folder: human.main(["--workers", "1", *_out(folder)]),
-    "in_vivo": _in_vivo,
     "validate": _validate,
     "noise": _noise,
     "benchmark": lambda folder: benchmark(*_out(folder)),

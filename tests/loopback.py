@@ -1,12 +1,12 @@
 """A server on this machine that sends files, whole or in part, and breaks off or redirects."""
 
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
 @contextmanager
-def server(contents, *, ranges=True, status=200, whole=None, location=None):
+def server(contents, *, ranges=True, status=200, whole=None, location=None, length=None, pause=None):
     """Address of a server, and the ranges that it is asked for.
 
     Args:
@@ -15,8 +15,10 @@ def server(contents, *, ranges=True, status=200, whole=None, location=None):
         status: Status of its answers.
         whole: Bytes that it says it sends; then it breaks off.
         location: Address to redirect to.
+        length: Length that it states instead.
+        pause: Seconds before each byte, with a minus before each byte of a header; by default it sends all at once.
     """
-    asked = []
+    asked, stopped = [], threading.Event()
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self):
@@ -33,9 +35,22 @@ def server(contents, *, ranges=True, status=200, whole=None, location=None):
                 self.send_header("Location", location)
             if start:
                 self.send_header("Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}")
-            self.send_header("Content-Length", str((whole or len(content)) - start))
+            self.send_header("Content-Length", length or str((whole or len(content)) - start))
+            if pause and pause < 0:
+                self.flush_headers()
+                self.trickle(b"X-Slow: " + content, -pause)
             self.end_headers()
-            self.wfile.write(content[start:])
+            if pause:
+                self.trickle(content[start:], pause)
+            else:
+                self.wfile.write(content[start:])
+
+        def trickle(self, content, pause):
+            with suppress(OSError):
+                for byte in content:
+                    if stopped.wait(pause):
+                        return
+                    self.wfile.write(bytes([byte]))
 
         def log_message(self, *_):
             pass
@@ -46,5 +61,6 @@ def server(contents, *, ranges=True, status=200, whole=None, location=None):
         try:
             yield f"http://127.0.0.1:{httpd.server_port}", asked
         finally:
+            stopped.set()
             httpd.shutdown()
             thread.join()

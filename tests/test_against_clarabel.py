@@ -8,6 +8,8 @@ from ident.parameters.consistency import consistent_parameters
 
 cvxpy = pytest.importorskip("cvxpy", reason="cvxpy with Clarabel is an optional extra")
 
+pytestmark = pytest.mark.extras
+
 
 def least_divergence(psi, covariance, base, prior, distance):
     """Least divergence of bodies whose ψ is within a Mahalanobis distance; None if the solver is not sure."""

@@ -14,6 +14,8 @@ from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mujoco_model import compiled, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 from sim.models.notes import ModelNote
 
+pytestmark = pytest.mark.extras
+
 FILES = {"example-robot-data": 69, "robosuite": 58, "dm_control": 65}
 MECHANISMS = {"example-robot-data": 68, "robosuite": 47, "dm_control": 38}
 """Number of these files that MuJoCo can read, with bodies that have mass."""

@@ -11,6 +11,8 @@ from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
 
+pytestmark = pytest.mark.extras
+
 STATES = 3
 
 

@@ -10,6 +10,8 @@ import sim
 from ident.recordings.commands import with_servos
 
 sysid = pytest.importorskip("mujoco.sysid", reason="MuJoCo 4 has sysid")
+
+pytestmark = pytest.mark.extras
 pytest.importorskip("absl", reason="what mujoco.sysid imports is in the extra 'peers'")
 
 RATE, STEPS, NOISE = 100, 10, 1e-4

@@ -81,6 +81,7 @@ def test_rotors_and_friction_of_coupled_motors_are_identified():
     assert [estimate()[f"{column}(wrist 1)"].unit for column in MOTOR_DRIVES] == ["kg m²", "N m s", "N m"]
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_motors_drives_as_often_as_they_say():
     z = []
     for seed in range(6):

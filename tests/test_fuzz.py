@@ -12,6 +12,8 @@ from fuzz.journal import Journal
 
 from experiments import identify
 
+pytestmark = pytest.mark.slow
+
 
 def test_damaged_input_is_refused_or_accepted(tmp_path, capsys):
     assert command.main(["--cases", "30", "--seed", "1", "--out", str(tmp_path)]) == 0

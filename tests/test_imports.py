@@ -53,11 +53,11 @@ ALLOWED = {
 EXTRAS = {
     "cli": {"argcomplete"},
     "symbols": {"sympy"},
-    "runs": {"distributed"},
     "benchmark": {"pinocchio"},
     "document": {"PIL", "rerun"},
     "files": {"ezc3d", "rosbags", "pyarrow"},
     "display": {"matplotlib", "pandas"},
+    "models": {"xacro", "xacrodoc"},
     "estimate.py": {"matplotlib", "pandas"},
     "recordings": {"matplotlib", "pandas"},
 }

@@ -10,6 +10,8 @@ from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.preparation import prepared
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 
+pytestmark = pytest.mark.slow
+
 GAP = 4.0, 7.4
 
 

@@ -11,7 +11,10 @@ import pytest
 import ident
 
 ROOT = Path(ident.__file__).parents[1]
-pytestmark = pytest.mark.skipif(not (ROOT / ".github").exists(), reason="only a checkout has workflows")
+pytestmark = [
+    pytest.mark.skipif(not (ROOT / ".github").exists(), reason="only a checkout has workflows"),
+    pytest.mark.extras,
+]
 FORMS = [ROOT / ".github/ISSUE_TEMPLATE" / f"{name}.yml" for name in ("bug", "estimate", "feature")]
 FILES = [*sorted((ROOT / ".github").rglob("*.yml")), ROOT / ".pre-commit-config.yaml", ROOT / ".conda/recipe.yaml"]
 TEXTS = [*FILES, *(ROOT / ".github").rglob("*.md"), ROOT / ".conda/README.md", ROOT / "SECURITY.md"]

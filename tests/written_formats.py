@@ -118,7 +118,7 @@ def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
     file.write(str(path))
 
 
-def write_bag(path, topics, *, stamped=True, packed=False):
+def write_bag(path, topics, *, stamped=True, packed=False, mode="STORAGE"):
     """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name.
 
     `topics` has times in s and, for joint states, a dict of names to (position, velocity, effort); for wrenches (N, 6);
@@ -136,7 +136,7 @@ def write_bag(path, topics, *, stamped=True, packed=False):
     plugin = StoragePlugin.MCAP if "mcap" in path.name else StoragePlugin.SQLITE3
     writer = Writer1(path) if one else Writer2(path, version=9, storage_plugin=plugin)
     if packed:
-        writer.set_compression(*([Writer1.CompressionFormat.BZ2] if one else [Mode.STORAGE, Format.ZSTD]))
+        writer.set_compression(*([Writer1.CompressionFormat.BZ2] if one else [Mode[mode], Format.ZSTD]))
     with writer:
         for topic, (time, content) in topics.items():
             kind = "sensor_msgs/msg/JointState" if isinstance(content, dict) else "geometry_msgs/msg/WrenchStamped"

@@ -9,7 +9,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 from experiments.benchmark.identification import ALL_COLUMNS, CHAIN, REGRESSOR
 from experiments.benchmark.mechanisms import PENDULUM
-from experiments.benchmark.targets import Results
+from experiments.benchmark.tables import Results
 from experiments.document import styles
 from ident.errors import InputError
 
@@ -39,23 +39,14 @@ def figure_benchmark(results: Results) -> Figure:
             # The smallest number is the recording's, close to the next.
             _lines(above, "samples", by_samples[1:], style, (ours, theirs))
         arms = [row for row in rows if row["mechanism"] == CHAIN]
-        _limit(below, [row for row in results["distances"] if row["mechanism"] == CHAIN])
         _lines(below, "bodies", arms, "o-", ("$Y$, ours", f"$Y$, {peer}'s loop"))
         above.set_xlabel("Samples, double pendulum of 3 bodies", labelpad=2)
         below.set_xlabel("Bodies of an arm, memory used again", labelpad=2)
         for ax in (above, below):
             ax.set_ylabel("Time a sample (µs)", labelpad=2)
-        handles, labels = (
-            a + b[:1] for a, b in zip(*(ax.get_legend_handles_labels() for ax in (above, below)), strict=True)
-        )
+        handles, labels = above.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=2)
     return figure
-
-
-def _limit(ax: Axes, arms: Sequence[Row]) -> None:
-    """Draws the time at the machine's limits of arithmetic or memory, whichever is longer."""
-    times = [1e6 * max(row["arithmetic"], row["writing"]) * row["seconds"] / row["samples"] for row in arms]
-    ax.loglog([row["bodies"] for row in arms], times, "k:", lw=1, label="$Y$, the machine's limit")
 
 
 def _lines(ax: Axes, key: str, rows: Sequence[Row], style: str, labels: tuple[str, str]) -> None:

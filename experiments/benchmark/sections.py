@@ -8,13 +8,12 @@ from typing import Any
 
 from tqdm import tqdm
 
-from experiments.benchmark import bounds, identification, machine, monte_carlo, peers, simulation, whole, words, workers
+from experiments.benchmark import identification, machine, monte_carlo, peers, simulation, whole, words
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import Effort
 from experiments.document.document import Document
 from experiments.runs.workers import worker_pool
-from ident.errors import InputError
 
 FILE = "benchmark.json"
 """File in the output folder with all numbers."""
@@ -32,37 +31,22 @@ def measured(effort: Effort) -> dict[str, Any]:
 
     Raises:
         ValueError: Ours and theirs differ.
-        InputError: A worker died.
+        DeadWorkerError: The process that measures died.
     """
     sections: dict[str, Callable[[Effort], dict[str, Any]]] = {
-        "limits": _limits,
         "identification": _identification,
         "simulation": _simulation,
         "Monte Carlo": _monte_carlo,
-        "memory and accuracy": _bounds,
         "whole jobs": _jobs,
     }
-    results: dict[str, Any] = {"comparisons": [], "notes": []}
-    with tqdm(total=len(sections) + 1, desc="Benchmark", file=sys.stderr) as bar:
-        with worker_pool(1) as pool:
-            for name, section in sections.items():
-                bar.set_postfix_str(name)
-                for key, value in pool.executor.submit(section, effort).result().items():
-                    results[key] = results[key] + value if key in ("comparisons", "notes") else value
-                bar.update()
-        bar.set_postfix_str("workers")
-        results["shared"] = [asdict(row) for row in workers.shared(effort)]
-        bar.update()
+    results: dict[str, Any] = {"machine": machine.description(), "comparisons": [], "notes": []}
+    with tqdm(total=len(sections), desc="Benchmark", file=sys.stderr) as bar, worker_pool(1) as pool:
+        for name, section in sections.items():
+            bar.set_postfix_str(name)
+            for key, value in pool.executor.submit(section, effort).result().items():
+                results[key] = results[key] + value if key in ("comparisons", "notes") else value
+            bar.update()
     return results
-
-
-def _limits(effort: Effort) -> dict[str, Any]:
-    reached = machine.limits(effort)
-    return {
-        "machine": machine.description(),
-        "limits": asdict(reached),
-        "distances": [asdict(row) for row in machine.distances(effort, reached)],
-    }
 
 
 def _identification(effort: Effort) -> dict[str, Any]:
@@ -78,14 +62,6 @@ def _simulation(effort: Effort) -> dict[str, Any]:
 def _monte_carlo(effort: Effort) -> dict[str, Any]:
     rows = [] if peers.missing() else monte_carlo.comparisons(effort)
     return {"comparisons": [asdict(row) for row in rows]}
-
-
-def _bounds(effort: Effort) -> dict[str, Any]:
-    section: dict[str, Any] = {"peaks": [asdict(row) for row in bounds.peaks((*effort.sizes[-2:], effort.streamed))]}
-    try:
-        return section | {"accuracies": [asdict(row) for row in bounds.accuracies()]}
-    except InputError as error:
-        return section | {"accuracies": [], "notes": [str(error)]}
 
 
 def _jobs(effort: Effort) -> dict[str, Any]:

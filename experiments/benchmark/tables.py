@@ -4,9 +4,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from experiments.benchmark.identification import CHAIN, TASKS
-from experiments.benchmark.targets import Results, table_targets
 from experiments.document.tabular import Cell, Table
 from ident.errors import InputError
+
+Results = Mapping[str, Any]
+"""Contents of `benchmark.json`."""
 
 
 def tables(results: Results) -> dict[str, Table]:
@@ -14,12 +16,7 @@ def tables(results: Results) -> dict[str, Table]:
     return {
         "table_ratios": table_ratios(results),
         "table_simulation": table_simulation(results),
-        "table_workers": table_workers(results),
-        "table_limits": table_limits(results),
-        "table_memory": table_memory(results),
-        "table_accuracy": table_accuracy(results),
         "table_jobs": table_jobs(results),
-        "table_targets": table_targets(results),
     }
 
 
@@ -78,62 +75,6 @@ def table_simulation(results: Results) -> Table:
             )
             for row in results["simulations"]
         ),
-    )
-
-
-def table_workers(results: Results) -> Table:
-    """Speedup with several processes."""
-    return _table(
-        "Work that processes share: trials or samples a second",
-        ("task", "workers", "rate", "speedup"),
-        ((*_cells(row, "task workers"), *_numbers(row, "rate speedup")) for row in results["shared"]),
-    )
-
-
-def table_limits(results: Results) -> Table:
-    """Times of tasks beside the machine's limits."""
-    reached = results["limits"]
-    return _table(
-        f"Time, and which part of it the operations would take in a product of matrices ({reached['product']:.0f} "
-        f"GFlop/s), and the result at the bandwidth of filling old memory ({reached['write']:.0f} GB/s) and new "
-        f"({reached['first_write']:.0f} GB/s)",
-        (
-            "task",
-            "mechanism",
-            "bodies",
-            "N",
-            "operations a sample",
-            "ms",
-            "arithmetic, %",
-            "old memory, %",
-            "new memory, %",
-        ),
-        (
-            (
-                *_cells(row, "task mechanism bodies samples operations"),
-                1e3 * row["seconds"],
-                *(100 * share for share in _numbers(row, "arithmetic writing first_writing")),
-            )
-            for row in results["distances"]
-        ),
-    )
-
-
-def table_memory(results: Results) -> Table:
-    """Peak memory of an identification."""
-    return _table(
-        "Peak memory of an identification above what there was, MB: samples made piece by piece, and in arrays",
-        ("N", "in pieces", "in arrays"),
-        ((*_cells(row, "samples"), *_numbers(row, "streamed in_memory")) for row in results["peaks"]),
-    )
-
-
-def table_accuracy(results: Results) -> Table:
-    """Errors of the estimates beside those of other methods."""
-    return _table(
-        "Errors of the estimates against Householder's QR in extended precision, relative to the largest one",
-        ("condition number", "ours", "Householder's QR", "normal equations"),
-        (tuple(f"{x:.1e}" for x in _numbers(row, "condition_number ours qr normal")) for row in results["accuracies"]),
     )
 
 

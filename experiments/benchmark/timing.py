@@ -25,8 +25,6 @@ class Effort:
         trials: Monte Carlo trials.
         samples: Samples of a simulated recording.
         bodies: Numbers of bodies of arms, increasing.
-        array: Elements of the array whose writing is timed.
-        matrix: Rows and columns of the matrices whose product is timed.
         linearised: Samples of a linearisation of the trajectory estimate.
     """
 
@@ -37,12 +35,10 @@ class Effort:
     trials: int = 1000
     samples: int = paper.SAMPLES
     bodies: tuple[int, ...] = (3, 10, 30, 100, 300)
-    array: int = 2**25
-    matrix: int = 1500
     linearised: int = 200
 
 
-QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, (3, 10), 2**18, 200, 50)
+QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, (3, 10), 50)
 """Enough to check that everything runs."""
 
 

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 from experiments.benchmark import identification, monte_carlo
 from experiments.benchmark.mechanisms import PENDULUM
-from experiments.benchmark.tables import table_overview
-from experiments.benchmark.targets import Results, missed
+from experiments.benchmark.tables import Results, table_overview
 
 EMPTY = (
     "Empty: not compared; np.linalg.lstsq would take minutes there, and a stream of pieces has its accumulation only"
@@ -26,7 +25,7 @@ def readme_block(results: Results) -> str:
             f"Measured on {machine(results)}. Times of the loop over times of ours{brackets}, "
             "and what the loop takes a sample:\n",
             table_overview(results).markdown(),
-            *(f"- {line}." for line in (*tasks, EMPTY, *findings(results), *missed(results))),
+            *(f"- {line}." for line in (*tasks, EMPTY, *findings(results))),
             "",
         ]
     )
@@ -47,10 +46,6 @@ def findings(results: Results) -> list[str]:
         *_times(results),
         *_trials(results),
         _simulations(results),
-        *_workers(results),
-        _memory(results),
-        *_errors(results),
-        *_limits(results),
         *_jobs(results),
     ]
 
@@ -81,43 +76,6 @@ def _simulations(results: Results) -> str:
     )
     native = results["simulations"][0]["native"] / 1e3
     return f"recorded simulations: a bare loop makes {native:.0f} thousand steps a second; {rates}"
-
-
-def _workers(results: Results) -> Iterator[str]:
-    for task in dict.fromkeys(row["task"] for row in results["shared"]):
-        rows = [row for row in results["shared"] if row["task"] == task]
-        gains = ", ".join(f"{row['speedup']:.2f} times as fast with {row['workers']}" for row in rows[1:])
-        if gains:
-            yield f"{task}, processes that share it: {gains} as with 1"
-
-
-def _memory(results: Results) -> str:
-    numbers = [row["samples"] for row in results["peaks"]]
-    most = max(max(row["streamed"], row["in_memory"]) for row in results["peaks"])
-    return f"peak memory from {min(numbers):,} to {max(numbers):,} samples: at most {most:.1f} MB above the inputs"
-
-
-def _errors(results: Results) -> Iterator[str]:
-    if results["accuracies"]:
-        worst = max(row["ours"] / row["qr"] for row in results["accuracies"])
-        condition = max(row["condition_number"] for row in results["accuracies"])
-        yield f"errors of ψ, condition numbers up to {condition:.0e}: at most {worst:.2f} of those of LAPACK's QR"
-
-
-def _limits(results: Results) -> Iterator[str]:
-    """Shares of the time that arithmetic and memory need at the machine's limits."""
-    reached = results["limits"]
-    for row in results["distances"]:
-        if row["mechanism"] == PENDULUM:
-            arithmetic, old, new = (100 * row[key] for key in ("arithmetic", "writing", "first_writing"))
-            writing = (
-                f", and {old:.0f} % to write its {row['megabytes']:.0f} MB at {reached['write']:.0f} GB/s "
-                f"({new:.0f} % at the {reached['first_write']:.0f} GB/s of memory that was never touched)"
-            )
-            yield (
-                f"{row['task']}, limits: {arithmetic:.0f} % of the time would do for its arithmetic at the "
-                f"{reached['product']:.0f} GFlop/s of a product of matrices{writing if row['megabytes'] else ''}"
-            )
 
 
 def _jobs(results: Results) -> Iterator[str]:

@@ -33,7 +33,7 @@ from experiments.cli import running
 from experiments.runs.environment import end_at_once
 from ident.arguments import near
 
-FROM_A_CLONE = "noise", "in_vivo", "benchmark", "readme"
+FROM_A_CLONE = "noise", "benchmark", "readme"
 """Subcommands for developers, which an installed wheel does not have."""
 
 COMMANDS = {

@@ -2,10 +2,8 @@
 
 import argparse
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 import scenes
 from experiments.cli.print_options import add_print
@@ -17,8 +15,8 @@ if TYPE_CHECKING:
     from experiments.runs.workers import Workers
 
 LOGS = (
-    "CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, ROS bag, LeRobot dataset with its episode, DATASET#3, or "
-    "FILE+FILE: angles in one, forces in another"
+    "CSV (also .gz), npz, mat, jsonl, mot, sto, parquet or C3D file, ROS bag, LeRobot dataset with its episode, "
+    "DATASET#3, or FILE+FILE: angles in one, forces in another"
 )
 """Help on the formats of a log."""
 
@@ -96,7 +94,6 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     parser.add_argument(
         "--noise-scale", type=float, help=f"factor on the scene's and the excitation's noise{otherwise}"
     )
-    add_film(parser)
     add_trials(parser)
     return parser
 
@@ -140,21 +137,6 @@ def add_trials(parser: argparse.ArgumentParser) -> None:
 def add_workers(group: argparse._ActionsContainer) -> None:
     """Adds the options of runs that several workers share."""
     add_local_workers(group, default=1)
-    group.add_argument(
-        "--scheduler",
-        type=_address,
-        metavar="tcp://HOST:PORT",
-        help="Dask scheduler, also tls://, whose workers share the work instead (extra 'cluster'); they need this "
-        "package in the same version and one thread each for linear algebra, as `dask worker --nthreads 1` starts them "
-        "with its nanny",
-    )
-    group.add_argument(
-        "--tls",
-        nargs=3,
-        type=_file,
-        metavar=("CA", "CERT", "KEY"),
-        help="PEM files for tls://, if Dask's own configuration has none: the authority's certificate, yours, its key",
-    )
     add_resume(group)
 
 
@@ -167,18 +149,13 @@ def workers_of(args: argparse.Namespace) -> "Workers":
     """Workers that `add_workers` asks for."""
     from experiments.runs.workers import Workers
 
-    return Workers(args.workers, args.scheduler, args.tls, args.resume)
+    return Workers(args.workers, args.resume)
 
 
 def add_local_workers(group: argparse._ActionsContainer, *, default: int | None, otherwise: str = "") -> None:
     """Adds the number of local processes; `otherwise` explains a default of None."""
     text = f"local processes that share the work{otherwise}"
     group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=text)
-
-
-def add_film(parser: argparse.ArgumentParser) -> None:
-    """Adds the choice of a film of the page's replay."""
-    parser.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
 
 
 def add_rerun(parser: argparse.ArgumentParser) -> None:
@@ -190,7 +167,7 @@ def add_rerun(parser: argparse.ArgumentParser) -> None:
 
 def add_mechanism(parser: argparse._ActionsContainer) -> None:
     """Adds the options of a user's model; `of_model` returns them."""
-    parser.add_argument("--base", help="body whose frame is {0}, by default the world")
+    parser.add_argument("--base", help="body that is the base, by default the world")
     add_base_rpy(parser)
     parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     add_packages(parser)
@@ -312,26 +289,9 @@ def as_text(args: argparse.Namespace) -> dict[str, Any]:
 
 def size_limit(args: argparse.Namespace) -> int:
     """Largest size of a log in memory, bytes."""
-    from ident.files.npz import LIMIT
+    from ident.files.limits import LIMIT
 
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
-
-
-def _address(text: str) -> str:
-    """Type of an option: a scheduler's address."""
-    with suppress(ValueError):
-        parts = urlsplit(text)
-        whole = text in (f"tcp://{parts.netloc}", f"tls://{parts.netloc}")
-        if whole and parts.hostname and parts.port and not (parts.username or " " in text):
-            return text
-    raise argparse.ArgumentTypeError(f"needs an address as tcp://host:port, got '{text}'; tls:// will do as well")
-
-
-def _file(text: str) -> str:
-    """Type of an option: an existing file."""
-    if not Path(text).is_file():
-        raise argparse.ArgumentTypeError(f"needs files that exist, got '{text}'")
-    return text
 
 
 def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:

@@ -57,8 +57,7 @@ def output_of(args: argparse.Namespace, folder: Path | None = None, formats: Seq
     from experiments.document.writer import Output
 
     folder, formats = folder or args.out, args.formats if formats is None else formats
-    film = getattr(args, "film", False)
-    return Output(folder, formats, layout_of(args), film=film, choices=author_choices(args))
+    return Output(folder, formats, layout_of(args), choices=author_choices(args))
 
 
 def layout_of(args: argparse.Namespace) -> "Layout":

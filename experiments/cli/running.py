@@ -51,7 +51,7 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
             stream.reconfigure(errors="backslashreplace")
     parser = make_parser()
     options = parser.parse_args(argv)
-    variables = environment(default_variables(film=getattr(options, "film", False)))
+    variables = environment(default_variables())
     interrupted = f"{parser.prog}: interrupted; every file is whole."
     with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:

@@ -9,6 +9,9 @@ import numpy as np
 from ident.errors import InputError
 from ident.judgement.verdict import Outcome as Verdict
 
+NAMES = "doubts", "predicted", "missed"
+"""Fields of an outcome that are lists of names."""
+
 NUMBERS = "ratios", "values", "std"
 """Fields of an outcome that are numbers by name."""
 
@@ -22,6 +25,8 @@ class Outcome:
         folder: Name of the folder with its results; empty if it failed.
         verdict: Outcome of the verdict, as of `ident.judgement.verdict.Outcome`; empty if it failed.
         doubts: Codes of the findings against the estimate.
+        predicted: Channels that it predicts.
+        missed: Channels that count and that it does not predict.
         ratios: Held-out residual over signal by channel.
         values: Base parameters and drives by name.
         std: Their standard deviations with the uncertainty of the set-up, by name.
@@ -29,12 +34,15 @@ class Outcome:
         seconds: CPU time, s.
         error: The sentence with which it failed; empty if it did not.
         remark: The sentence on captions or parameters of its document that could not be chosen; empty if all could.
+        files: SHA-256 sums of the files in its folder, by name.
     """
 
     log: str
     folder: str = ""
     verdict: str = ""
     doubts: Sequence[str] = ()
+    predicted: Sequence[str] = ()
+    missed: Sequence[str] = ()
     ratios: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
@@ -42,6 +50,7 @@ class Outcome:
     seconds: float = 0.0
     error: str = ""
     remark: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it in JSON's types."""
@@ -60,8 +69,8 @@ class Outcome:
         right = {
             **{name: isinstance(given[name], str) for name in ("log", "folder", "error", "remark")},
             "verdict": given["verdict"] in ([""] if failed else verdicts),
-            "doubts": isinstance(given["doubts"], list) and _are_texts(given["doubts"]),
-            "units": isinstance(given["units"], dict) and _are_texts(given["units"].values()),
+            **{name: isinstance(given[name], list) and _are_texts(given[name]) for name in NAMES},
+            **{name: isinstance(given[name], dict) and _are_texts(given[name].values()) for name in ("units", "files")},
             **{name: isinstance(given[name], dict) and _are_numbers(given[name].values()) for name in NUMBERS},
             "seconds": _are_numbers([given["seconds"]]),
         }

@@ -13,7 +13,7 @@ from experiments.runs.signals import held_back
 from ident.errors import InputError
 from ident.files.atomic import PARTIAL, claimed, unwritten
 
-OUTPUTS = ("table_*", "figure_*", "monte_carlo*", "film.*")
+OUTPUTS = ("table_*", "figure_*", "monte_carlo*")
 """Patterns of the files that a study writes, besides `summary.json` and `provenance.json`."""
 
 

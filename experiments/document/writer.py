@@ -1,4 +1,4 @@
-"""Writing of documents: HTML, TeX, Markdown, CSV and JSON files, figures and a film in a folder; text on the screen."""
+"""Writing of documents: HTML, TeX, Markdown, CSV and JSON files, and figures in a folder; text on the screen."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,6 @@ class Output:
         folder: The folder.
         formats: Formats of figures.
         layout: Layout of tables and figures in print.
-        film: True to write a film of the replay.
         checked: True if the layout names nothing that does not exist.
         choices: The choices that differ from the defaults, for the provenance.
     """
@@ -34,7 +33,6 @@ class Output:
     folder: Path
     formats: Sequence[str]
     layout: Layout = PAPER
-    film: bool = False
     checked: bool = False
     choices: Mapping[str, Any] = field(default_factory=dict)
 
@@ -42,7 +40,7 @@ class Output:
 def write(
     document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = (), then: str = ""
 ) -> Document:
-    """Writes a document into its folder with a page, and prints it.
+    """Writes a document into its folder with a page, prints it and returns it.
 
     Args:
         document: The document.
@@ -51,14 +49,10 @@ def write(
         inputs: Input files, which are never replaced.
         then: What to do next, in a sentence.
 
-    Returns:
-        The written document.
-
     Raises:
-        InputError: The film cannot be written, or captions or parameters are chosen that do not exist; all else is
-            written.
+        InputError: Captions or parameters are chosen that do not exist; all else is written.
     """
-    document, missing = written(document, out, stale=stale, inputs=inputs)
+    missing = written(document, out, stale=stale, inputs=inputs)
     print(document.text())
     end(document, out, missing, then)
     return document
@@ -77,14 +71,11 @@ def end(document: Document, out: Output, missing: str = "", then: str = "") -> N
         raise InputError(missing)
 
 
-def written(
-    document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = ()
-) -> tuple[Document, str]:
+def written(document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = ()) -> str:
     """Writes a document into its folder with a page, arguments as for `write`.
 
     Returns:
-        The document with the name of the film, and sentences on a film that cannot be written and a layout that cannot
-        be applied; else an empty text.
+        A sentence on a layout that cannot be applied, else an empty text.
     """
     layout, refused = (out.layout, "") if out.checked else document.chosen(out.layout)
     with results_folder(out.folder, stale=stale, inputs=inputs) as folder:
@@ -94,9 +85,8 @@ def written(
         for name, save in document.files.items():
             if save is not None:
                 save(folder / name)
-        document, missing = _filmed(document, folder) if out.film else (document, "")
         write_page(document, folder, out.formats)
-    return document, " ".join(filter(None, [missing, refused]))
+    return refused
 
 
 def write_parts(document: Document, out: Output) -> None:
@@ -126,20 +116,3 @@ def write_page(document: Document, folder: Path, formats: Iterable[str]) -> None
     content = page("report.html", folder, {"": document}, formats, replay=moving)
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(content, encoding="utf-8", errors="backslashreplace")
-
-
-def _filmed(document: Document, folder: Path) -> tuple[Document, str]:
-    """Writes a film of the replay into the folder.
-
-    Returns:
-        The document with the film's name, and a sentence if it cannot be written, else an empty one.
-    """
-    if document.replay is None:
-        return document, ""
-    from experiments.document.film import write_film
-
-    try:
-        name = write_film(folder, document.replay.mechanism, document.replay.to_page())
-    except InputError as error:
-        return document, f"All but the film is written: {error}"
-    return replace(document, files={**document.files, name: None}), ""

@@ -4,6 +4,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files import npz
 from ident.files.atomic import save_arrays
+from ident.files.limits import LONGEST, parsed_json
 
 SAVE_EVERY = 5.0
 """Seconds between two saves."""
@@ -49,7 +52,7 @@ class Checkpoint:
         """
         try:
             data = npz.arrays(self.file)
-            kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
+            kept, outcomes = parsed_json(str(data["identity"])), list(data["outcomes"])
             if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
                 raise InputError("damaged")
             wanted = json.loads(json.dumps(self.identity))
@@ -68,6 +71,21 @@ class Checkpoint:
         """Renames the file of an earlier run, if there is one."""
         if self.file.exists():
             self.file.replace(self.file.with_stem(f"{self.file.stem}_before"))
+
+    def keep(self) -> None:
+        """Saves that nothing is done, if nothing is saved, so that a run that a full disk has ended can be resumed.
+
+        Without room even for that, the file of an earlier run is put back.
+        """
+        if self.file.exists():
+            return
+        try:
+            self.save([])
+        except OSError:
+            with suppress(OSError):
+                self.file.with_stem(f"{self.file.stem}_before").replace(self.file)
+        else:
+            print(f"\nNone of the {self.what} is done; once there is room run again with --resume.", file=sys.stderr)
 
     def collect(
         self, batches: Iterable[Sequence[Any]], total: int, done: Sequence[np.ndarray] = ()
@@ -90,7 +108,7 @@ class Checkpoint:
                 self._take(batches, outcomes, total)
             finally:
                 if len(outcomes) > len(done):
-                    self._save(outcomes)
+                    self.save(outcomes)
         except BaseException:
             if self.file.exists():
                 print(f"\nThe {self.what} done so far are in {self.file}; run again with --resume.", file=sys.stderr)
@@ -105,10 +123,11 @@ class Checkpoint:
                 outcomes.extend(batch)
                 bar.update(len(batch))
                 if time.monotonic() - saved > SAVE_EVERY:
-                    self._save(outcomes)
+                    self.save(outcomes)
                     saved = time.monotonic()
 
-    def _save(self, outcomes: Sequence[Any]) -> None:
+    def save(self, outcomes: Sequence[Any]) -> None:
+        """Writes the file."""
         save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": np.array(outcomes)})
 
 
@@ -119,8 +138,7 @@ def named(key: str, kept: Any, wanted: Any) -> str:
     before = kept if isinstance(kept, list) else []
     files = [name for each in wanted if each not in before for name in _names(each)]
     files = files or [name for each in before if each not in wanted for name in _names(each)]
-    shown, more = ", ".join(files[:SHOWN]), len(files) - SHOWN
-    return f"{key} ({shown}{f' and {more} more' if more > 0 else ''})" if files else key
+    return f"{key} ({listed(files, SHOWN)})" if files else key
 
 
 def _names(entry: Any) -> list[str]:
@@ -132,5 +150,5 @@ def _names(entry: Any) -> list[str]:
 
 
 def _is_whole(outcome: np.ndarray) -> bool:
-    """True where an outcome is a text or finite numbers."""
-    return outcome.dtype.kind == "U" or bool(np.isfinite(outcome).all())
+    """True where an outcome is a text of sane length or finite numbers."""
+    return (outcome.dtype.kind == "U" and outcome.dtype.itemsize <= 4 * LONGEST) or bool(np.isfinite(outcome).all())

@@ -29,14 +29,14 @@ def environment(values: Mapping[str, str]) -> Iterator[None]:
             os.environ.update({} if value is None else {name: value})
 
 
-def default_variables(*, film: bool) -> dict[str, str]:
+def default_variables() -> dict[str, str]:
     """Variables for a command's libraries that its user has not set.
 
     Matrices here are too small, or too tall and thin, for several threads: these would only wait, and make sums depend
-    on the machine. MuJoCo starts a process to look for a screen, which only films need.
+    on the machine. MuJoCo starts a process to look for a screen, which nothing here needs.
     """
     threads = {} if any(name in os.environ for name in THREADS) else dict.fromkeys(THREADS, "1")
-    screen = {} if film or "MUJOCO_GL" in os.environ else {"MUJOCO_GL": "disable"}
+    screen = {} if "MUJOCO_GL" in os.environ else {"MUJOCO_GL": "disable"}
     return threads | screen
 
 

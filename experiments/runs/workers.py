@@ -1,4 +1,4 @@
-"""Worker pools for trials and sweeps: processes of this machine, or workers of a Dask cluster."""
+"""Worker pools for trials and sweeps: processes of this machine."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.environment import THREADS, environment, extra, seldom_collected
+from experiments.runs.environment import THREADS, environment, seldom_collected
 from experiments.runs.signals import held_back
 from ident.errors import InputError
 from ident.estimation.pieces import in_order
@@ -40,18 +40,16 @@ class Workers:
     """Workers that share a run.
 
     Attributes:
-        number: As for `worker_pool`, also `scheduler` and `tls`.
+        number: As for `worker_pool`.
         resume: True to go on from what an interrupted run has done.
     """
 
     number: int = 1
-    scheduler: str | None = None
-    tls: Sequence[str] | None = None
     resume: bool = False
 
     def pool(self, tasks: int) -> AbstractContextManager[WorkerPool]:
         """Pool for a number of tasks, as from `worker_pool`."""
-        return worker_pool(max(1, min(self.number, tasks)), self.scheduler, self.tls)
+        return worker_pool(max(1, min(self.number, tasks)))
 
     def collected(
         self,
@@ -72,10 +70,11 @@ class Workers:
         done: list[Any] = [*kept.done()[: len(tasks)]] if self.resume else []
         again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(str(outcome)))]
         with self.pool(len(tasks) - len(done) + len(again)) as pool:
-            # The file's outcomes stay until all are saved: they would be the same again.
             with closing(in_order(pool.executor, work, [tasks[k] for k in again], ahead=pool.ahead)) as batches:
                 for k, (outcome,) in zip(again, batches, strict=True):
                     done[k] = outcome
+            if again:
+                kept.save(done)
             with closing(in_order(pool.executor, work, tasks[len(done) :], ahead=pool.ahead)) as batches:
                 outcomes = kept.collect(batches, len(tasks), done)
         return [json.loads(str(outcome)) for outcome in outcomes]
@@ -86,28 +85,17 @@ class DeadWorkerError(InputError):
 
 
 @contextmanager
-def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] | None = None) -> Iterator[WorkerPool]:
+def worker_pool(workers: int) -> Iterator[WorkerPool]:
     """Yields workers with one thread each for linear algebra, so that sums have the same order everywhere.
 
     Args:
         workers: Number of local processes.
-        scheduler: Address of a Dask scheduler, `tcp://host:port` or `tls://host:port`, whose workers are used instead.
-        tls: Files for the latter, as for `cluster.connected`.
 
     Raises:
         DeadWorkerError: A local worker died.
-        InputError: The scheduler cannot be reached, has no workers or was lost.
     """
-    if tls is not None and not (scheduler or "").startswith("tls://"):
-        raise InputError("The files of --tls are for a --scheduler at tls://HOST:PORT.")
-    if scheduler is None:
-        with _local(workers) as executor:
-            yield WorkerPool(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
-    else:
-        with extra("cluster"):
-            from experiments.runs import cluster
-        with cluster.connected(scheduler, tls) as (executor, number):
-            yield WorkerPool(executor, 2 * number, 1)
+    with _local(workers) as executor:
+        yield WorkerPool(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
 
 
 @contextmanager

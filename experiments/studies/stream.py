@@ -26,7 +26,7 @@ from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.pieces import in_order, pieces
 from ident.estimation.samples import Samples
-from ident.files import npz
+from ident.files import limits
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.columns.mapping import read_mapping
@@ -220,7 +220,7 @@ def reading(
     columns: Path | None = None,
     offsets: bool = True,
     piece: int | None = None,
-    limit: int = npz.LIMIT,
+    limit: int = limits.LIMIT,
     **stated: Any,
 ) -> Reading:
     """Reading of recordings of a model.

@@ -14,6 +14,7 @@ from ident.estimation.accumulator import Accumulator
 from ident.estimation.equations import Equations
 from ident.files import npz
 from ident.files.atomic import save_arrays
+from ident.files.limits import parsed_json
 
 FILE = "accumulated.npz"
 """File in the output folder with the progress."""
@@ -43,7 +44,7 @@ class Progress:
         """
         try:
             fields: dict[str, Any] = npz.arrays(self.file)
-            kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
+            kept, done = parsed_json(str(fields.pop("identity"))), int(fields.pop("done"))
             if fields.keys() != Accumulator.__dataclass_fields__.keys():
                 raise InputError("another version of this package wrote it")
             accumulator = Accumulator(**fields)

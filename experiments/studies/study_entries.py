@@ -1,6 +1,5 @@
 """Reading of study files: each entry is checked, and unknown entries are errors."""
 
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import fields
 from importlib.resources import files
@@ -16,6 +15,7 @@ from experiments.data.study_file import ALL, AXES, Model, Scene, StudyFile
 from experiments.studies.study_displays import FIGURES, TABLES, WRENCHES, parameter_tables, shown, usual
 from experiments.studies.study_values import choice, number, several, text_of
 from ident.errors import InputError
+from ident.files.limits import toml
 from ident.recordings.columns.entries import check_keys, table
 from ident.tolerances import HUGE
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
@@ -37,8 +37,8 @@ def packaged(name: str, **options: Any) -> StudyFile:
         InputError: It has no such option, or the value is invalid.
     """
     several = name == "multicontact" and len(str(options.get("contact", "")).split()) > 1
-    text = files("experiments.studies").joinpath(f"{'several_contacts' if several else name}.toml")
-    return from_entries(tomllib.loads(text.read_text(encoding="utf-8")), Path()).with_options(**options)
+    file = files("experiments.studies").joinpath(f"{'several_contacts' if several else name}.toml")
+    return from_entries(toml(Path(str(file)), "a study needs"), Path()).with_options(**options)
 
 
 def read(path: Path) -> StudyFile:
@@ -51,13 +51,9 @@ def read(path: Path) -> StudyFile:
         raise InputError(
             f"'{path}': a study is a TOML file that exists; {', '.join(PACKAGED)} come with this package, by name."
         )
+    content = toml(path, "a study needs")
     try:
-        entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    # Python itself raises errors for numbers of thousands of digits and deep nesting.
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: a study needs to be TOML in UTF-8 ({error}).") from None
-    try:
-        return from_entries(entries, path.parent)
+        return from_entries(content, path.parent)
     except InputError as error:
         raise type(error)(f"{path}: {error}") from None
 

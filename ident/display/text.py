@@ -53,8 +53,8 @@ def parameter_rows(parameters: Iterable[Parameter]) -> list[tuple[str, ...]]:
     """Cells of a table of parameters: name, body, estimate, both standard deviations, unit, model, regrouping."""
     rows: list[tuple[str, ...]] = []
     for each in parameters:
-        value, std = rounded(each.value, each.std)
-        wider = rounded(each.value, each.std_setup)[1]
+        value, std = rounded(each.estimate, each.std)
+        wider = rounded(each.estimate, each.std_setup)[1]
         model = "" if each.model is None else rounded(each.model, each.std)[0]
         regrouping = "" if each.expression == each.name else each.expression
         rows.append((each.name, each.body, value, std, wider, each.unit, model, regrouping))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.npz import LIMIT
+from ident.files.limits import LIMIT
 from ident.files.table import METADATA, Memory, Table, is_number, short, vector_columns
 from ident.files.text_block import Block
 from ident.files.text_file import Text, opened_text

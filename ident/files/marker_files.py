@@ -8,8 +8,8 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.column import UNITS
 from ident.files.formats import c3d, trc
+from ident.files.limits import LIMIT
 from ident.files.markers import Markers
-from ident.files.npz import LIMIT
 from ident.files.readers import read_tables
 from ident.files.table import SUFFIXES, Table, short
 
@@ -27,7 +27,7 @@ def read_markers(path: str | Path, unit: str | None = None, *, limit: int = LIMI
         path: A `.trc` or `.c3d` file, or a table (`.csv`, `.tsv`, `.txt`, `.npz`) with a column `time` in s and the
             columns LABEL.x, LABEL.y and LABEL.z of every marker; cells are empty or NaN where it is missing.
         unit: Unit of the lengths in a table, `m` if not given; refused where a file states its own.
-        limit: Bytes that the file may take in memory, as for `npz.check_size`.
+        limit: Bytes that the file may take in memory, as for `limits.check_size`.
 
     Raises:
         LogError: The file is missing or malformed; the message names it and the row, column, frame or marker.

@@ -10,25 +10,23 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 import numpy as np
 
 from ident.errors import LogError
+from ident.files.limits import LIMIT, NUMBER, check_size, reason
 
-LIMIT = 500_000_000
-"""Default of the bytes that arrays may take in memory: a million samples of sixty channels."""
-
-NUMBER = 8
-"""Bytes of a number in memory; in the file it may be one byte."""
+EMPTY = 1_000_000
+"""Bytes that an empty array may claim by its other dimensions."""
 
 
-def arrays(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of an archive by name.
+def arrays(path: Path, limit: int = LIMIT) -> dict[str, np.ndarray]:
+    """All arrays of an archive by name, which take at most `limit` bytes in memory.
 
     Raises:
         LogError: The file is no archive or too large, or a member is damaged or no array; the message names the member.
     """
     with opened(path) as archive:
         members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
-        check_size(path, sum(m.file_size for m in members.values()), LIMIT)
+        check_size(path, sum(m.file_size for m in members.values()), limit)
         unpacked = {name: _array(archive, name, m) for name, m in members.items()}
-    check_size(path, sum(NUMBER * x.size for x in unpacked.values()), LIMIT)
+    check_size(path, sum(NUMBER * x.size for x in unpacked.values()), limit)
     return unpacked
 
 
@@ -62,19 +60,6 @@ def member_of(archive: ZipFile, member: ZipInfo) -> IO[bytes]:
     return archive.open(member)
 
 
-def check_size(path: Path, size: int, limit: int) -> None:
-    """Refuses a size in memory above a limit, unless the file itself is as large.
-
-    Raises:
-        LogError: The size exceeds the limit and `NUMBER` times the size of the file.
-    """
-    if size > max(limit, NUMBER * path.stat().st_size):
-        raise LogError(
-            f"the file takes {size / 1e6:.0f} MB in memory where at most {limit / 1e6:.0f} MB are expected of it; if "
-            "it may be so large, say so (--max-size)."
-        )
-
-
 @contextmanager
 def reading(member: str) -> Iterator[None]:
     """Turns any error of a block into one that names the member that cannot be read.
@@ -92,15 +77,6 @@ def reading(member: str) -> Iterator[None]:
 def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
     with reading(name), member_of(archive, member) as stream:
         array = np.lib.format.read_array(stream, allow_pickle=False)
-        # An empty array may claim any shape.
-        if math.prod(max(1, n) for n in array.shape) * array.itemsize > member.file_size:
+        if math.prod(max(1, n) for n in array.shape) * array.itemsize > max(member.file_size, EMPTY):
             raise LogError(f"an array of {array.shape} is none")
         return array
-
-
-def reason(error: Exception) -> str:
-    """The error as one line, short enough for a message."""
-    if "allow_pickle" in str(error):
-        return "pickled objects are not read"
-    line = " ".join(str(error).split()) or type(error).__name__
-    return line if len(line) <= 200 else f"{line[:197]}..."

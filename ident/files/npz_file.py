@@ -12,7 +12,8 @@ from zipfile import ZipFile
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.npz import LIMIT, NUMBER, check_size, member_of, opened, reading
+from ident.files.limits import LIMIT, NUMBER, check_size, parsed_json
+from ident.files.npz import member_of, opened, reading
 from ident.files.table import METADATA, TRUE, Memory, Table, short, vector_columns
 
 HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
@@ -80,7 +81,7 @@ def _metadata(path: Path, archive: ZipFile, limit: int) -> dict[str, Any]:
     information = archive.getinfo("metadata.npy")
     check_size(path, information.file_size, limit)
     with reading("metadata"), member_of(archive, information) as stream:
-        metadata = json.loads(str(np.lib.format.read_array(stream, allow_pickle=False)))
+        metadata = parsed_json(str(np.lib.format.read_array(stream, allow_pickle=False)))
         if not isinstance(metadata, dict) or any(not isinstance(metadata.get(k, t()), t) for k, t in METADATA.items()):
             raise LogError(f"JSON objects named {', '.join(METADATA)} are needed, it holds {short(metadata)}")
     return metadata

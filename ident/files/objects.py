@@ -1,11 +1,12 @@
 """Results in files: data classes of this package as JSON and arrays in one `.npz` archive, without any code.
 
 Every object is a number in a list; what occurs twice is written once. Read back, only data classes and enumerations of
-the package `ident` are made, and their fields have to be those of this version.
+the package `ident` are made, and their fields have to be those of this version, of their annotated types. A digest
+stands for the rest: shapes of arrays, and numbers that have to be alike.
 """
 
+import hashlib
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
@@ -15,10 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from ident.arguments import checked_path
+from ident.annotations import misfit
+from ident.arguments import checked_path, checked_target
 from ident.errors import InputError
 from ident.files.atomic import replacing
-from ident.files.npz import LIMIT, check_size, reason
+from ident.files.limits import LIMIT, parsed_json, reason
+from ident.files.npz import arrays as arrays_of
 
 KEY = "objects"
 """Array of the archive that holds the JSON text."""
@@ -38,41 +41,59 @@ def save_object(path: str | Path, kind: str, root: Any) -> None:
     Raises:
         InputError: The path is none, or its folder does not exist.
     """
-    path, writer = checked_path("path", path), _Writer()
-    text = json.dumps({"kind": kind, "root": writer.number_of(root), "objects": writer.objects})
+    path, writer = checked_target(path), _Writer()
+    content = {"kind": kind, "root": writer.number_of(root), "objects": writer.objects}
+    text = json.dumps(content | {"sha256": _digest(content, writer.arrays)})
     with replacing(path) as temporary, temporary.open("wb") as file:
         savez: Any = np.savez_compressed
         savez(file, **{KEY: np.array(text)}, **writer.arrays)
 
 
-def load_object(path: str | Path, kind: str, *, limit: int = LIMIT) -> Any:
+def _digest(content: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
+    """SHA-256 of objects and arrays."""
+    out = hashlib.sha256(json.dumps([content["kind"], content["root"], content["objects"]]).encode())
+    for name, x in sorted(arrays.items()):
+        out.update(f"{name} {x.dtype.str} {x.shape}".encode() + x.tobytes())
+    return out.hexdigest()
+
+
+def load_object(path: str | Path, kind: str, made: type = object, *, limit: int = LIMIT) -> Any:
     """Reads what `save_object` wrote.
 
     Args:
         path: The file.
         kind: Kind of the object.
-        limit: Bytes that it may take in memory, as for `npz.check_size`.
+        made: Its type.
+        limit: Bytes that it may take in memory, as for `limits.check_size`.
 
     Raises:
-        InputError: The file is missing, is none, holds another kind of object, or was written by another version.
+        InputError: The file is missing, is none, holds another kind of object, was changed, or was written by another
+            version.
     """
     path = checked_path("path", path)
     try:
-        with zipfile.ZipFile(path) as members:
-            check_size(path, sum(each.file_size for each in members.infolist()), limit)
-        with np.load(path, allow_pickle=False) as archive:
-            content = json.loads(str(archive[KEY]))
-            arrays = {name: archive[name] for name in archive.files if name != KEY}
-        if content["kind"] != kind:
-            raise InputError(f"{path} holds a saved {content['kind']}; needed is a saved {kind}.")
-        return _Reader(content["objects"], arrays).object_of(content["root"])
-    except InputError:
-        raise
+        arrays = arrays_of(path, limit)
+        content = parsed_json(str(arrays.pop(KEY)))
+        saved = str(content["kind"])
+        loaded = _loaded(content, arrays, made) if saved == kind else None
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror or error}); needed is a saved {kind}.") from None
-    # Zip, numpy and damaged content have a dozen classes of errors.
+    # Damaged content has a dozen classes of errors.
     except Exception as error:
         raise InputError(f"{path} is no saved {kind} that this version can read ({reason(error)}).") from None
+    if saved != kind:
+        raise InputError(f"{path} holds a saved {saved:.40}; needed is a saved {kind}.")
+    return loaded
+
+
+def _loaded(content: Mapping[str, Any], arrays: Mapping[str, np.ndarray], made: type) -> Any:
+    """Object of a file's content, which is of a type and as it was saved."""
+    loaded = _Reader(content["objects"], arrays).object_of(content["root"])
+    if not isinstance(loaded, made):
+        raise ValueError(f"it holds an object of type {type(loaded).__name__}")
+    if content.get("sha256") != _digest(content, arrays):
+        raise ValueError("it was changed after it was saved, or saved by another version")
+    return loaded
 
 
 class _Writer:
@@ -110,7 +131,7 @@ class _Writer:
         if is_dataclass(value) and _name(value).startswith("ident."):
             return ["data", _name(value), {f.name: self.number_of(getattr(value, f.name)) for f in fields(value)}]
         if isinstance(value, tuple) and hasattr(value, "_fields"):
-            return ["named", _name(value), [self.number_of(x) for x in value]]
+            return ["named", _name(value), {name: self.number_of(getattr(value, name)) for name in value._fields}]
         if isinstance(value, Mapping):
             return ["mapping", [[self.number_of(key), self.number_of(x)] for key, x in value.items()]]
         if isinstance(value, Path):
@@ -134,11 +155,11 @@ class _Reader:
         return self._made[number]
 
     def _object(self, kind: str, *content: Any) -> Any:
-        if kind == "plain":
+        if kind == "plain" and isinstance(content[0], PLAIN):
             return content[0]
         if kind == "array":
             return self._arrays[content[0]]
-        if kind == "slice":
+        if kind == "slice" and all(isinstance(x, int | None) for x in content):
             return slice(*content)
         if kind == "enum":
             return _class(content[0])[content[1]]
@@ -147,18 +168,22 @@ class _Reader:
         if kind in ("tuple", "list"):
             parts = [self.object_of(each) for each in content[0]]
             return tuple(parts) if kind == "tuple" else parts
-        if kind == "named":
-            return _class(content[0])(*(self.object_of(each) for each in content[1]))
-        return self._data(*content)
+        return self._made_of(*content)
 
-    def _data(self, name: str, own: Mapping[str, int]) -> Any:
-        """A data class with its fields, which were checked before they were written."""
+    def _made_of(self, name: str, own: Mapping[str, int]) -> Any:
+        """A data class or named tuple with its fields, whose values were checked before they were written."""
         made = _class(name)
-        if {each.name for each in fields(made)} != own.keys():
+        names = made._fields if issubclass(made, tuple) else [each.name for each in fields(made)]
+        if {*names} != own.keys():
             raise ValueError(f"{name} has other fields in this version")
+        values = {key: self.object_of(number) for key, number in own.items()}
+        if wrong := misfit(made, values):
+            raise ValueError(f"{made.__name__}.{wrong}")
+        if issubclass(made, tuple):
+            return made(**values)
         out = object.__new__(made)
-        for key, number in own.items():
-            object.__setattr__(out, key, self.object_of(number))
+        for key, value in values.items():
+            object.__setattr__(out, key, value)
         return out
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.files.npz import NUMBER
+from ident.files.limits import NUMBER
 from ident.files.table import Memory, number_of
 
 TEXT = 64

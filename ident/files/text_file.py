@@ -10,10 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from ident.errors import LogError
-from ident.files.npz import LIMIT, check_size
-
-LONGEST = 4_000_000
-"""Characters of the longest line, enough for a hundred thousand columns or for metadata in JSON."""
+from ident.files.limits import LIMIT, LONGEST, check_size
 
 
 class _Counted(io.RawIOBase):
@@ -45,7 +42,7 @@ class Text(io.TextIOWrapper):
             counted.count = 0
 
     def check_size(self, size: int) -> None:
-        """Refuses a size in bytes above the limit, as `npz.check_size`."""
+        """Refuses a size in bytes above the limit, as `limits.check_size`."""
         check_size(self.path, size, self.limit)
 
     def whole_lines(self) -> Iterator[str]:

@@ -119,7 +119,7 @@ def own_findings(evidence: Evidence) -> Iterator[Finding]:
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on a prior that was used, and on the need for it."""
     if evidence.trajectory is not None and evidence.trajectory.known:
-        yield Finding.of("prior_as_asked" if _separated(evidence) else "prior_needed")
+        yield Finding.of("prior_beside_data" if _separated(evidence) else "prior_needed")
 
 
 def _separated(evidence: Evidence) -> bool:
@@ -162,9 +162,10 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels with large residuals relative to their signals, without those that are mirrored."""
+    """Findings on channels with large residuals over their signals, but for mirrored and unpredictable ones."""
     ground = evidence.checks.frames.get(GROUND)
-    ratios = {c: x for c, x in evidence.ratios.items() if ground is None or c not in ground.mirrored}
+    others = {*evidence.idle, *(() if ground is None else ground.mirrored)}
+    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in others}
     kinds = (
         ("residual_above_signal", LEFT, np.inf),
         ("unexplained_channels", UNEXPLAINED, LEFT),

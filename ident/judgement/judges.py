@@ -25,6 +25,7 @@ from ident.judgement.fit_findings import (
 )
 from ident.judgement.plane_findings import plane_findings
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings, unchecked_findings
+from ident.judgement.torque_causes import cause_findings
 from ident.judgement.torque_findings import (
     bound_findings,
     friction_findings,
@@ -59,6 +60,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     common_gain_findings,
     offset_findings,
     torque_findings,
+    cause_findings,
     scale_findings,
     friction_findings,
     bound_findings,

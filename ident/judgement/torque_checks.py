@@ -177,21 +177,27 @@ def _mounted(mechanism: Mechanism) -> Iterator[int]:
     for i, body in enumerate(tree.bodies):
         carried = body.parent != BASE and moved[body.parent]
         moved.append(body.moves or carried)
-        heavy = any(mechanism.known[10 * tree.inertial.index(k)] > 0 for k in tree.carried(i) if k in tree.inertial)
+        heavy = i in tree.inertial and mechanism.known[10 * tree.inertial.index(i)] > 0
         if carried and not body.moves and heavy:
             yield i
 
 
 def drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:
     """Columns of offset, friction and rotor inertia of each torque (N, m), of unit norm."""
-    dq, ddq, out = axes.moved(motion.dq), axes.moved(motion.ddq), []
+    ddq, out = axes.moved(motion.ddq), []
     for k in felt:
-        columns = [np.ones(len(dq))]
-        for a in map(axes.names.index, axes.acting(FRICTION[0], k)):
-            columns += [dq[:, a], np.tanh(dq[:, a] / (SLIP * axes.gears[a])), ddq[:, a]]
-        rows = np.stack(columns, axis=1)
+        rotors = [ddq[:, a] for a in map(axes.names.index, axes.acting(FRICTION[0], k))]
+        rows = np.stack([*friction_columns(axes, motion, k), *rotors], axis=1)
         out.append(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
     return out
+
+
+def friction_columns(axes: Axes, motion: Motion, freedom: int) -> list[np.ndarray]:
+    """Columns of offset and friction of a freedom's torque, each (N,)."""
+    dq, columns = axes.moved(motion.dq), [np.ones(len(motion))]
+    for a in map(axes.names.index, axes.acting(FRICTION[0], freedom)):
+        columns += [dq[:, a], np.tanh(dq[:, a] / (SLIP * axes.gears[a]))]
+    return columns
 
 
 def without_drives(drives: Sequence[np.ndarray], torques: np.ndarray) -> np.ndarray:

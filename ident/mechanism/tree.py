@@ -7,12 +7,14 @@ from itertools import accumulate
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
 from ident.mechanism.body import BASE, Body
 
 
+@typed()
 @dataclass(frozen=True)
 class Tree:
     """A tree of bodies on a base frame {0}; parents come before their children.
@@ -93,6 +95,11 @@ class Tree:
         """Names of the joints, in the order of q."""
         return tuple(self.bodies[i].joint for i in self.moving)
 
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Names of the joints that were fixed."""
+        return tuple(body.still for body in self.bodies if body.still)
+
     @cached_property
     def freedoms(self) -> tuple[str, ...]:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
@@ -148,6 +155,7 @@ class Tree:
             bodies[i] = replace(bodies[i], twist=twist)
         return Tree(tuple(bodies))
 
+    @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Tree":
         """The tree with some joints welded at given coordinates.
 
@@ -279,4 +287,5 @@ class Tree:
 
 def _welded(body: Body, q: np.ndarray) -> Body:
     """The body with its joint welded at given coordinates."""
-    return replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="", follows=None)
+    home = body.home @ body.joint_pose(q)
+    return replace(body, home=home, twist=np.zeros(6), joint="", follows=None, still=body.joint)

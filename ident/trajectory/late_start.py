@@ -4,18 +4,15 @@ A force plate under a person may be late by a tenth of a second or more, as long
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from ident.errors import ExcitationError
 from ident.estimation.channel_scales import LEAST, beside_others
 from ident.estimation.measurement import Measurement
 from ident.trajectory.angles_alone import Trajectory, smoothed
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, clocks
 from ident.trajectory.left_out import without_zeros
-from ident.trajectory.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
 from ident.trajectory.start import reweighted
 
 SPACING, FURTHEST = 0.05, 3.0
@@ -31,10 +28,6 @@ SMOOTHED = 0.02, 0.08
 REMAINING = 0.9
 """Least share of the samples that must overlap with the motion after a delay: few can be explained by chance."""
 
-IDLE = 4.0
-"""Standard deviations below which a delay is removed again, about the significance level of a search among many
-candidates."""
-
 TINY = 1e-150
 """Least size of residuals, so that the logarithm of zeros is finite."""
 
@@ -42,49 +35,13 @@ TRIED, COMPARED = 20_000, 400
 """Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
 
 
-def with_long_delays(search: Search, refit: Refit, measurement: Measurement, delays: Sequence[int]) -> Search:
-    """Adds delays far from zero to a search if the channels' noise is smaller with them.
-
-    Args:
-        search: The fit with the set-up as stated, or as estimated so far.
-        refit: Function that fits again.
-        measurement: Channels and parameters.
-        delays: Indices of the delays in θ.
-    """
-    for at in delays:
-        fit, own = search.fit, np.arange(len(search.fit.theta)) == at
-        if fit.free[at] or fit.status == "interrupted" or not (delay := likely_delay(fit, measurement, at)):
-            continue
-        try:
-            late = refit(replace(fit.end, theta=np.where(own, delay, fit.theta)), fit.free | own, SEARCH_ROUNDS)
-        except ExcitationError:
-            continue
-        better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
-        if better or late.status == "interrupted":
-            search = replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
-    return search
-
-
-def without_idle_delays(search: Search, refit: Refit, delays: Sequence[int]) -> Search:
-    """Search without delays that are no longer significant because a clock error, fitted later, explains them."""
-    fit, limits = search.fit, IDLE * np.sqrt(np.diag(search.fit.covariance))
-    ours = [each for each in search.deviations if each.index in delays]
-    idle = [each for each in ours if abs(fit.theta[each.index]) < limits[each.index]]
-    if not idle or fit.status == "interrupted":
-        return search
-    held = np.isin(np.arange(len(fit.theta)), [each.index for each in idle])
-    start = replace(fit.end, theta=np.where(held, 0.0, fit.theta))
-    kept = tuple(each for each in search.deviations if each not in idle)
-    return replace(search, fit=refit(start, fit.free & ~held, SEARCH_ROUNDS), deviations=kept)
-
-
-def likely_delay(fit: TrajectoryFit, measurement: Measurement, at: int) -> float:
+def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float:
     """Delay with which the motion from angles alone predicts channels best, columns fitted again, s.
 
     Args:
-        fit: Pieces and parameters.
         measurement: Channels, and the parameters of one recording.
         at: Index of the delay among all parameters.
+        fit: Pieces and parameters.
 
     Returns:
         The delay, zero if none is clearly better than no delay.

@@ -109,15 +109,12 @@ def without_zeros(piece: Piece, measurement: Measurement, theta: np.ndarray) -> 
 
 
 def gains(fit: TrajectoryFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:
-    """Decrease of each piece's predicted cost if a parameter is fitted as well (K,).
+    """Decrease of each piece's predicted cost if a parameter is fitted as well, NaN as for `costs` (K,).
 
     Args:
         fit: The estimate with the parameter fixed.
         candidate: Index of the parameter.
         held: The pieces' `costs` with it fixed (K,), if computed already for several candidates.
-
-    Raises:
-        ExcitationError: Pieces do not determine the parameters without one.
     """
     more = fit.free.copy()
     more[candidate] = True
@@ -131,10 +128,13 @@ def costs(fit: TrajectoryFit, free: np.ndarray) -> np.ndarray:
         fit: The estimate.
         free: Mask of the fitted parameters (p,).
 
-    Raises:
-        ExcitationError: Pieces do not determine the parameters without one.
+    Returns:
+        The costs, NaN if the pieces without one do not determine the parameters.
     """
-    return np.array([_cost(fit, k, free) for k in range(len(fit.shares))])
+    try:
+        return np.array([_cost(fit, k, free) for k in range(len(fit.shares))])
+    except ExcitationError:
+        return np.full(len(fit.shares), np.nan)
 
 
 def _cost(fit: TrajectoryFit, k: int, free: np.ndarray) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy import special
@@ -9,6 +10,7 @@ from scipy import special
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
+from ident.trajectory.late_start import BETTER
 from ident.trajectory.left_out import clearly_better, costs, gains
 
 MOST_DEVIATIONS = 10
@@ -26,6 +28,10 @@ NEGLIGIBLE = 0.04
 PROMISING = 2.5
 """Score, in standard deviations, above which a parameter is tried: low, because the effect of a parameter that
 is not fitted increases the noise."""
+
+IDLE = 4.0
+"""Standard deviations below which a long delay is removed again, about the significance level of a search among many
+candidates."""
 
 SEARCH_ROUNDS = 40
 """Largest number of rounds of each fit of the search."""
@@ -68,31 +74,35 @@ class Search:
 Refit = Callable[[Start, np.ndarray, int], TrajectoryFit]
 """Function that fits from a start with given parameters free (p,) in a largest number of rounds."""
 
+Delays = Mapping[int, Callable[[TrajectoryFit], float]]
+"""Functions that return a long delay that a fit may lack, zero for none, by its index in θ."""
+
 
 def searched(
     first: Search,
     refit: Refit,
     candidates: np.ndarray,
     groups: Mapping[str, np.ndarray],
-    scattered: Callable[[TrajectoryFit], TrajectoryFit],
     least: np.ndarray | float = 0.0,
     drives: np.ndarray | None = None,
+    delays: Delays = MappingProxyType({}),
 ) -> Search:
     """Frees parameters as long as one is significant and improves the prediction of left-out pieces.
 
     Args:
         first: The fit with the set-up as stated, or as estimated so far.
-        refit: Function that fits again.
+        refit: Function that fits again, with the covariance under the estimated noise.
         candidates: Mask of the set-up parameters (p,).
         groups: Directions in which several parameters change alike, by description (p,) each.
-        scattered: Function that gives a fit its covariance under the estimated noise.
         least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
         drives: Mask of drives to try beside them, which are not negative and have no prior (p,).
+        delays: Long delays to try before, of which those that later ones make needless are removed again.
     """
+    first = _with_long_delays(first, refit, delays)
 
     def incredible() -> Search:
         none = np.zeros_like(candidates)
-        return replace(searched(first, refit, none, {}, scattered, drives=drives), incredible=True)
+        return replace(searched(first, refit, none, {}, drives=drives), incredible=True)
 
     fitted, deviations = first.fit, list(first.deviations)
     drives = np.zeros_like(candidates) if drives is None else drives
@@ -118,11 +128,8 @@ def searched(
         alike = sorted((k for k in np.flatnonzero((z > close) & candidates[left]) if k != best), key=lambda k: -z[k])
         index = int(left[best])
         deviation = Deviation(index, tuple(left[alike].tolist()), _together(working, groups, close))
-        theta = fitted.theta.copy()
-        theta[index] += values[best]
-        free = fitted.free | (np.arange(len(theta)) == index)
         try:
-            tried = scattered(refit(replace(fitted.end, theta=theta), free, SEARCH_ROUNDS))
+            tried = _fit_from(fitted, refit, index, fitted.theta[index] + values[best])
         except ExcitationError:
             return incredible()
         if not abs(tried.theta[index]) > threshold * np.sqrt(tried.covariance[index, index]):
@@ -131,23 +138,48 @@ def searched(
             return incredible()
         fitted = tried
         deviations += [deviation] * bool(candidates[index])
-    return replace(first, fit=fitted, deviations=tuple(deviations))
+    return _without_idle(replace(first, fit=fitted, deviations=tuple(deviations)), refit, delays)
+
+
+def _fit_from(
+    fit: TrajectoryFit, refit: Refit, at: int | Sequence[int], value: float, *, free: bool = True
+) -> TrajectoryFit:
+    """Fit that starts from another value of some parameters, by their indices, which are free or fixed."""
+    own = np.isin(np.arange(len(fit.theta)), at)
+    start = replace(fit.end, theta=np.where(own, value, fit.theta))
+    return refit(start, np.where(own, free, fit.free), SEARCH_ROUNDS)
+
+
+def _with_long_delays(search: Search, refit: Refit, delays: Delays) -> Search:
+    """Search with the long delays with which the channels' noise is smaller."""
+    for at, likely in delays.items():
+        fit = search.fit
+        if fit.free[at] or fit.status == "interrupted" or not (delay := likely(fit)):
+            continue
+        try:
+            late = _fit_from(fit, refit, at, delay)
+        except ExcitationError:
+            continue
+        better = np.log(late.channel_noise / fit.channel_noise).mean() < np.log(BETTER)
+        if better or late.status == "interrupted":
+            search = replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
+    return search
+
+
+def _without_idle(search: Search, refit: Refit, delays: Delays) -> Search:
+    """Search without long delays that are no longer significant because a clock error, fitted later, explains them."""
+    fit, ours = search.fit, [each.index for each in search.deviations if each.index in delays]
+    idle = [at for at in ours if abs(fit.theta[at]) < IDLE * np.sqrt(fit.covariance[at, at])]
+    if not idle or fit.status == "interrupted":
+        return search
+    kept = tuple(each for each in search.deviations if each.index not in idle)
+    return replace(search, fit=_fit_from(fit, refit, idle, 0.0, free=False), deviations=kept)
 
 
 def _predict(fitted: TrajectoryFit, candidates: Sequence[int]) -> list[bool]:
     """True for each parameter that improves the prediction of left-out pieces if it is fitted."""
-    try:
-        held = costs(fitted, fitted.free)
-    except ExcitationError:
-        return [False] * len(candidates)
-
-    def better(candidate: int) -> bool:
-        try:
-            return clearly_better(gains(fitted, candidate, held))
-        except ExcitationError:
-            return False
-
-    return [better(candidate) for candidate in candidates]
+    held = costs(fitted, fitted.free)
+    return [clearly_better(gains(fitted, candidate, held)) for candidate in candidates]
 
 
 def _together(fitted: TrajectoryFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.positive_drives import with_positive
 from ident.trajectory.fit.sandwich import with_scatter
-from ident.trajectory.late_start import with_long_delays, without_idle_delays
+from ident.trajectory.late_start import likely_delay
 from ident.trajectory.physical import physical_fit
 from ident.trajectory.pieces import cut
 from ident.trajectory.result import TrajectoryEstimate
@@ -319,15 +319,17 @@ class Stages:
         estimate = self._with_weighted_prior(self.scattered(estimate))
         if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
             return estimate
-        refit, scatter = self.refit_of(estimate), partial(with_scatter, estimate.measurement)
-        delays = [at for at, each in self.setup.items() if each.row.far and self.search]
-        first = with_long_delays(estimate.search, refit, estimate.measurement, delays)
-        first = first if first is estimate.search else replace(first, fit=scatter(first.fit))
+        refit = self.refit_of(estimate)
+
+        def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
+            return with_scatter(estimate.measurement, refit(begin, free, rounds))
+
+        far = [at for at, each in self.setup.items() if each.row.far and self.search]
+        delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
         candidates, least = self.is_setup & self.search, self._unfollowed(estimate)
-        drives = self._is_drive & ~estimate.fit.unbound.free
-        search = searched(first, refit, candidates, _groups(self.setup, len(self.names)), scatter, least, drives)
-        left = search if search.incredible else without_idle_delays(search, refit, delays)
-        return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
+        drives, groups = self._is_drive & ~estimate.fit.unbound.free, _groups(self.setup, len(self.names))
+        search = searched(estimate.search, scattered, candidates, groups, least, drives, delays)
+        return replace(estimate, search=search)
 
     def _unfollowed(self, estimate: TrajectoryEstimate) -> np.ndarray:
         """Apparent delays and clock errors due to jumps, zero unless knots are as dense as samples allow (p,)."""

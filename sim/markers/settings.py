@@ -12,7 +12,6 @@ position = [-0.05, 0, -0.04] # m
 groups = [["left_thigh", "right_thigh"]]
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.files.column import UNITS
+from ident.files.limits import toml
 from ident.files.table import short
 from ident.tolerances import HUGE
 
@@ -73,16 +73,11 @@ def read_settings(path: Path) -> Settings:
     Raises:
         InputError: The file is missing or malformed; the message names the entry.
     """
+    entries = toml(path, "settings of markers need")
     try:
-        entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
         return _settings(entries)
-    except OSError as error:
-        raise InputError(f"{path}: settings of markers are a TOML file ({error.strerror}).") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    # Not all errors are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: settings of markers need to be TOML in UTF-8 ({error}).") from None
 
 
 def _settings(entries: Mapping[str, Any]) -> Settings:

@@ -70,6 +70,7 @@ def test_a_subcommand_does_what_its_module_does(tmp_path, capsys):
     assert outputs[0] == outputs[1]
 
 
+@pytest.mark.extras
 def test_the_shell_completes_commands_and_options(tmp_path):
     pytest.importorskip("argcomplete")
     for line, expected in (("multicontact ident", ["identify "]), ("multicontact identify --held", ["--held-out "])):

@@ -26,7 +26,6 @@ WITHOUT = {"columns", "derive", "readme"}
 
 NEEDED = {
     "study": ["misaligned"],
-    "in_vivo": ["--data", "absent"],
     "validate": ["--data", "absent"],
     "identify": ["absent.xml", "absent.csv"],
     "batch": ["absent.xml", "absent.csv"],
@@ -140,7 +139,7 @@ def test_choices_of_what_is_not_written_lose_no_results(main, given, table, tmp_
 def test_figures_have_one_cycle_of_colours_one_font_and_the_pages_width():
     folder = Path(experiments.__file__).parent
     drawing = [path for path in folder.rglob("*.py") if "matplotlib.figure" in path.read_text(encoding="utf-8")]
-    own = {"moving_picture.py", "estimator_figure.py", "film.py"}  # the documentation's, and films
+    own = {"moving_picture.py", "estimator_figure.py"}  # the documentation's
     tutorials = list((folder.parent / "docs" / "tutorials").glob("*.py"))
     own |= {path.name for path in tutorials}
     assert len(drawing) > 10 and tutorials

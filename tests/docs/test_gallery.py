@@ -11,7 +11,7 @@ import pytest
 import experiments
 
 FOLDER = Path(experiments.__file__).parents[1] / "docs" / "gallery"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="only a checkout has docs")
+pytestmark = [pytest.mark.skipif(not FOLDER.exists(), reason="only a checkout has docs"), pytest.mark.slow]
 
 EXPECTED = {
     "coverage": r"9[2-8] of 100 intervals contain the truth",

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.extras
+
 NOTEBOOK = Path(__file__).parents[2] / "docs" / "notebooks" / "estimate.ipynb"
 
 

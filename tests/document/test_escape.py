@@ -121,6 +121,7 @@ def hostile(tmp_path):
     return path, tmp_path / "log.npz"
 
 
+@pytest.mark.slow
 def test_commands_go_through_with_hostile_names(hostile, tmp_path, monkeypatch):
     model, log = map(str, hostile)
     # Letters are laid out once for all formats.

@@ -11,7 +11,7 @@ from browser import browser, needs_browser
 
 from experiments.cli.command import COMMANDS
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 AXE = os.environ.get("MULTICONTACT_AXE", "")
 """The file `axe.min.js` of the npm package axe-core."""
 

@@ -228,6 +228,7 @@ def compiled(folder, names, start):
     return re.findall(complaints, (folder / "all.log").read_text(errors="replace"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(bool(MISSING), reason=f"LaTeX is not complete here: {', '.join(MISSING)} is missing")
 @pytest.mark.parametrize(("columns", "brackets", "journal"), [(1, False, False), (2, False, False), (2, True, True)])
 def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studies, columns, brackets, journal):

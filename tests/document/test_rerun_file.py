@@ -15,6 +15,8 @@ from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
 
+pytestmark = pytest.mark.extras
+
 TIME = np.arange(30) / 10
 FORCE = np.array([0.0, 30.0, -200.0])
 

@@ -12,6 +12,8 @@ from ident.files.csv_file import write_csv
 from ident.files.marker_files import read_markers
 from ident.files.markers import Markers
 
+pytestmark = pytest.mark.extras
+
 TIME = np.arange(4) / 100
 LABELS = ("KNEE", "HIP")
 X = np.random.default_rng(0).normal(size=(4, 2, 3))

@@ -16,6 +16,7 @@ from experiments import identify, stream
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies.stream_progress import Progress
 from ident.errors import InputError
+from ident.estimate import Estimate
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -64,7 +65,7 @@ def archive(path, content, compression=zipfile.ZIP_STORED):
     with zipfile.ZipFile(path, "w") as out:
         for name, data in (members | {"done": npy(np.array(1))}).items():
             out.writestr(f"{name}.npy", data)
-        for name in ("measured/elbow_position", "outcomes"):
+        for name in ("measured/elbow_position", "outcomes", "objects"):
             out.writestr(f"{name}.npy", content, compression)
     return path
 
@@ -76,6 +77,7 @@ READERS = {
     "pieces": lambda path: next(Recording.chunks(path, 7)),
     "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
     "progress": lambda path: Progress(path, {}).resumed(None),
+    "estimate": Estimate.load,
 }
 
 

@@ -1,7 +1,11 @@
 """Small files that unpack to much: rejected before they take memory, in all formats."""
 
+import bz2
 import gzip
+import struct
+import sys
 import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
@@ -82,6 +86,59 @@ def test_small_numbers_of_matlab_count_as_what_they_become(tmp_path, content):
     assert "takes 3 MB in memory where at most 2 MB" in peak(tmp_path / "log.mat")
 
 
+@pytest.mark.parametrize("stated", [16, 400_000])
+def test_compressed_elements_of_matlab_under_a_false_size_are_counted(tmp_path, stated):
+    write_mat(tmp_path / "log.mat", {}, x={"y": np.zeros(1_000_000)})
+    data = (tmp_path / "log.mat").read_bytes()
+    kind, size = struct.unpack("<II", data[128:136])
+    unpacked = zlib.decompress(data[136 : 136 + size])
+    packed = zlib.compress(unpacked[:4] + struct.pack("<I", stated) + unpacked[8:])
+    (tmp_path / "log.mat").write_bytes(data[:128] + struct.pack("<II", kind, len(packed)) + packed)
+    assert "takes 2 MB in memory where at most 2 MB" in peak(tmp_path / "log.mat") and peak.bytes < 1_000_000
+
+
+def lying(path, old, new):
+    """Replaces a count in the footer of a parquet file by another one."""
+
+    def thrift(number, length):
+        digits = [2 * number >> shift & 127 for shift in range(0, 7 * length, 7)]
+        return bytes([128 | each for each in digits[:-1]] + digits[-1:])
+
+    data = path.read_bytes()
+    at = len(data) - 8 - struct.unpack("<I", data[-8:-4])[0]
+    length = (2 * old).bit_length() // 7 + 1
+    path.write_bytes(data[:at] + data[at:].replace(thrift(old, length), thrift(new, length)))
+
+
+@pytest.mark.parametrize("true", [True, False])
+@pytest.mark.parametrize("kind", ["list", "fixed", "numbers"])
+def test_values_of_parquet_count_as_their_pages_say(tmp_path, kind, true):
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
+    from pyarrow import parquet
+
+    from ident.files.formats.parquet_pages import size_of
+
+    n = 3_000_000
+    values = pyarrow.array(np.zeros(n))
+    columns = {
+        "list": lambda: pyarrow.ListArray.from_arrays(pyarrow.array([0, n]), values),
+        "fixed": lambda: pyarrow.FixedSizeListArray.from_arrays(values, n),
+        "numbers": lambda: values,
+    }
+    path = tmp_path / "log.parquet"
+    parquet.write_table(pyarrow.table({"x.y": columns[kind]()}), path, row_group_size=n)
+    assert path.stat().st_size < 20_000
+    if not true:
+        lying(path, n, 10)
+    with path.open("rb") as stream:
+        file = parquet.ParquetFile(stream)
+        assert file.metadata.row_group(0).column(0).num_values == (n if true else 10)
+        assert size_of(stream, file.metadata, ["x.y"]) >= 8 * n and size_of(stream, file.metadata, ["x"]) >= 8 * n
+        assert size_of(stream, file.metadata, ["y"]) == size_of(stream, file.metadata, ["x.y"], []) == 0
+    if kind != "list":
+        assert "takes 24 MB in memory where at most 2 MB" in peak(path) and peak.bytes < 1_000_000
+
+
 def test_messages_of_bags_count_besides_their_bytes(tmp_path):
     pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
     time = np.arange(500) / 100
@@ -100,6 +157,55 @@ def test_chunks_of_bags_are_not_unpacked_above_the_limit(tmp_path, name):
     assert largest_chunk(path) > 500_000
     assert "MB in memory where at most 0 MB" in peak(path, 400_000, read_clocks)
     assert peak.bytes < 400_000
+    (table,) = read_clocks(path, limit=50_000_000)
+    assert len(table.rows) == 20
+
+
+def packed_chunk(kind, content):
+    """Content, packed in one of the ways of chunks."""
+    if kind == "bz2":
+        return bz2.compress(content)
+    if kind == "lz4":
+        return pytest.importorskip("lz4.frame").compress(content)
+    zstd = pytest.importorskip("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+    half = len(content) // 2
+    return zstd.compress(content[:half]) + zstd.compress(content[half:])
+
+
+def chunk(path, kind, content, stated):
+    """A bag of one chunk that states another size than it has."""
+    packed = packed_chunk(kind, content)
+    if path.suffix == ".mcap":
+        body = struct.pack("<QQQI", 0, 0, stated, 0) + struct.pack("<I", len(kind)) + kind.encode()
+        body += struct.pack("<Q", len(packed)) + packed
+        path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body)) + body)
+    else:
+        fields = (b"op=\x05", b"compression=" + kind.encode(), b"size=" + struct.pack("<I", stated))
+        header = b"".join(struct.pack("<I", len(each)) + each for each in fields)
+        record = struct.pack("<I", len(header)) + header + struct.pack("<I", len(packed)) + packed
+        path.write_bytes(b"#ROSBAG V2.0\n" + record)
+    return path
+
+
+@pytest.mark.parametrize(("end", "kind"), [("mcap", "lz4"), ("mcap", "zstd"), ("bag", "lz4"), ("bag", "bz2")])
+def test_chunks_under_a_false_size_are_counted(tmp_path, end, kind):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    path = chunk(tmp_path / f"log.{end}", kind, bytes(30_000_000), 1000)
+    assert "MB in memory where at most 2 MB" in peak(path, LIMIT, read_clocks)
+    # Unpacked a megabyte at a time.
+    assert peak.bytes < 20_000_000
+    assert largest_chunk(path, 100_000_000) == 30_000_000
+    path.write_bytes(path.read_bytes()[:-5])
+    assert largest_chunk(path, 100_000_000) <= 30_000_000
+
+
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
+@pytest.mark.parametrize("name", ["log_mcap", "log"])
+def test_bags_that_are_packed_in_other_ways_are_counted_too(tmp_path, name, mode):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    path, time = tmp_path / name, np.arange(20) / 100
+    write_bag(path, {"/x": (time, np.zeros((20, 80_000)))}, packed=True, mode=mode)
+    assert "MB in memory where at most 0 MB" in peak(path, 400_000, read_clocks)
     (table,) = read_clocks(path, limit=50_000_000)
     assert len(table.rows) == 20
 

@@ -93,6 +93,11 @@ EXAMPLES = {
     "torque_scale_estimated": [
         {"joints": ("hip", "knee"), "fixed_by": fixed} for fixed in ((), ("the wrench", "bodies"))
     ],
+    "motion_not_by_torques": [
+        {"joints": {"hip": {"weight": 1.02, "weight_std": 0.01, "inertia": 0.004, "inertia_std": 0.012}}},
+    ],
+    "loop_left_out": [{"loop": "close", "joints": ("knee", "ankle")}],
+    "computed_torques": [{"joints": ("hip", "knee"), "largest": 0.0132}],
     "body_not_carried": [{"body": "tool", "explained": 0.9}],
     "friction_not_fitted": [{"shares": {"hip": 0.4}, "drives": ("viscous", "coulomb")}],
     "drive_at_bound": [
@@ -126,7 +131,7 @@ EXAMPLES = {
     "halves_disagree": [{"rms_z": 2.3}],
     "logs_disagree": [{"logs": (1, 4), "rms_z": (2.5, 5.0), "best": best} for best in ((), (4,), (1, 4))],
     "own_in_logs": [{"values": {"Fc(hip)": (0.3, 0.45), "offset(hip)": (0.0, -0.12)}}],
-    "prior_as_asked": [{}],
+    "prior_beside_data": [{}],
     "prior_needed": [{}],
     "beyond_joint_ranges": [{"shares": {"hip": 0.02}}],
     "unfiltered_wrenches": [{}],
@@ -141,6 +146,11 @@ EXAMPLES = {
     "rotor_not_fitted": [{"joints": {"link3": "joint3"}}],
     "rotor_inseparable": [{"joints": {"link1": "joint1", "link2": "joint2"}}],
     "heavier_last_link": [{"body": "hand", "mass": 0.81, "std": 0.07}],
+    "payload_forces_unexplained": [{"ratios": {"Fx": 0.97, "Fz": 0.93}}],
+    "payload_mass_unlikely": [
+        {"mass": 799.6, "robot": 8.7},
+        {"mass": 210500.0, "robot": None},
+    ],
     "payload_mass_unknown": [{}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
 }
@@ -157,6 +167,10 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
         finding = Finding(code, values, False)
         assert re.fullmatch(r"[A-Z].*\.", finding.text) and finding.text in finding.line
         assert not re.search(r"[{}]|  |None|\bnan\b|\.\.", finding.text)
+        # Lists of names and numbers may be longer.
+        sentences = [each.split(": ")[0] for each in re.split(r"(?<=\.) (?=[A-Z])", finding.text)]
+        assert max(len(each.split()) for each in sentences) <= 25
+        assert not re.search(r"\d%", finding.text)
         read = json.loads(json.dumps(finding.to_dict(), allow_nan=False))
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
 

@@ -14,7 +14,10 @@ from sim.models.couplings import couplings
 from sim.models.mujoco_model import compiled, gravity_in_base, tree_from_model
 
 DM_CONTROL = find_spec("dm_control")
-pytestmark = pytest.mark.skipif(DM_CONTROL is None, reason="dm_control is not installed; make test-extras does")
+pytestmark = [
+    pytest.mark.skipif(DM_CONTROL is None, reason="dm_control is not installed; make test-extras does"),
+    pytest.mark.extras,
+]
 
 
 def test_kept_columns_span_the_regressor_of_40_random_trees():

@@ -13,6 +13,8 @@ from experiments.noise.truth import drives, truth
 from experiments.readme import arm_log
 from ident.geometry.inertia import parameters_from_com
 
+pytestmark = pytest.mark.slow
+
 SCENES = Path(scenes.__file__).parent
 
 

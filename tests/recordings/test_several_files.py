@@ -11,6 +11,8 @@ from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.several_files import files_of
 
+pytestmark = pytest.mark.extras
+
 ANGLES = {f"joint{k}": f"joint{k}_position" for k in (1, 2)}
 
 
@@ -151,8 +153,8 @@ def test_files_that_cannot_be_put_together(tmp_path):
     joints, wrench = log.split("+")
     for name, sentence in {
         f"{joints}+{joints}": "is made of different files, but joints.csv is given twice",
-        f"{joints}+{tmp_path / 'none.csv'}": "none.csv: a log is a .csv",
-        f"{joints}+": "a log is a .csv",
+        f"{joints}+{tmp_path / 'none.csv'}": "none.csv: there is no such file",
+        f"{joints}+": "joints.csv+: there is no such file",
         f"{joints}+{tmp_path / 'run.bag'}": "a bag counts its times from its first message",
     }.items():
         with pytest.raises(LogError) as error:

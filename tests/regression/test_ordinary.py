@@ -266,6 +266,7 @@ def both_passes(samples, parameters=BASE):
     return fit, huber_white(fit, samples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("correlation", "weighted", "one_pass", "two_passes"),
     [

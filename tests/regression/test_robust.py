@@ -109,6 +109,7 @@ def test_gross_outliers_move_the_fit_by_less_than_its_interval():
     assert (abs(fit_of(columns, measured, weighted=False).values - TRUE) > 0.5).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", [None, 0.02])
 def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
     """Over 200 recordings the errors are as large as predicted, for any autocorrelation of the noise."""

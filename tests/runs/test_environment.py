@@ -20,7 +20,6 @@ def variables_of(monkeypatch):
             monkeypatch.setenv(name, value)
         during = {}
         parser = options.plain_parser("any", None)
-        options.add_film(parser)
         assert running.run(lambda _: during.update(os.environ), lambda: parser, arguments) == 0
         assert {name: os.environ[name] for name in NAMES if name in os.environ} == own
         return {name: during[name] for name in NAMES if name in during}
@@ -28,14 +27,13 @@ def variables_of(monkeypatch):
     return variables
 
 
-def test_commands_take_one_thread_and_look_for_no_screen_without_a_film(variables_of):
+def test_commands_take_one_thread_and_look_for_no_screen(variables_of):
     assert variables_of() == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "disable"}
-    assert variables_of(["--film"]) == dict.fromkeys(THREADS, "1")
 
 
 def test_what_the_user_says_goes_before(variables_of):
     assert variables_of(OMP_NUM_THREADS="8") == {"OMP_NUM_THREADS": "8", "MUJOCO_GL": "disable"}
-    assert variables_of(["--film"], MUJOCO_GL="egl") == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "egl"}
+    assert variables_of(MUJOCO_GL="egl") == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "egl"}
 
 
 def test_variables_are_as_before_whatever_happens(monkeypatch):

@@ -6,10 +6,8 @@ from concurrent.futures import BrokenExecutor
 from itertools import count
 
 import pytest
-from commands import refusal
 from tasks import blocked_signals, die, dies_in_the_middle_of_its_result, never_ends, refuse, size, unpicklable
 
-from experiments import multicontact, runs
 from experiments.runs.workers import worker_pool
 from ident.estimation.pieces import in_order
 
@@ -79,29 +77,3 @@ def test_work_that_never_ends_is_left_at_once():
         tasks = [pool.executor.submit(never_ends, LARGE) for _ in range(8)]
     for task in tasks:
         assert task.cancelled() or isinstance(task.exception(timeout=0), BrokenExecutor)
-
-
-@pytest.mark.parametrize(
-    "address", ["localhost:8786", "tcp://localhost", "tcp://:8786", "http://a:1", "tcp://a:x", "tcp://a:99999", ""]
-)
-def test_a_malformed_address_is_one_sentence(address, tmp_path, capsys):
-    message = refusal(multicontact.main, ["--scheduler", address, "--out", str(tmp_path)], capsys)
-    assert f"--scheduler: needs an address as tcp://host:port, got '{address}'" in message
-
-
-def test_a_scheduler_needs_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.delitem(sys.modules, "experiments.runs.cluster", raising=False)
-    monkeypatch.delattr(runs, "cluster", raising=False)
-    with (
-        pytest.raises(ValueError, match="needs the package 'distributed', which the extra 'cluster' brings"),
-        worker_pool(1, "tcp://localhost:8786"),
-    ):
-        pass
-
-
-def test_missing_tls_files_are_named_before_any_work(tmp_path, capsys):
-    ours = tmp_path / "ca.pem"
-    ours.touch()
-    command = ["--trials", "2", "--scheduler", "tls://127.0.0.1:1", "--tls", str(ours), "absent.pem", str(ours)]
-    assert "argument --tls: needs files that exist, got 'absent.pem'" in refusal(multicontact.main, command, capsys)

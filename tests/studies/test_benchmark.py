@@ -1,13 +1,12 @@
 """The benchmark runs and compares equal results; its claims without a clock hold. No time is asserted."""
 
 import sys
-from fractions import Fraction
 
 import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.benchmark import bounds, identification, monte_carlo, peers, sections, tables, targets, timing
+from experiments.benchmark import identification, monte_carlo, peers, sections, tables, timing
 from experiments.benchmark.__main__ import main
 from experiments.benchmark.mechanisms import chain, double_pendulum, humanoid, in_general_position, mechanisms
 from ident.parameters.base_parameters import STANDARD_GRAVITY
@@ -46,6 +45,7 @@ def test_ratio_is_that_of_the_medians():
     assert timing.ratio(np.array([[1.0, 4], [2, 6], [10, 10]])) == (3, 1, 4)
 
 
+@pytest.mark.extras
 @pytest.mark.parametrize("mechanism", mechanisms(), ids=lambda mechanism: mechanism.name)
 def test_peers_have_the_same_regressor(mechanism):
     pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
@@ -91,32 +91,3 @@ def test_trials_draw_their_own_noise_around_one_truth():
         x, *noisy = ((*samples.motion.states, samples.measured)[k] for samples in (trials.true, *drawn))
         errors = np.array(noisy) - x
         np.testing.assert_allclose(errors.std(axis=(0, 1)), level, rtol=0.05)
-
-
-def test_householder_solves_exactly_solvable_least_squares():
-    # A rational problem with a known solution from its normal equations in exact arithmetic.
-    A, b = np.array([[1, 2], [3, 4], [5, 7], [1, 0]]), np.array([1, -2, 3, 5])
-    (p, q, r), (u, v) = (A[:, 0] @ A[:, 0], A[:, 0] @ A[:, 1], A[:, 1] @ A[:, 1]), A.T @ b
-    exact = [Fraction(int(r * u - q * v), int(p * r - q * q)), Fraction(int(p * v - q * u), int(p * r - q * q))]
-    solution = bounds._householder(A.astype(np.longdouble), b.astype(np.longdouble))
-    np.testing.assert_allclose(solution.astype(float), [float(x) for x in exact], rtol=1e-15)
-
-
-@pytest.mark.skipif(np.finfo(np.longdouble).eps >= np.finfo(float).eps, reason="no extended precision here")
-def test_estimates_are_as_accurate_as_those_of_householders_qr():
-    accuracies = bounds.accuracies()
-    assert accuracies[0].condition_number < 40
-    assert accuracies[-1].condition_number > 1e7
-    for accuracy in accuracies:
-        assert accuracy.ours <= targets.ERROR * accuracy.qr
-    # The problems are hard enough to distinguish the methods.
-    assert accuracies[-1].normal > 1e4 * accuracies[-1].qr
-
-
-def test_peak_memory_does_not_grow_with_the_samples():
-    few, many = bounds.peaks((20_000, 200_000))
-    for peak in (few, many):
-        assert max(peak.streamed, peak.in_memory) < targets.MEMORY
-    assert many.streamed < few.streamed + 1
-    # Arrays are checked for finite numbers, with a byte for each number at a time.
-    assert many.in_memory < few.in_memory + 2

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from quick_benchmark import written as benchmark
 
-from experiments.benchmark import identification, monte_carlo, sections, tables, targets, whole, words
+from experiments.benchmark import identification, monte_carlo, sections, tables, whole, words
 from experiments.benchmark.mechanisms import mechanisms
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +34,7 @@ def numbers(node):
 
 def test_a_quick_run_measures_everything(results):
     assert np.isfinite(numbers(results)).all()
-    assert (
-        min(numbers([results[key] for key in ("limits", "simulations", "shared", "peaks", "accuracies", "jobs")])) > 0
-    )
-    assert {row["task"] for row in results["distances"]} == {
-        identification.REGRESSOR,
-        identification.ACCUMULATION,
-        identification.AGAIN,
-    }
+    assert min(numbers([results[key] for key in ("simulations", "jobs")])) > 0
     assert [row["threads"] for row in results["simulations"]] == [1, 1, 2]
     assert [row["job"] for row in results["jobs"]] == [whole.STREAM, whole.REGROUPING, whole.LINEARISATION]
     assert results["machine"]["cores"] >= 1
@@ -61,24 +56,7 @@ def test_a_quick_run_compares_every_task_on_every_mechanism(results):
 def test_results_are_shown_without_anything_to_compare_with(results):
     alone = results | {"comparisons": []}
     assert all(table.text() for table in tables.tables(alone).values())
-    assert "peak memory" in " ".join(words.findings(alone))
+    assert "recorded simulations" in " ".join(words.findings(alone))
     for shown in (tables.table_overview, words.readme_block):
         with pytest.raises(ValueError, match="extra 'peers'"):
             shown(alone)
-
-
-def test_targets_stand_beside_what_was_measured(results):
-    row = {"task": "regressor", "mechanism": "double pendulum", "samples": 100_000}
-    row |= {"ratio": 14.5, "theirs": 14.5, "ours": 1.0, "numpy": 2.0}
-    changed = results | {"comparisons": [row]}
-    measured = {row[0]: row[-1] for row in targets.table_targets(changed).rows}
-    assert measured["ratio, regressor, double pendulum, N = 100000, compiled"] == 14.5
-    assert measured["ratio, regressor, double pendulum, N = 100000, numpy"] == 7.25
-    assert measured["ratio, regressor, 7-link arm, N = 100000, numpy"] is None
-    assert [line for line in targets.missed(changed) if "double pendulum" in line] == [
-        "Missed: ratio, regressor, double pendulum, N = 100000, numpy: 7.25 where at least 10 is wanted"
-    ]
-    without = results | {"comparisons": [row | {"numpy": None}]}
-    measured = {row[0]: row[-1] for row in targets.table_targets(without).rows}
-    assert measured["ratio, regressor, double pendulum, N = 100000, numpy"] == 14.5
-    assert measured["peak memory of a stream, MB"] > 0

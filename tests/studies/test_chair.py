@@ -14,6 +14,8 @@ from experiments.studies.person_recordings import mistaken, sensed
 from sim.models.model_update import write_model
 from sim.motion import person
 
+pytestmark = pytest.mark.slow
+
 STIFF = ("neck", "pronation", "wrist", "toes", "thoracic")
 LABORATORY = Laboratory(rate=50, rail=False)
 TIME = LABORATORY.times(3)

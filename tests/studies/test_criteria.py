@@ -32,6 +32,7 @@ def pendulum():
     return excitation.problem(mechanism(scenes.load("double_pendulum"), "base"), None, sensors="wrench")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weighted", [False, True])
 def test_estimates_scatter_by_the_predicted_deviations(weighted):
     """With force and torque noise of equal size, ordinary least squares equals the weighted one."""
@@ -91,6 +92,7 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
     assert np.isfinite(criteria.predicted_deviations(pendulum, RESTING)).all()
 
 
+@pytest.mark.slow
 def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
     limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
     # As many as the command has.

@@ -28,6 +28,8 @@ derivation = pytest.importorskip("experiments.symbols.derivation")
 codegen = pytest.importorskip("experiments.symbols.codegen")
 symbolic = pytest.importorskip("experiments.symbols.symbolic")
 
+pytestmark = pytest.mark.extras
+
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 LATEX = shutil.which("pdflatex")
 WARNINGS = ["-std=c99", "-Wall", "-Wextra", "-Werror"]

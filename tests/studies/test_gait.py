@@ -76,6 +76,7 @@ def test_a_chair_is_named_by_who_sits_on_it(laboratory):
     assert 0.25 < during[0].carries < 0.5 and during[0].body == "pelvis"
 
 
+@pytest.mark.slow
 def test_two_walks_are_identified_without_the_samples_beside_the_plates(laboratory, monkeypatch):
     # The fit that is used converges in fewer rounds; others do not in twice as many.
     monkeypatch.setattr(iteration, "ROUNDS", 30)

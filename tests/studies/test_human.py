@@ -30,6 +30,7 @@ def at_the_rail(monkeypatch):
     monkeypatch.setattr(human, "study", once)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "at_the_rail")
 def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     out = tmp_path / "person"
@@ -104,6 +105,7 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
         assert value in message
 
 
+@pytest.mark.slow
 def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured():
     study = persons.at_a_rail()
     joint, fit = study.estimate.trajectory, study.estimate.trajectory.fit
@@ -120,6 +122,7 @@ def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured(
     np.testing.assert_allclose(variances, np.diag(study._covariance([1.2, 1.2])), rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [1e-6, 0.02, 0.05])
 def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
     study = persons.at_a_rail()

@@ -17,6 +17,8 @@ from experiments import columns as columns_command
 from experiments import identify
 from sim.motion.excitation import DOUBLE_PENDULUM
 
+pytestmark = pytest.mark.extras
+
 MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
 JOINTS = ("joint1", "joint2")
 PACKAGES = {"parquet": "pyarrow", "c3d": "ezc3d", "bag": "rosbags", "mcap": "rosbags"}

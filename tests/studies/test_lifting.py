@@ -8,6 +8,8 @@ from ident.estimation.preparation import prepared
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
 
+pytestmark = pytest.mark.slow
+
 BETWEEN = (lifting.SQUAT + lifting.STOOP) / 2
 LIFTS = ((lifting.SQUAT, 0.35), (lifting.STOOP, 0.4))
 

@@ -120,6 +120,7 @@ def test_everything_on_one_page(out):
     assert "true, simplified" in page and "* The paper put inertias" in page
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_everything_resumes_what_was_interrupted(out, tmp_path, monkeypatch):
     person = at_a_rail()

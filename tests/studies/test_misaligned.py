@@ -107,6 +107,7 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
     assert (abs(joint.error) < 4 * joint.std + 0.02).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
 def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(seed, monkeypatch):
     estimates = []

@@ -70,12 +70,14 @@ def check_request_to_end(folder, number, moment):
     assert (folder / trials.FILE).exists() or moment == "starting"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
 @pytest.mark.parametrize(("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "running")])
 def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
     check_request_to_end(tmp_path, number, moment)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
 def test_an_interrupt_ends_running_trials_without_a_traceback(tmp_path):
     check_request_to_end(tmp_path, signal.SIGINT, "running")
@@ -113,6 +115,7 @@ def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
     assert (tmp_path / "trials_before.npz").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_any_executor_gives_the_same_numbers(tmp_path):
     source = draw(tmp_path, "--redraw", "all")
     one = run(source, 20, tmp_path)
@@ -123,6 +126,7 @@ def test_any_executor_gives_the_same_numbers(tmp_path):
         np.testing.assert_array_equal(run(source, 20, tmp_path, executor=executor, ahead=1), one)
 
 
+@pytest.mark.slow
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
@@ -146,6 +150,7 @@ def problem_names():
     return study("multicontact", samples=200).fit("contact").base.names
 
 
+@pytest.mark.slow
 def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
     # 500 trials determine a standard deviation to 3.2 % and a coverage to 1 %, of any length.
     errors_of = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="100"), 500, tmp_path))
@@ -154,6 +159,7 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
     assert (np.abs(errors_of.mean) < 4.5 * errors_of.std / np.sqrt(500)).all()
 
 
+@pytest.mark.slow
 def test_standard_deviations_are_right_with_two_contacts(tmp_path):
     # 250 trials determine a standard deviation to 4.5 %, and the coverage of all 13 parameters to about half a percent.
     source = draw(tmp_path, "--redraw", "wrench", samples="300", contact="pad handle")
@@ -191,6 +197,7 @@ def test_statistics():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "no_trajectory")
 @pytest.mark.parametrize("study_module", [misaligned, multicontact])
 def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request, study_module):
@@ -277,7 +284,7 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
 
 
 def test_options_are_shared():
-    for name in ("--trials", "--trajectory-trials", "--workers", "--scheduler", "--redraw", "--resume"):
+    for name in ("--trials", "--trajectory-trials", "--workers", "--redraw", "--resume"):
         assert name in options.study_parser("any", "").format_help()
 
 

@@ -92,6 +92,7 @@ def test_true_total_wrench_is_what_the_parameters_give(result, contact):
     assert abs(result.measured.values - expected).max() > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
 def test_weights_help_where_only_the_wrenches_are_noisy(contact):
     problem = Problem.of(packaged("multicontact", contact=contact))

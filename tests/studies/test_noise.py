@@ -46,6 +46,7 @@ def scaled_errors(condition, estimator, recordings):
     return np.array(out)
 
 
+@pytest.mark.slow
 def test_the_trajectory_estimate_is_right_where_least_squares_is_off_by_several_of_its_own():
     condition = CONDITIONS["pendulum_x3"]
     assert scaled_errors(condition, "ordinary", 4).mean() < -5
@@ -162,6 +163,7 @@ def test_the_command_writes_tables_and_a_figure(tmp_path, capsys):
     assert json.loads((tmp_path / "provenance.json").read_text())["options"]["recordings"] == 3
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short", "here", "undrawn")
 def test_more_recordings_may_follow_than_were_asked_for_at_first(tmp_path, capsys):
     command = ["--recordings", "2", "--out"]

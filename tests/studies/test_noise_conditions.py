@@ -50,6 +50,7 @@ def test_every_kind_of_trouble_has_a_row():
     assert all(each.options.get("known", False) is each.drawn for each in NEW.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NEW)
 def test_conditions_run_from_end_to_end(name, monkeypatch):
     monkeypatch.setattr(noise, "CONDITIONS", {name: shortened(name)})
@@ -248,6 +249,7 @@ def test_intervals_without_width_are_no_number():
     assert row[5] is None and row[6] is None and row[2] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here", "undrawn")
 def test_some_conditions_may_be_chosen(tmp_path, capsys):
     command = ["--recordings", "2", "--conditions", "short", "bodies_drawn_x10", "--out"]

@@ -1,7 +1,10 @@
 """A person on two force plates alone: intervals cover the truth, errors of the prior are corrected."""
 
 import numpy as np
+import pytest
 from persons import briefly
+
+pytestmark = pytest.mark.slow
 
 
 def test_two_feet_on_plates_tell_what_unseen_motions_need():

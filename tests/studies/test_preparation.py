@@ -125,6 +125,7 @@ def test_the_base_moves_as_its_poses_say():
     np.testing.assert_allclose(motion.dV[inner], expected.dV[inner], atol=0.05)
 
 
+@pytest.mark.slow
 def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
     """All external forces act through one measured grip on the trunk; there is no ground."""
     model = mujoco.MjModel.from_xml_string(FLYER)

@@ -25,6 +25,7 @@ def rows(out, number):
     return [row for row in table if row["number"] == number]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     out = run(tmp_path, "--workers", "2", "--caption", "table_sweep", "Ours.")

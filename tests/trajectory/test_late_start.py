@@ -15,11 +15,12 @@ from ident.estimation.preparation import prepared
 from ident.estimation.setup import SetupParameter
 from ident.model.regressor import base_wrench_regressor
 from ident.setup import PRIORS
-from ident.trajectory import late_start
-from ident.trajectory.fit.fitted import Prior, Start
+from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.pieces import cut
+
+pytestmark = pytest.mark.slow
 
 LIFTS = (lifting.SQUAT, 0.35), (lifting.STOOP, 0.4)
 DELAY_ALONE = dict.fromkeys(PRIORS, 0.0) | {"delay": 0.2}
@@ -101,7 +102,7 @@ def likely_delay_of_pendulum(std, *, missing=0, late=0.0, samples=600):
     theta = np.append(ready.equations.parameters.regroup(PENDULUM.known), 0.0)
     prior = Prior(np.zeros(at + 1), np.diag(np.append(np.zeros(at), std**-2.0)))
     fit = SimpleNamespace(theta=theta, prior=prior, pieces=pieces, selections=[np.arange(at + 1)] * len(pieces))
-    return likely_delay(fit, measurement, at)
+    return likely_delay(measurement, at, fit)
 
 
 @pytest.mark.parametrize("std", [10.0, 1e6, np.inf])
@@ -117,19 +118,3 @@ def test_where_hardly_a_sample_is_left_no_delay_is_likely(missing):
 def test_a_fit_that_diverges_is_refused_in_a_sentence():
     with pytest.raises(ExcitationError, match="The fit diverges"):
         root_of_inverse(np.diag([1.0, np.nan]))
-
-
-def test_a_long_delay_is_not_taken_if_the_fit_diverges(monkeypatch):
-    at, begun = 1, []
-    end = Start(np.zeros(2), None, [])
-    search = SimpleNamespace(
-        fit=SimpleNamespace(theta=end.theta, free=np.array([True, False]), end=end, status="converged")
-    )
-
-    def refit(start, free, rounds):
-        begun.append((start.theta.tolist(), free.tolist()))
-        raise ExcitationError("The fit diverges.")
-
-    monkeypatch.setattr(late_start, "likely_delay", lambda *_: 0.1)
-    assert late_start.with_long_delays(search, refit, None, [at]) is search
-    assert begun == [([0.0, 0.1], [True, True])]

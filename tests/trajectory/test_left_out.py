@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
+from ident.errors import ExcitationError
 from ident.estimation.preparation import prepared
 from ident.identification import identified
+from ident.trajectory import left_out
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.piece import Noise
 from ident.trajectory.left_out import clearly_better, clearly_less, gains, without
@@ -67,11 +69,21 @@ def test_a_parameter_that_one_piece_alone_sees_is_fitted_to_it():
     assert np.isfinite(gains(TrajectoryFit(**{**vars(fit), "shares": shares}), 4)).all()
 
 
+def test_parameters_that_other_pieces_do_not_determine_predict_no_better(monkeypatch):
+    def singular(*_):
+        raise ExcitationError("The recording does not determine all parameters.")
+
+    fit, *_ = quadratic(0)
+    monkeypatch.setattr(left_out, "inverse_of_precision", singular)
+    assert not clearly_better(gains(fit, 4))
+
+
 def test_what_predicts_no_better_than_chance_is_not_believed():
     assert clearly_better(np.array([1.0, 2.0])) and clearly_better(np.array([9.0, -1.0]))
     assert not clearly_better(np.array([2.0, -1.0])) and not clearly_better(np.zeros(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rounds", [2, 9, 12, 15])
 def test_an_interrupt_ends_every_stage(rounds):
     """In the choice of knots, of weights and of the set-up alike."""

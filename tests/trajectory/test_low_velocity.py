@@ -14,6 +14,8 @@ from experiments.noise.recordings import SUBJECTS, noisy_recording
 from experiments.noise.truth import drives
 from ident.tolerances import STRIBECK
 
+pytestmark = pytest.mark.slow
+
 
 def recorded(extra):
     """An arm that rubs, and a recording of it with friction of some joints that is higher at low velocity, N m."""

@@ -36,6 +36,7 @@ def test_parameters_are_found_from_streams_with_times_of_their_own(case):
     np.testing.assert_allclose(common.samples.motion.q, motion(common.recording.time).q, atol=4e-3)
 
 
+@pytest.mark.slow
 def test_of_eight_recordings_the_intervals_cover_the_truth():
     z = []
     for seed in range(8):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import walker
 
 import ident
@@ -14,6 +15,8 @@ from ident.recordings.wrench import transform_wrench
 from ident.setup import PRIORS
 from ident.trajectory.estimate import trajectory_estimate
 from sim.motion.excitation import DOUBLE_PENDULUM
+
+pytestmark = pytest.mark.slow
 
 EXACT = dict.fromkeys(PRIORS, 0.0)
 

@@ -44,6 +44,7 @@ def test_slack_fades_over_its_velocity_either_way():
     assert not slack[:, 1].any()
 
 
+@pytest.mark.slow
 def test_an_arm_whose_joints_rub():
     """With wide knot spacing and correlated noise, friction would be a third of its value, with narrow intervals."""
     condition = CONDITIONS["rubs_trapezoids_100"]
@@ -61,6 +62,7 @@ def test_an_arm_whose_joints_rub():
     assert coded(estimate, "breakaway_friction")
 
 
+@pytest.mark.slow
 def test_a_drive_at_its_bound_has_a_one_sided_interval():
     """A parameter that noise makes negative gets an upper limit."""
     condition = CONDITIONS["rubs_sinusoids_200"]

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ident.errors import ExcitationError
 from ident.trajectory import setup_search
 from ident.trajectory.setup_search import MOST_DEVIATIONS, Search, searched
 
@@ -39,6 +40,14 @@ class Independent:
         return directions @ (self.best - self.theta), np.sqrt(directions**2 @ self.std**2)
 
 
+class Delayed(Independent):
+    """The same with the noise of one channel."""
+
+    @property
+    def channel_noise(self):
+        return np.array([0.5 if self.free.any() else 1.0])
+
+
 @pytest.fixture(autouse=True)
 def left_out_pieces_agree(monkeypatch):
     monkeypatch.setattr(setup_search, "_predict", lambda fitted, candidates: [True] * len(candidates))
@@ -50,9 +59,9 @@ def search_of(best, std, groups=None, scattered=lambda fitted: fitted):
     first = Independent(best, np.broadcast_to(std, best.shape), np.zeros(len(best)), np.zeros(len(best), bool))
 
     def refit(start, free, rounds):
-        return replace(first, theta=np.where(free, best, start.theta), free=free)
+        return scattered(replace(first, theta=np.where(free, best, start.theta), free=free))
 
-    return searched(Search(first), refit, np.ones(len(best), bool), groups or {}, scattered)
+    return searched(Search(first), refit, np.ones(len(best), bool), groups or {})
 
 
 def deviating(search):
@@ -108,3 +117,29 @@ def test_what_explains_as_much_is_named_beside_it():
 
 def test_so_many_faults_are_fitted_and_no_more():
     assert len(search_of(np.full(MOST_DEVIATIONS + 5, 1.0), 0.1).deviations) == MOST_DEVIATIONS
+
+
+def test_a_long_delay_is_not_taken_if_the_fit_diverges():
+    first, begun = Independent(np.ones(2), np.ones(2), np.zeros(2), np.array([True, False])), []
+
+    def refit(start, free, rounds):
+        begun.append((start.theta.tolist(), free.tolist()))
+        raise ExcitationError("The fit diverges.")
+
+    search = searched(Search(first), refit, np.zeros(2, bool), {}, delays={1: lambda fit: 0.1})
+    assert search.fit is first and not search.deviations
+    assert begun == [([0.0, 0.1], [True, True])]
+
+
+def test_a_long_delay_that_a_later_parameter_makes_needless_is_removed():
+    delay, clock = 0, 1
+
+    def refit(start, free, rounds):
+        # The clock explains the delay, and the noise is half as large with either.
+        best = np.where(free[clock], [0.1, 2.0], [2.0, 0.0]) * free
+        return Delayed(np.array([2.0, 2.0]), np.full(2, 0.1), best, free)
+
+    first = Delayed(np.array([2.0, 2.0]), np.full(2, 0.1), np.zeros(2), np.zeros(2, bool))
+    search = searched(Search(first), refit, np.ones(2, bool), {}, delays={delay: lambda fit: 2.0})
+    assert deviating(search) == [clock]
+    assert search.fit.free.tolist() == [False, True] and search.fit.theta.tolist() == [0.0, 2.0]

@@ -54,6 +54,7 @@ def test_a_pendulum_is_judged_by_a_motion_as_good_as_its_angles(angle, rate, mon
     check(*pendulum(angle, rate, monkeypatch), range(6))
 
 
+@pytest.mark.slow
 def test_somebody_who_lifts_is_judged_by_a_motion_as_good_as_her_angles():
     check(*lifter(), [0, 2, 4])
 

@@ -9,6 +9,8 @@ import ident
 from experiments.noise.conditions import CONDITIONS
 from experiments.noise.estimators import Case
 
+pytestmark = pytest.mark.slow
+
 CASE = Case.drawn(CONDITIONS["trapezoids_100"], 0, 2)
 
 

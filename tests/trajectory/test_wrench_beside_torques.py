@@ -10,6 +10,8 @@ import ident
 from ident.model.regressor import joint_torque_regressor
 from ident.recordings.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 NOISE = np.repeat([0.5, 0.05], [3, 5])
 """Noise of the wrench, N and N m, and of the torques."""
 

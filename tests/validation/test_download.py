@@ -1,6 +1,7 @@
 """Downloads, from a server on this machine: resumed, damaged, wrong, refused; and the addresses that are not asked."""
 
 import hashlib
+import socket
 from dataclasses import replace
 from pathlib import Path
 from urllib.request import Request
@@ -105,6 +106,58 @@ def test_a_redirection_to_such_a_server_is_not_followed(tmp_path):
     elsewhere = server(status=302, location="http://example.org/a.csv")
     with elsewhere as (url, _), pytest.raises(InputError, match="over https only"):
         download(f"{url}/a.csv", tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("length", ["abc", "1" * 5000, "-5", "1e3", "0x10", "5, 5"])
+def test_a_length_that_is_no_number_is_a_sentence(length, tmp_path):
+    with server(length=length) as (url, _), pytest.raises(InputError, match=r"its Content-Length is .*no number"):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_a_length_beyond_all_files_is_a_sentence(tmp_path):
+    with server(length="9" * 40) as (url, _), pytest.raises(InputError, match="more than the largest size"):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+
+
+BAD = (
+    "http://[::1",
+    "https://[::1",
+    "https://exam ple.org/a",
+    "https://example.org:port/",
+    "https://" + "a" * 80 + ".org",
+)
+
+
+@pytest.mark.parametrize("location", [*BAD, "//[", "https://example.org:99999999/", "https:///a", "data:,x", "\u00ff"])
+def test_a_redirection_to_no_address_is_a_sentence(location, tmp_path, monkeypatch):
+    monkeypatch.setattr(socket, "create_connection", only_here(socket.create_connection))
+    with server(status=302, location=location) as (url, _), pytest.raises(InputError) as raised:
+        download(f"{url}/a.csv", tmp_path / "a.csv")
+    assert "\n" not in str(raised.value)
+
+
+def only_here(connect):
+    """A function that connects to this machine alone."""
+
+    def connected(address, *given, **named):
+        if address[0] != "127.0.0.1":
+            raise OverflowError("port must be 0-65535.") if address[1] > 65535 else OSError("no network")
+        return connect(address, *given, **named)
+
+    return connected
+
+
+@pytest.mark.parametrize("pause", [0.01, -0.01])
+def test_a_server_that_sends_byte_by_byte_is_left(pause, tmp_path, monkeypatch):
+    monkeypatch.setattr(downloads, "GRACE", 0.2)
+    content = bytes(100_000) if pause > 0 else b"x" * 60_000
+    with (
+        server(content, pause=pause) as (url, _),
+        pytest.raises(InputError, match=r"less than 20 kB a second|TimeoutError"),
+    ):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert not (tmp_path / "a.csv").exists()
 
 
 ENTRY = Entry(

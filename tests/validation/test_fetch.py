@@ -45,6 +45,7 @@ def fetching(tmp_path, monkeypatch):
     return Fetching(tmp_path, monkeypatch)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_one_that_broke_off_goes_on_and_is_validated(fetching, capsys):
     short = fetching.contents["one.csv"][:500]

@@ -27,12 +27,12 @@ FORBIDDEN = {
 """Options that only the outcome could suggest."""
 
 
-def entry(folder, more="", *, files=FILES, **replaced):
+def entry(where, more="", *, files=FILES, **replaced):
     text = TEXT.format(files=files, more=more)
     for old, new in replaced.items():
         before = next(line for line in text.splitlines() if line.startswith(f"{old} ="))
         text = text.replace(before, new, 1)
-    return read_entry(written(folder, text))
+    return read_entry(written(where, text))
 
 
 def test_every_entry_is_well_formed_and_half_of_them_are_of_other_hands():
@@ -95,8 +95,27 @@ def test_a_columns_file_states_no_uncertainty_of_a_gain(tmp_path, monkeypatch):
         ({"fitted": "fitted = [['three.csv']]"}, "'three.csv', which is not among its files"),
         ({"fitted": "fitted = 'one.csv'"}, "list of tables or lists"),
         ({"fitted": ""}, "says nothing of what is fitted"),
-        ({"name": "name = '../arm.xml'"}, "stay in their folder"),
-        ({"path": "path = '/etc/passwd'"}, "stay in their folder"),
+        *(
+            ({key: f"{key} = {name}"}, "stay in their folder")
+            for key in ("folder", "name", "path")
+            for name in (
+                *(
+                    "'../../evil'",
+                    "'/etc/passwd'",
+                    "'..'",
+                    "'.'",
+                    '"a\\u0000b"',
+                    '"a\\nb"',
+                    "'a\\b'",
+                    "'a/../b'",
+                    "'~/..'",
+                ),
+                *("'C:/x\\y'", "'a.'", "' a'", f"'{'a' * 101}'", "'-rf'", "'a//b'", "'a/'", "'é'", "'.hidden'"),
+            )
+        ),
+        *(({"folder": f"folder = {name}"}, "stay in their folder") for name in ("''", "'a/b'", "'C:'")),
+        ({"fitted": "fitted = [['one.csv']]\noptions = { columns = '../../other.toml' }"}, "stay in their folder"),
+        ({"repository": "repository = '../..'"}, "'owner/name'"),
         ({"licence": "licence = 'MIT'\nlicense = 'MIT'"}, "unknown entries"),
         ({"path": "path = 'arm.xml'\nconverter = 'magic'"}, "converters are declared_world"),
         ({"about": "about = "}, "TOML"),

@@ -5,10 +5,14 @@ import os
 import ssl
 import sys
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
-from http.client import HTTPException, HTTPResponse
+from http.client import HTTPException, HTTPMessage, HTTPResponse
 from ipaddress import ip_address
 from pathlib import Path
+from threading import Thread
+from time import monotonic
+from typing import IO
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote, urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
@@ -18,12 +22,16 @@ from tqdm import tqdm
 from experiments.data.registry import Entry, SourceFile
 from ident.errors import InputError
 from ident.files.atomic import unwritten
+from ident.files.limits import reason
 
 HOST = "https://raw.githubusercontent.com"
 """Server of the files of repositories."""
 
 TIMEOUT = 30.0
 """Time without an answer after which a download ends, s."""
+
+GRACE, SLOWEST = 60.0, 20_000.0
+"""Seconds in which a server has to answer, and bytes per second that it has to send afterwards, at least."""
 
 PIECE = 1 << 16
 """Bytes that are read and written at a time."""
@@ -118,7 +126,7 @@ def _receive(url: str, part: Path) -> None:
         if response is None:
             return
         resumes = response.status == 206 and str(response.headers["Content-Range"]).startswith(f"bytes {have}-")
-        done, missing = (have if resumes else 0), int(response.headers["Content-Length"] or 0)
+        done, missing = (have if resumes else 0), _stated_length(url, response)
         total = done + missing
         if total > LARGEST:
             raise InputError(f"'{url}' has {total / 1e9:.1f} GB, more than the largest size of {LARGEST / 1e9:.1f} GB.")
@@ -126,16 +134,66 @@ def _receive(url: str, part: Path) -> None:
             part.open("ab" if resumes else "wb") as file,
             tqdm(total=total or None, initial=done, desc=part.stem, unit="B", unit_scale=True, file=sys.stderr) as bar,
         ):
-            while piece := response.read(PIECE):
+            begun, before = monotonic(), done
+            # One answer of the system at a time: `read` would wait for a whole piece of single bytes.
+            while piece := response.read1(PIECE):
                 file.write(piece)
                 done += len(piece)
                 bar.update(len(piece))
                 if done > LARGEST:
                     raise InputError(f"'{url}' is larger than the largest size of {LARGEST / 1e9:.1f} GB.")
+                if monotonic() - begun > GRACE + (done - before) / SLOWEST:
+                    raise TimeoutError(f"it sends less than {SLOWEST / 1e3:g} kB a second")
         if missing and done != total:
             raise InputError(
                 f"The download of '{url}' broke off after {done} of {total} bytes; run it again to go on from there."
             )
+
+
+def _stated_length(url: str, response: HTTPResponse) -> int:
+    """Bytes that an answer says it has; zero if it does not say.
+
+    Raises:
+        InputError: It says something else than a number.
+    """
+    stated = response.headers["Content-Length"]
+    # `http.client` leaves out what it cannot read as a number.
+    if stated and not response.chunked and response.length is None:
+        raise InputError(f"'{url}' cannot be downloaded: its Content-Length is {stated!r:.40}, which is no number.")
+    return response.length or 0
+
+
+def _ask(request: Request, answer: "Future[HTTPResponse]") -> None:
+    """Answers a request, or fails."""
+    try:
+        answer.set_result(build_opener(_StaysSafe).open(request, timeout=TIMEOUT))
+    except Exception as error:
+        answer.set_exception(error)
+
+
+def _close(late: "Future[HTTPResponse]") -> None:
+    """Closes an answer that nobody waits for any more."""
+    if late.exception() is None:
+        late.result().close()
+
+
+def _opened(request: Request) -> HTTPResponse:
+    """Answer to a request, whose headers have to come in time.
+
+    Raises:
+        OSError: There is none; so is any error of `urllib` and `http.client` raised.
+    """
+    answer = Future[HTTPResponse]()
+    # A thread of its own, as headers may come byte by byte; it does not keep the program alive.
+    Thread(target=_ask, args=(request, answer), daemon=True).start()
+    try:
+        return answer.result(GRACE)
+    except TimeoutError:
+        answer.add_done_callback(_close)
+        raise
+    finally:
+        # An error would keep itself by way of this frame.
+        del answer
 
 
 @contextmanager
@@ -147,7 +205,7 @@ def _answered(url: str, request: Request) -> Iterator[HTTPResponse | None]:
     """
     try:
         try:
-            response = build_opener(_StaysSafe).open(request, timeout=TIMEOUT)
+            response = _opened(request)
         except HTTPError as error:
             if error.code != 416:
                 raise
@@ -158,17 +216,30 @@ def _answered(url: str, request: Request) -> Iterator[HTTPResponse | None]:
             yield response
     except HTTPError as error:
         error.close()
-        raise InputError(f"'{url}' cannot be downloaded: the server says {error.code} {error.reason}.") from None
-    except (URLError, TimeoutError, ConnectionError, ssl.SSLError, HTTPException) as error:
-        reason = getattr(error, "reason", error)
+        raise InputError(f"'{url}' cannot be downloaded: the server says {error.code} {reason(error)}.") from None
+    except InputError:
+        raise
+    # An address to which the server redirects may be none: `urllib` has several errors for that.
+    except (URLError, TimeoutError, ConnectionError, ssl.SSLError, HTTPException, ValueError, OverflowError) as error:
+        why = reason(getattr(error, "reason", error))
         raise InputError(
-            f"'{url}' cannot be downloaded ({reason}): is there a network? What has come so far is kept; run it again "
+            f"'{url}' cannot be downloaded ({why}): is there a network? What has come so far is kept; run it again "
             "to go on, or name a folder that holds the files with --data."
         ) from None
 
 
 class _StaysSafe(HTTPRedirectHandler):
     """Follows redirections to addresses that could be asked for in the first place, and to no others."""
+
+    def http_error_302(self, req: Request, fp: IO[bytes], code: int, msg: str, headers: HTTPMessage) -> object:
+        """Answer at the new address; the first one is closed also if that is none."""
+        try:
+            return super().http_error_302(req, fp, code, msg, headers)
+        except Exception:
+            fp.close()
+            raise
+
+    http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
 
     def redirect_request(self, req: Request, fp: object, code: int, msg: str, headers: object, newurl: str) -> Request:
         """The request at the new address."""
@@ -185,10 +256,10 @@ def _check_address(url: str) -> None:
     Raises:
         InputError: It is one.
     """
-    parts = urlsplit(url)
-    if parts.scheme == "https" and parts.hostname:
-        return
     try:
+        parts = urlsplit(url)
+        if parts.scheme == "https" and parts.hostname:
+            return
         here = parts.scheme == "http" and ip_address(parts.hostname or "").is_loopback
     except ValueError:
         here = False

@@ -97,7 +97,7 @@ def fetched(entry: Entry, folder: Path, host: str = HOST) -> Path:
         if not file.made:
             _tell_unchecked(file, url, download(url, target, file.original or file.sha256))
             continue
-        original = folder / f"{Path(file.path).name}.original"
+        original = folder / f"{file.name}.original"
         _tell_unchecked(file, url, download(url, original, file.original))
         convert(file.made, original, target)
         original.unlink()

@@ -1,7 +1,6 @@
 """The registry: a TOML file for each public recording, and a columns file where it needs one."""
 
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -11,6 +10,7 @@ from experiments.data.registry import Entry, Published, Reference, Source, Sourc
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.options import check_columns, check_options
 from ident.errors import InputError
+from ident.files.limits import toml
 from ident.files.table import short
 
 KEYS = (
@@ -22,7 +22,10 @@ KEYS = (
 SHA256, COMMIT = re.compile(r"[0-9a-f]{64}"), re.compile(r"[0-9a-f]{7,40}")
 """Forms of hashes."""
 
-REPOSITORY = re.compile(r"[\w.-]+/[\w.-]+")
+NAME = re.compile(r"\w(?:[\w.+ -]{0,98}[\w+-])?", re.ASCII)
+"""Form of the name of a file or folder, which no system takes for a path."""
+
+REPOSITORY = re.compile(r"\w[\w.-]{0,99}/\w[\w.-]{0,99}", re.ASCII)
 """Form of a repository's name."""
 
 
@@ -66,14 +69,10 @@ def read_entry(path: Path) -> Entry:
     Raises:
         InputError: It is malformed; the message names the file and the entry.
     """
-    try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path.name}: an entry needs to be TOML in UTF-8 ({error}).") from None
-    entry = _entry(path.stem, content)
+    entry = _entry(path.stem, toml(path, "an entry needs"))
+    check_options(entry.name, entry.options)
     _check_hashes(entry)
     _check_logs(entry)
-    check_options(entry.name, entry.options)
     if "columns" in entry.options:
         check_columns(columns_file(entry.options["columns"]))
     return entry
@@ -144,6 +143,13 @@ def _of(kind: Callable[..., Any], name: str, key: str, given: Any) -> Any:
 def _check_hashes(entry: Entry) -> None:
     """Refuses malformed hashes, and hashes or published numbers of an untried recording."""
     name, source = entry.name, entry.source
+    names = [entry.folder, *(file.name for file in entry.files), *filter(None, [entry.options.get("columns")])]
+    paths = [part for file in entry.files if file.path for part in file.path.split("/")]
+    if wrong := [each for each in (*names, *(part.replace(":", "_") for part in paths)) if not NAME.fullmatch(each)]:
+        raise InputError(
+            f"{name}: names and paths of files and folders stay in their folder and have at most 100 letters, digits, "
+            f"'.', '+', '-', '_' and spaces, got {short(repr(wrong[0]))}."
+        )
     if not REPOSITORY.fullmatch(source.repository):
         raise InputError(f"{name}: a repository is 'owner/name', got {short(source.repository)}.")
     if source.commit and not COMMIT.fullmatch(source.commit):
@@ -155,8 +161,6 @@ def _check_hashes(entry: Entry) -> None:
         if entry.tried != bool(file.sha256):
             state = "was tried and" if entry.tried else "is untried, and"
             raise InputError(f"{name} {state} {file.name} has {'' if file.sha256 else 'no '}hash.")
-        if Path(file.name).name != file.name or ".." in Path(file.path).parts or Path(file.path).is_absolute():
-            raise InputError(f"{name}: names and paths of files stay in their folder, got {short(file.name)}.")
         for converter in filter(None, (file.made, file.converter)):
             if converter not in CONVERTERS:
                 raise InputError(f"{name}: converters are {', '.join(CONVERTERS)}; got {short(converter)}.")

@@ -1,16 +1,16 @@
 """ROS 1 and ROS 2 bags, including MCAP: joint states, wrenches and numbers, each topic at its own times."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.formats.bag_chunks import largest_chunk
+from ident.files.formats.bag_chunks import largest_chunk, unpacked_size
 from ident.files.formats.reading import library, undamaged
-from ident.files.npz import check_size
+from ident.files.limits import check_size
 from ident.files.table import Table
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -40,7 +40,7 @@ def tables(path: Path, limit: int) -> list[Table]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     # The library unpacks a chunk whole, whatever its topics.
-    check_size(path, largest_chunk(path), limit)
+    check_size(path, largest_chunk(path, limit), limit)
     with undamaged("a ROS bag"), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         # The types as ROS defines them: the library generates code from those in the bag, without end if damaged.
         types = get_typestore(Stores.ROS2_HUMBLE if reader.is2 else Stores.ROS1_NOETIC)
@@ -49,6 +49,7 @@ def tables(path: Path, limit: int) -> list[Table]:
         if not used:
             there = ", ".join(f"{each.topic} ({each.msgtype})" for each in reader.connections) or "none"
             raise LogError(f"a bag needs a topic of {', '.join(COLUMNS)}; its topics are {there}.")
+        check_size(path, max(_packed_messages(reader.readers, limit), default=0), limit)
         sent: dict[tuple[str, str], list[Message]] = defaultdict(list)
         size = 0
         for connection, written, data in reader.messages(connections=used):
@@ -56,6 +57,15 @@ def tables(path: Path, limit: int) -> list[Table]:
             check_size(path, size, limit)
             sent[connection.topic, connection.msgtype].append((written, read(data, connection.msgtype)))
         return _tables(sent)
+
+
+def _packed_messages(readers: Sequence[Any], limit: int) -> Iterator[int]:
+    """Unpacked sizes of messages that are packed one by one."""
+    for reader in readers:
+        if getattr(getattr(reader, "metadata", None), "compression_mode", "") == "message":
+            for storage in reader.storages:
+                for _, _, packed in storage.messages(storage.connections):
+                    yield unpacked_size(packed, "zstd", limit)
 
 
 def _tables(sent: Mapping[tuple[str, str], list[Message]]) -> list[Table]:

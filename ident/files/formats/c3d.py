@@ -10,8 +10,8 @@ from ident.errors import LogError
 from ident.files.column import UNITS
 from ident.files.formats.c3d_layout import check_layout
 from ident.files.formats.reading import SI, checked_rate, library, undamaged
+from ident.files.limits import reason
 from ident.files.markers import Markers, check_labels
-from ident.files.npz import reason
 from ident.files.table import Table
 
 COMPUTED = {

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.npz import NUMBER, check_size
+from ident.files.limits import NUMBER, check_size
 
 BLOCK = 512
 """Bytes of a block, the unit of positions in the file."""

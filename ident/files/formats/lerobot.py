@@ -4,7 +4,6 @@ Version 2 has a file for each episode, `data/chunk-000/episode_000003.parquet`. 
 `data/chunk-000/file-000.parquet`, and lists in `meta/episodes` which is where. `meta/info.json` describes the columns.
 """
 
-import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,8 +15,9 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.formats.parquet import numbers
+from ident.files.formats.parquet_pages import size_of
 from ident.files.formats.reading import library, undamaged
-from ident.files.npz import NUMBER, check_size
+from ident.files.limits import LIMIT, NUMBER, check_size, parsed_json
 from ident.files.table import Table
 
 INFO = "meta/info.json"
@@ -71,11 +71,10 @@ def tables(path: Path, limit: int) -> list[Table]:
         InputError: The library is not installed.
     """
     folder, _ = folder_and_episode(path)
-    check_size(folder / INFO, (folder / INFO).stat().st_size, limit)
     version, features = _description(folder)
     with library("parquet"):
         import pyarrow.parquet  # noqa: F401
-    episodes = _episodes(folder, version)
+    episodes = _episodes(folder, version, limit)
     episode = _chosen(path, episodes)
     file = episodes[episode]
     name = file.relative_to(folder).as_posix()
@@ -89,7 +88,7 @@ def tables(path: Path, limit: int) -> list[Table]:
 def _description(folder: Path) -> tuple[int, Mapping[str, Any]]:
     """Main version of a dataset, and its features by name."""
     with undamaged(f"a LeRobot dataset, whose {INFO} describes it in JSON"):
-        info = json.loads((folder / INFO).read_text(encoding="utf-8"))
+        info = parsed_json((folder / INFO).read_text(encoding="utf-8"))
         version, features = info.get("codebase_version"), info.get("features")
     if not (match := re.fullmatch(r"v?([23])\.\d+", str(version))):
         raise LogError(
@@ -100,14 +99,14 @@ def _description(folder: Path) -> tuple[int, Mapping[str, Any]]:
     return int(match[1]), features
 
 
-def _episodes(folder: Path, version: int) -> dict[int, Path]:
-    """File of each episode, by number.
+def _episodes(folder: Path, version: int, limit: int = LIMIT) -> dict[int, Path]:
+    """File of each episode, by number; their list may take `limit` bytes in memory.
 
     Raises:
         LogError: There is none.
     """
     with undamaged("a LeRobot dataset that lists its episodes"):
-        episodes = dict(sorted(_listed(folder) if version == 3 else _single(folder)))
+        episodes = dict(sorted(_listed(folder, limit) if version == 3 else _single(folder)))
     if not episodes:
         needed = "meta/episodes/chunk-000/file-000.parquet" if version == 3 else "data/chunk-000/episode_000000.parquet"
         raise LogError(f"a LeRobot dataset of version {version} has its first episode in {needed}; here is none.")
@@ -121,14 +120,17 @@ def _single(folder: Path) -> Iterator[tuple[int, Path]]:
             yield int(number), file
 
 
-def _listed(folder: Path) -> Iterator[tuple[int, Path]]:
+def _listed(folder: Path, limit: int) -> Iterator[tuple[int, Path]]:
     """Yields number and file of each episode of version 3."""
     from pyarrow import parquet
 
     names = [EPISODE, "data/chunk_index", "data/file_index"]
     for file in folder.glob("meta/episodes/chunk-*/*.parquet"):
         with file.open("rb") as stream:
-            listed = parquet.ParquetFile(stream).read(names)
+            content = parquet.ParquetFile(stream)
+            check_size(file, NUMBER * len(names) * content.metadata.num_rows, limit)
+            check_size(file, size_of(stream, content.metadata, names), limit)
+            listed = content.read(names)
         for episode, chunk, k in zip(*(listed.column(name).to_pylist() for name in names), strict=True):
             yield int(episode), folder / f"data/chunk-{int(chunk):03d}/file-{int(k):03d}.parquet"
 
@@ -175,12 +177,14 @@ def _rows(file: Path, name: str, episode: int, components: Mapping[str, Sequence
         if missing := [column for column in (EPISODE, TIME, *components) if column not in there]:
             raise LogError(f"{name} needs a column '{missing[0]}', as of a LeRobot dataset; it has {', '.join(there)}.")
         check_size(file, NUMBER * content.metadata.num_rows, limit)
+        check_size(file, size_of(stream, content.metadata, [EPISODE]), limit)
         own = np.flatnonzero(numbers(content.read([EPISODE]).column(0)) == episode)
         if not len(own):
             raise LogError(f"{name} has no rows of episode {episode}.")
         groups, first = _groups(content, own)
         rows = sum(content.metadata.row_group(k).num_rows for k in groups)
         check_size(file, NUMBER * rows * (1 + sum(map(len, components.values()))), limit)
+        check_size(file, size_of(stream, content.metadata, [TIME, *components], groups), limit)
         return content.read_row_groups(groups, [TIME, *components]).take(own - first)
 
 

@@ -10,11 +10,14 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.formats.reading import undamaged
-from ident.files.npz import NUMBER, check_size
+from ident.files.limits import NUMBER, check_size
 from ident.files.table import Table, vector_columns
 
 COMPRESSED = 15
 """Type of a compressed element, of version 7."""
+
+PIECE = 1 << 16
+"""Bytes that are unpacked at a time."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
@@ -32,7 +35,7 @@ def tables(path: Path, limit: int) -> list[Table]:
             head = stream.read(128)
         if head.startswith((b"MATLAB 7.3", b"\x89HDF")):
             raise LogError("MATLAB files of version 7.3 are not read; save it in MATLAB with save(NAME, '-v7').")
-        check_size(path, sum(_sizes(path)), limit)
+        check_size(path, sum(_sizes(path, limit)), limit)
         # Small numbers and integers take less in the file than as floats in memory.
         check_size(path, sum(NUMBER * math.prod(shape) for _, shape, _ in whosmat(path)), limit)
         arrays = dict(_arrays("", loadmat(path, simplify_cells=True)))
@@ -55,16 +58,27 @@ def _arrays(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, np.n
             yield f"{prefix}{name}", value[:, 0] if value.ndim == 2 and value.shape[1] == 1 else value
 
 
-def _sizes(path: Path) -> Iterator[int]:
+def _unpacked(packed: bytes, limit: int) -> int:
+    """Bytes that a compressed element unpacks to, counted up to the first beyond a limit; it may state others."""
+    stream, size = zlib.decompressobj(), 0
+    for at in range(0, len(packed), PIECE):
+        tail = packed[at : at + PIECE]
+        while tail and size <= limit:
+            size += len(stream.decompress(tail, PIECE))
+            tail = stream.unconsumed_tail
+    return size
+
+
+def _sizes(path: Path, limit: int) -> Iterator[int]:
     """Unpacked size in bytes of each element of a file of version 5 to 7."""
     with path.open("rb") as stream:
         order = {b"IM": "<", b"MI": ">"}.get(stream.read(128)[126:])
         while order and len(tag := stream.read(8)) == 8:
             kind, size = (int(x) for x in np.frombuffer(tag, f"{order}u4"))
-            start = stream.tell()
+            end = stream.tell() + size
             if kind == COMPRESSED:
-                unpacked = zlib.decompressobj().decompress(stream.read(min(size, 4096)), 8)
-                yield int(np.frombuffer(unpacked, f"{order}u4")[1])
-            else:
-                yield size
-            stream.seek(start + size)
+                packed = stream.read(size)
+                stated = np.frombuffer(zlib.decompressobj().decompress(packed, 8), f"{order}u4")[1]
+                size = max(int(stated), _unpacked(packed, limit))
+            yield size
+            stream.seek(end)

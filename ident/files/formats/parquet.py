@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
+from ident.files.formats.parquet_pages import size_of
 from ident.files.formats.reading import library, undamaged
-from ident.files.npz import NUMBER, check_size
+from ident.files.limits import NUMBER, check_size
 from ident.files.table import Table, vector_columns
 
 
@@ -28,6 +29,7 @@ def tables(path: Path, limit: int) -> list[Table]:
         twice = [name for name in columns.names if columns.names.count(name) > 1]
         if twice:
             raise LogError(f"columns of a log need different names, '{twice[0]}' is more than one.")
+        check_size(path, size_of(stream, file.metadata, [field.name for field in numeric]), limit)
         content = file.read([field.name for field in numeric])
         cells: dict[str, np.ndarray] = {}
         units: dict[str, str] = {}

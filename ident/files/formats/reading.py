@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.errors import InputError, LogError
 from ident.files.column import UNITS
-from ident.files.npz import reason
+from ident.files.limits import reason
 
 SI = {unit: factor for units in UNITS.values() for unit, factor in units.items()}
 """All known units, as factors to SI."""

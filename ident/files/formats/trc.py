@@ -21,8 +21,8 @@ from ident.errors import LogError
 from ident.files.column import UNITS
 from ident.files.csv_file import lines_of
 from ident.files.formats.reading import checked_rate
+from ident.files.limits import NUMBER
 from ident.files.markers import Markers
-from ident.files.npz import NUMBER
 from ident.files.table import Table, short
 from ident.files.text_file import Text, opened_text
 

@@ -12,8 +12,8 @@ from ident.setup import SETUP as KINDS
 def _unexplained(changed: bool) -> str:
     taken = "nothing else of it was changed" if changed else "the set-up was taken as stated"
     return (
-        "No set-up near the one that was stated explains the recording, though something is wrong beyond noise: a "
-        f"contact, a frame, a unit, or the model; {taken}."
+        f"No set-up near the stated one explains the recording, whose residuals are more than noise; {taken}. Check "
+        "contacts, frames, units and the model."
     )
 
 

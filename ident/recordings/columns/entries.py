@@ -1,6 +1,5 @@
 """Entries of a mapping file: tables, lists of numbers and poses, each checked."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
+from ident.files import limits
 from ident.files.table import short
 from ident.tolerances import HUGE
 
@@ -21,11 +21,7 @@ def toml(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise LogError(f"{path}: a mapping of columns is a TOML file that exists.")
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    # Not all errors are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
+    return limits.toml(path, "a mapping of columns needs", LogError)
 
 
 def table(where: str, value: Any) -> Mapping[str, Any]:

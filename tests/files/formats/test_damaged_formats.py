@@ -13,6 +13,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
 
+pytestmark = pytest.mark.extras
+
 MECHANISM = Mechanism(
     Tree(tuple(Body(name, k - 1, np.eye(4), np.eye(6)[4], JOINTS[k]) for k, name in enumerate(("leg", "torso")))),
     np.array([0, 0, -9.81]),
@@ -226,7 +228,7 @@ def test_bags_that_are_refused(tmp_path):
         (tmp_path / "folder" / "metadata.yaml").write_text(text)
         assert "needs to be a ROS bag" in refusal(tmp_path / "folder")
     (tmp_path / "folder" / "metadata.yaml").unlink()
-    assert "a log is a .csv, .tsv, .txt or .npz file that exists" in refusal(tmp_path / "folder")
+    assert "the folder needs metadata.yaml" in refusal(tmp_path / "folder")
 
 
 def test_c3d_files_that_are_refused(tmp_path):

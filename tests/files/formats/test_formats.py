@@ -14,6 +14,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log, read_log_pieces
 
+pytestmark = pytest.mark.extras
+
 AXES = {"hinge": np.eye(6)[4], "slide": np.eye(6)[1]}
 COLUMNS = PLAIN | {f"dq_{joint}": DQ[:, k] for k, joint in enumerate(JOINTS)} | GROUND_COLUMNS
 FAST = np.repeat(WRENCH, 5, axis=0)

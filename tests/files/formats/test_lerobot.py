@@ -20,6 +20,8 @@ from ident.recordings.log import read_log
 pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
 parquet = pytest.importorskip("pyarrow.parquet")
 
+pytestmark = pytest.mark.extras
+
 NAMES = {"observation.state": ["ankle.pos", "hip.pos"], "action": {"motors": ["ankle.pos", "hip.pos"]}}
 COLUMNS = "".join(
     f'[joints.{joint}]\nposition = {{ column = "observation.state.{joint}.pos", unit = "deg" }}\n'
@@ -100,6 +102,30 @@ def test_a_log_of_an_episode_has_its_angles(tmp_path, version):
         read_log(tmp_path / "pick#5", arm)
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_row_of_many_numbers_is_refused_before_it_is_read(tmp_path, version):
+    dataset(tmp_path / "pick", [0], version)
+    (file,) = (tmp_path / "pick/data/chunk-000").iterdir()
+    content, rows = parquet.read_table(file), N
+    long = [np.zeros(3_000_000), *([np.zeros(2)] * (rows - 1))]
+    parquet.write_table(content.set_column(0, "observation.state", pyarrow.array(long)), file)
+    before = pyarrow.total_allocated_bytes()
+    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 2 MB are expected of it.*--max-size"):
+        list(read_tables(tmp_path / "pick", limit=2_000_000))
+    assert pyarrow.total_allocated_bytes() - before < 1_000_000
+    with pytest.raises(LogError, match="frame 0 needs 2 numbers"):
+        list(read_tables(tmp_path / "pick", limit=50_000_000))
+
+
+def test_a_list_of_many_episodes_is_refused_before_it_is_read(tmp_path):
+    dataset(tmp_path / "pick")
+    (file,) = (tmp_path / "pick/meta/episodes/chunk-000").iterdir()
+    columns = {name: np.zeros(1_000_000, int) for name in parquet.read_table(file).column_names}
+    parquet.write_table(pyarrow.table(columns), file)
+    with pytest.raises(LogError, match="takes 24 MB in memory where at most 2 MB"):
+        list(read_tables(tmp_path / "pick#1", limit=2_000_000))
+
+
 def test_components_without_names_have_numbers_and_same_names_have_both(tmp_path):
     features = {"observation.state": np.zeros((N, 3)), "action": np.zeros((N, 3)), "effort": np.zeros(N)}
     names = {"action": {"motors": ["lift", "finger", "finger"]}, "effort": ["lift"]}
@@ -170,7 +196,7 @@ def test_descriptions_that_are_refused(tmp_path):
         (folder / "meta/info.json").write_text(text)
         assert "a LeRobot dataset, whose meta/info.json describes it in JSON" in refusal(folder)
     (folder / "meta/info.json").unlink()
-    assert refusal(folder).endswith("or the folder of a ROS 2 bag or of a LeRobot dataset, which has meta/info.json.")
+    assert refusal(folder) == "the folder needs metadata.yaml of a ROS 2 bag or meta/info.json of a LeRobot dataset."
 
 
 def test_data_that_are_refused(tmp_path):

@@ -171,6 +171,7 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
     return (fitted.theta[0] - inertia) / np.sqrt(fitted.covariance[0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rho", "sigma"), [(0.0, 0.1), (0.9, 0.02)])
 def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeypatch):
     """With the penalty in its own cost, θ is two to four standard deviations too large, with a coverage of one half."""

@@ -1,1 +1,0 @@
-"""A person who bows on a force plate: estimators compared on a real recording."""

@@ -1,0 +1,91 @@
+"""Limits on what files may take in memory, measured before they are unpacked, and TOML read within them."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ident.errors import InputError, LogError
+
+LIMIT = 500_000_000
+"""Default of the bytes that arrays may take in memory: a million samples of sixty channels."""
+
+NUMBER = 8
+"""Bytes of a number in memory; in the file it may be one byte."""
+
+LONGEST = 4_000_000
+"""Characters of the longest line of a log, enough for a hundred thousand columns or for metadata in JSON."""
+
+TOML = 1_000_000
+"""Largest file of settings in bytes, whose entries take a hundred times as much."""
+
+TOML_LINE = 20_000
+"""Longest line of such a file: `tomllib` takes 100 bytes for every digit of a number."""
+
+TOML_DEPTH = 32
+"""Most names with dots between them in a key, of which `tomllib` keeps every beginning."""
+
+_NAME = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_TOO_DEEP = re.compile(rf"(?<![\w-]){_NAME}(?:[ \t]*+\.[ \t]*+{_NAME}){{{TOML_DEPTH}}}")
+
+
+def check_size(path: Path, size: int, limit: int) -> None:
+    """Refuses a size in memory above a limit, unless the file itself is as large.
+
+    Raises:
+        LogError: The size exceeds the limit and `NUMBER` times the size of the file.
+    """
+    if size > max(limit, NUMBER * path.stat().st_size):
+        raise LogError(
+            f"the file takes {size / 1e6:.0f} MB in memory where at most {limit / 1e6:.0f} MB are expected of it; if "
+            "it may be so large, say so (--max-size)."
+        )
+
+
+def parsed_json(text: str) -> Any:
+    """Content of a JSON text from an archive or a file.
+
+    Raises:
+        ValueError: It is malformed, or so long that what it holds could take gigabytes.
+        RecursionError: It is nested too deeply.
+    """
+    if len(text) > LONGEST:
+        raise ValueError(f"JSON of {len(text) / 1e6:.0f} MB where at most {LONGEST / 1e6:g} MB are expected")
+    return json.loads(text)
+
+
+def toml(path: Path, needs: str, error: type[InputError] = InputError) -> dict[str, Any]:
+    """Entries of a TOML file.
+
+    Args:
+        path: The file.
+        needs: What needs to be TOML, for messages, as "a study needs".
+        error: Type of the error to raise.
+
+    Raises:
+        InputError: It cannot be read, is malformed or beyond the limits.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(TOML + 1)
+        if len(content) > TOML:
+            raise ValueError(f"it has more than {TOML / 1e6:g} MB")
+        text = content.decode("utf-8-sig")
+        for number, line in enumerate(text.split("\n"), start=1):
+            if len(line) > TOML_LINE or _TOO_DEEP.search(line):
+                raise ValueError(
+                    f"row {number} has more than {TOML_LINE} characters, or {TOML_DEPTH} names with dots between them"
+                )
+        return tomllib.loads(text)
+    # Not all errors are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    except (OSError, ValueError, RecursionError) as wrong:
+        raise error(f"{path}: {needs} to be TOML in UTF-8 ({reason(wrong)}).") from None
+
+
+def reason(error: object) -> str:
+    """An error or its text as one line, short enough for a message."""
+    if "allow_pickle" in str(error):
+        return "pickled objects are not read"
+    line = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+    return line if len(line) <= 200 else f"{line[:197]}..."
