@@ -175,8 +175,10 @@ def data_lines(result: Estimate) -> list[str]:
     prepared, base, checks = result.prepared, result.base, result.checks
     samples, numbers = len(prepared.samples), result.condition_numbers
     singular = result.determined_values
-    each = f"{numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm"
-    published = "" if result.undetermined else f" Condition numbers as often published: {each}."
+    published = (
+        f"Condition numbers as often published: {numbers['raw']:.3g} of the columns in SI units, "
+        f"{numbers['unit_norm']:.3g} of unit norm."
+    )
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     if result.trajectory is not None:
         fit = result.trajectory.fit
@@ -188,13 +190,15 @@ def data_lines(result: Estimate) -> list[str]:
     held = result.held_out
     judged = "which the fit is judged by" if held.fitted else f"{len(held.time)} held out"
     lines = [
-        f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, {judged}.",
+        f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, "
+        f"{judged}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
-        f"Excitation: condition number {result.determined_condition:.3g} of the unit-norm columns, each channel over "
-        f"its signal. {undetermined_sentence(result)}".rstrip(),
+        f"Excitation: condition number {result.determined_condition:.3g} of the unit-norm columns, each channel "
+        "divided by its signal.",
         f"Fit: {filtered}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
-        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}.{published}",
+        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. "
+        f"{undetermined_sentence(result) or published}",
     ]
     if (weight := checks.weight) is not None:
         lines.append(

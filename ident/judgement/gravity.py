@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.preparation import Prepared
@@ -17,8 +17,8 @@ AXIS, AWAY = np.cos(np.radians(8)), np.cos(np.radians(15))
 """Cosine of the angle from an axis up to which a fitted direction is taken as that axis; and of the one from the stated
 direction up to which the set-up's tilt of gravity explains it."""
 
-FIRST_TURNS = np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.4]])
-"""Directions from which a search begins, about the best of some: turns by less than half their distance, rad."""
+TURNS = 0.4, 0.2, 0.1, 0.05, 0.025, 0.0125
+"""Turns by which a direction is searched about the best axis or corner, rad: first less than half their distance."""
 
 TIE, BRAKING = 1.25, -0.02
 """Factor between misfits that are alike; and mean power of the torques over their size, below which they would drive
@@ -98,14 +98,13 @@ def _best(fit: ModelFit) -> np.ndarray:
     """Direction with the least misfit, searched from the best axis or corner; an axis if it is near one."""
     corners = [np.array([x, y, z]) / np.sqrt(3) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
     first = min((*np.eye(3), *-np.eye(3), *corners), key=fit.misfit)
-    across = linalg.null_space(first[None])
-    turned = optimize.minimize(
-        lambda a: fit.misfit(_unit(first + across @ a)),
-        np.zeros(2),
-        method="Nelder-Mead",
-        options={"initial_simplex": FIRST_TURNS, "xatol": 0.01, "fatol": 1e-3},
-    )
-    best = _unit(first + across @ turned.x)
+    across, best, least = linalg.null_space(first[None]).T, first, fit.misfit(first)
+    for turn in TURNS:
+        while True:
+            nearest = min((_unit(best + sign * turn * e) for e in across for sign in (1, -1)), key=fit.misfit)
+            if (misfit := fit.misfit(nearest)) >= least:
+                break
+            best, least = nearest, misfit
     return np.round(best) if np.abs(best).max() > AXIS else best
 
 
