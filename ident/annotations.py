@@ -2,7 +2,6 @@
 
 import types
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import fields
 from functools import wraps
 from inspect import Parameter, signature
 from numbers import Integral, Real
@@ -25,6 +24,9 @@ WORDS: Mapping[str, str] = {
     "Sequence": "a list",
     "Iterable": "a list",
     "Collection": "a list",
+    "tuple": "a list",
+    "Mapping": "a mapping",
+    "dict": "a mapping",
     "Estimate": "an Estimate, as of mc.identify",
     "Mechanism": 'a Mechanism, such as mc.mechanism("arm.xml")',
     "MjSpec": 'an MjSpec, such as mc.scenes.load("double_pendulum")',
@@ -35,15 +37,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def typed(*but: str) -> Callable[[F], F]:
-    """Decorator of public functions, which then raise an InputError for arguments that do not fit their annotations.
+    """Decorator of public functions, and of classes for their `__init__`, that checks arguments by their annotations.
 
-    Numbers have to be finite. Lists that fit an array are given on as arrays.
+    Arguments that do not fit raise an InputError in one sentence. Numbers have to be finite. Lists that fit an array or
+    a tuple are given on as one.
 
     Args:
         but: Parameters on which the function has a better sentence itself.
     """
 
-    def decorate(function: F) -> F:
+    def decorate(function: Any) -> Any:
+        if isinstance(function, type):
+            function.__init__ = decorate(function.__init__)  # type: ignore[misc]
+            return function
         own, hints = signature(function), dict[str, Any]()
 
         @wraps(function)
@@ -59,26 +65,9 @@ def typed(*but: str) -> Callable[[F], F]:
                 given.arguments[name] = _checked(name, value, hints[name])
             return function(*given.args, **given.kwargs)
 
-        return checked  # type: ignore[return-value]
+        return checked
 
     return decorate
-
-
-def check_fields(instance: Any, *but: str, error: type[InputError] = InputError) -> None:
-    """Refuses a data class whose fields do not fit their annotations; lists that fit an array become one.
-
-    Args:
-        instance: The data class, in its `__post_init__`.
-        but: Fields that are checked in another way.
-        error: Type of the error to raise.
-    """
-    kind = type(instance)
-    for each in fields(kind):
-        if each.name not in but:
-            value = getattr(instance, each.name)
-            checked = _checked(f"{kind.__name__}.{each.name}", value, each.type, error)
-            if checked is not value:
-                object.__setattr__(instance, each.name, checked)
 
 
 def misfit(kind: Any, own: Mapping[str, Any]) -> str:
@@ -91,84 +80,98 @@ def misfit(kind: Any, own: Mapping[str, Any]) -> str:
     return ""
 
 
-def fits(value: Any, hint: Any) -> bool:
-    """True if a value is of an annotated type; True for types that cannot be checked, such as protocols."""
+def fits(value: Any, hint: Any, *, exact: bool = True) -> bool:
+    """True if a value is of an annotated type, or of one that cannot be checked, such as a protocol.
+
+    Args:
+        value: The value.
+        hint: The annotation.
+        exact: False to let lists pass for arrays and tuples, and arrays for lists.
+    """
     if isinstance(hint, str | TypeVar) or hint is Any or getattr(hint, "_is_protocol", False):
         return True
     origin, args = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, types.UnionType):
-        return any(fits(value, each) for each in args)
+        return any(fits(value, each, exact=exact) for each in args)
     if origin is Literal:
         return value in args
     if origin in _SCALARS:
         return _SCALARS[origin](value)
+    if origin is np.ndarray:
+        return (isinstance(value, np.ndarray) or not exact) and as_array(value) is not None
     if not isinstance(origin, type):
-        return callable(value) if origin is Callable else True
-    if issubclass(origin, Collection) and origin is not tuple and isinstance(value, np.ndarray):
-        return value.ndim == 1 and fits(value.tolist(), hint)
+        return True
+    if not exact and isinstance(value, np.ndarray) and issubclass(origin, Collection):
+        return value.ndim == 1 and fits(value.tolist(), hint, exact=exact)
+    if origin is tuple and isinstance(value, list) and not exact:
+        value = tuple(value)
+    # A text is a list of letters, but none is meant.
     if not isinstance(value, origin) or (isinstance(value, str) and origin is not str):
-        return isinstance(value, str) and issubclass(origin, str)
-    return _parts_fit(value, origin, args)
+        return False
+    return _parts_fit(value, origin, args, exact)
 
 
-def _parts_fit(value: Any, origin: type, args: tuple[Any, ...]) -> bool:
+def _parts_fit(value: Any, origin: type, args: tuple[Any, ...], exact: bool) -> bool:
     """True if the entries of a collection fit the arguments of its type."""
     if not args or not isinstance(value, Collection) or origin.__module__ not in ("builtins", "collections.abc"):
         return True
     if isinstance(value, Mapping):
-        return all(fits(key, args[0]) and fits(each, args[1]) for key, each in value.items())
+        return all(fits(key, args[0], exact=exact) and fits(x, args[1], exact=exact) for key, x in value.items())
     if origin is tuple and args[-1] is not Ellipsis:
-        return len(value) == len(args) and all(map(fits, value, args))
-    return all(fits(each, args[0]) for each in value)
+        return len(value) == len(args) and all(fits(*each, exact=exact) for each in zip(value, args, strict=True))
+    return all(fits(each, args[0], exact=exact) for each in value)
 
 
 _SCALARS: Mapping[Any, Callable[[Any], bool]] = {
     bool: lambda value: isinstance(value, bool | np.bool_),
     int: lambda value: isinstance(value, Integral) and not isinstance(value, bool),
     float: lambda value: isinstance(value, Real) and not isinstance(value, bool),
-    np.ndarray: lambda value: isinstance(value, np.ndarray) and as_array(value) is not None,
 }
 
 
-def _checked(name: str, value: Any, hint: Any, error: type[InputError] = InputError) -> Any:
-    """The value, as an array if it only fits as one."""
-    arms = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
-    # Infinite numbers are no lengths, rates or levels; NaN is no answer to anything.
-    if fits(value, hint) and not (isinstance(value, float | np.floating) and not np.isfinite(value)):
+def _checked(name: str, value: Any, hint: Any) -> Any:
+    """The value, as an array or a tuple if it only fits as one."""
+    # Infinite numbers are no lengths, rates or levels, and NaN is no answer to anything.
+    infinite = hint is not Any and isinstance(value, float | np.floating) and not np.isfinite(value)
+    if infinite or not fits(value, hint, exact=False):
+        raise InputError(f"{name} needs {in_words(hint)}; got {described(value)}.")
+    if fits(value, hint):
         return value
-    if np.ndarray in arms and isinstance(value, Collection) and not isinstance(value, str | Mapping):
-        array = as_array(value)
-        if array is not None:
-            return array
-    raise error(f"{name} needs {in_words(hint)}; got {described(value)}.")
+    arms = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    if np.ndarray in arms:
+        return as_array(value)
+    return tuple(value) if isinstance(value, list) and any(get_origin(each) is tuple for each in arms) else value
 
 
 def as_array(value: Any) -> np.ndarray | None:
     """Array of what numpy reads as real numbers or as symbols; None for anything else."""
+    if not isinstance(value, np.ndarray | Collection) or isinstance(value, str | Mapping):
+        return None
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):
         return None
-    symbols = array.dtype.kind == "O" and all(hasattr(x, "free_symbols") or isinstance(x, Real) for x in array.flat)
+    symbols = array.dtype.kind == "O" and not any(isinstance(x, str | complex | Collection | None) for x in array.flat)
     return array if symbols or array.dtype.kind in "biuf" else None
 
 
-def in_words(hint: Any) -> str:
-    """What an annotation asks for."""
+def in_words(hint: Any, *, several: bool = False) -> str:
+    """What an annotation asks for, in the singular or in the plural."""
     origin, args = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(map(in_words, args)))
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        return f"a mapping of names to {_plural(in_words(args[1]))}" if args else "a mapping"
+        return " or ".join(dict.fromkeys(in_words(each, several=several) for each in args))
+    if origin is tuple and args and args[-1] is not Ellipsis:
+        return f"{'tuples' if several else 'a tuple'} ({', '.join(map(in_words, args))})"
     name = getattr(origin, "__name__", str(origin))
-    inner = f" of {_plural(in_words(args[0]))}" if args and WORDS.get(name) == "a list" else ""
-    return WORDS.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}") + inner
-
-
-def _plural(words: str) -> str:
-    """`a text` as `texts`, `an array of real numbers` as `arrays of real numbers`."""
-    head, *more = words.removeprefix("a ").removeprefix("an ").split(" of ", 1)
-    return " of ".join([head if head.startswith(("True", "None")) else f"{head}s", *more])
+    if name not in WORDS:
+        return f"{name} objects" if several else f"{'an' if name[0] in 'AEIOU' or name[:2] == 'Mj' else 'a'} {name}"
+    words = WORDS[name]
+    if several:
+        head, *more = words.removeprefix("a ").removeprefix("an ").split(" of ", 1)
+        words = " of ".join([head if name in ("bool", "NoneType") else f"{head}s", *more])
+    # Of a mapping the values, of a list its entries.
+    of = args[-1:] if name in ("Mapping", "dict") else args[:1]
+    return words + "".join(f" of {in_words(each, several=True)}" for each in of)
 
 
 def _resolved(hint: Any, function: Callable[..., Any]) -> Any:

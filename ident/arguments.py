@@ -40,6 +40,18 @@ def checked_path(where: str, given: Any, needed: str = "a path") -> Path:
     return Path(given)
 
 
+def checked_target(path: str | PathLike[str], needed: str = "a path") -> Path:
+    """Path of a file to write.
+
+    Raises:
+        InputError: It is neither a text nor a path, or a folder.
+    """
+    target = checked_path("path", path, needed)
+    if target.is_dir():
+        raise InputError(f"path needs the path of a file to write; '{target}' is a folder.")
+    return target
+
+
 def described(value: Any) -> str:
     """A value for messages: itself if it is plain, else its type."""
     if shape := getattr(value, "shape", ()):
@@ -117,6 +129,26 @@ def checked_rpy(where: str, given: Any, error: type[InputError] = InputError) ->
 def rpy_text(rpy_deg: Iterable[float]) -> str:
     """Roll, pitch and yaw as they stand in a columns file."""
     return f"[{', '.join(f'{angle:.6g}' for angle in rpy_deg)}]"
+
+
+def checked_coordinates(where: str, given: Any) -> dict[str, list[float]]:
+    """Coordinates of joints by name, from numbers or lists by name; empty for joints that are only named.
+
+    Raises:
+        InputError: A joint has no name, or a coordinate is no number.
+    """
+    needed = f"{where} needs joints with where they stand, as {{'elbow': 0.5}}, or joints alone, as ['elbow']"
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{needed}; got {described(given)}.")
+    out = {}
+    for name in names:
+        stated: Any = given[name] if isinstance(given, Mapping) else ()
+        values = [stated] if is_number(stated) or not isinstance(stated, Iterable) else list(stated)
+        if not all(map(is_number, values)):
+            raise InputError(f"{needed}; '{name}' is given {described(stated)}.")
+        out[name] = [float(x) for x in values]
+    return out
 
 
 def check_holdout(value: Any) -> None:

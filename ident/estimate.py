@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.arguments import near
+from ident.annotations import typed
+from ident.arguments import check_type, near
 from ident.display.brief import listed, short
 from ident.display.frames import parameters_frame
 from ident.display.html import estimate_html
@@ -126,7 +127,7 @@ class Estimate:
         return self._by_name[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._by_name
+        return isinstance(name, str) and name in self._by_name
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
@@ -147,6 +148,7 @@ class Estimate:
         groups = dict.fromkeys(each.body for each in self.parameters)
         return Groups({body: tuple(each for each in self.parameters if each.body == body) for body in groups})
 
+    @typed()
     def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
         """Confidence intervals of the base parameters (r, 2).
 
@@ -323,8 +325,11 @@ class Estimate:
         Raises:
             InputError: The motion does not fit the mechanism.
         """
+        needed = "a Motion(q, dq, ddq); a recording is predicted by identify(..., held_out=recording)"
+        check_type("motion", motion, Motion, needed)
         return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
 
+    @typed()
     def compare(self, other: "Estimate") -> Comparison:
         """Comparison with an estimate from another recording of the same mechanism, with a test of the difference.
 

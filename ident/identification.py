@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+from ident.annotations import typed
 from ident.arguments import check_holdout, checked_deviations, checked_names, described
 from ident.errors import InputError
 from ident.estimate import Estimate
@@ -14,7 +15,7 @@ from ident.estimators import least_squares
 from ident.estimators.trajectory import trajectory
 from ident.files.in_memory import TYPES, InMemory, kind_of
 from ident.judgement.unmeasured import without_unmeasured
-from ident.mechanism.mechanism import Mechanism, check_mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN
 from ident.problem import Problem, problem_of
 from ident.recordings.log import read_log
@@ -108,6 +109,7 @@ def _as_stated(log: Prepared, setup: Mapping[str, float]) -> Prepared:
     return replace(log, recording=recording, equations=replace(log.equations, scales=scales))
 
 
+@typed("recording", "held_out", "drive", "own", "setup", "known", "holdout", "columns")
 def identify(
     mechanism: Mechanism,
     recording: Source | Iterable[Source],
@@ -164,12 +166,13 @@ def identify(
         InputError: Something is missing or does not fit; the message names it.
         ExcitationError: The motion does not separate the base parameters.
     """
-    check_mechanism("mechanism", mechanism)
     estimator = checked_estimator(estimator)
     if not ESTIMATORS[estimator].filters and cutoff is not None:
         raise InputError(NO_CUTOFF)
     options: dict[str, Any] = {"cutoff": cutoff, "drive": drive, "leave_out": leave_out}
     options |= {"filters": ESTIMATORS[estimator].filters}
+    if columns is not None and _is_recorded(recording) and _is_recorded(held_out):
+        raise InputError("columns maps the columns of logs, but every recording here is a Recording; leave it out.")
     logs, judges = (
         [prepared(mechanism, each, **options) for each in _recordings(where, given, mechanism, columns)]
         for where, given in (("recording", recording), ("held_out", held_out))
@@ -231,6 +234,8 @@ def identified(
         logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
         holdout = 0.0 if len(logs) > 2 and not judges else holdout
     recording = logs[0].recording
+    if recording.still and not ESTIMATORS[estimator].filters:
+        raise InputError("Poses at rest have no trajectory: fit them by estimator='weighted' (--estimator weighted).")
     problem = problem_of(
         logs,
         holdout,
@@ -261,6 +266,13 @@ def _recordings(where: str, given: Any, mechanism: Mechanism, columns: Any) -> l
         if not _is_one(each):
             raise InputError(f"{where}[{k}] needs {needed}; got {described(each)}.")
     return [_recording(each, mechanism, columns) for each in several]
+
+
+def _is_recorded(given: Any) -> bool:
+    """True if nothing is read: a recording, a list of such, or an empty one."""
+    return isinstance(given, Recording) or (
+        isinstance(given, Sequence) and all(isinstance(each, Recording) for each in given)
+    )
 
 
 def _is_one(given: Any) -> bool:

@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from ident.arguments import check_type, checked_path
+from ident.annotations import typed
+from ident.arguments import checked_path
 from ident.display.html import PAGES
 from ident.errors import InputError
 from ident.estimate import Estimate
 
 
+@typed("folder", "formats")
 def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = ("png",)) -> Path:
     """Writes the tables, figures and page of an estimate, as `multicontact identify` does.
 
@@ -27,15 +29,14 @@ def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = (
         InputError: A format is unknown, the folder cannot be written, or another package is named `experiments`.
     """
     _check_neighbour()
-    check_type("estimate", estimate, Estimate, "an Estimate, as of mc.identify")
     path = checked_path("folder", folder, "the path of a folder")
     from experiments.document.provenance import provenance
     from experiments.document.writer import Output, written
     from experiments.reports import identify_report
     from experiments.studies.following import following
 
-    chosen = tuple(dict.fromkeys(formats))
-    if isinstance(formats, str) or not chosen or not {*chosen} <= {"pdf", "png", "svg"}:
+    chosen = () if isinstance(formats, str) or not isinstance(formats, Sequence) else tuple(dict.fromkeys(formats))
+    if not chosen or not {*chosen} <= {"pdf", "png", "svg"}:
         raise InputError(f"formats needs some of pdf, png, svg; got {formats!r}.")
     origin, followed = provenance({"formats": chosen}), following(estimate)
     made = identify_report.document(estimate, _file(estimate), (), origin, following=followed)

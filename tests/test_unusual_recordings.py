@@ -1,12 +1,21 @@
 """Recordings with hardly any usable sample, or without noise: an answer, or one sentence."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
+from persons import once
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
 
 import ident
+from experiments.data.laboratory import Laboratory
+from experiments.studies.person_recordings import humanoid, mistaken, recorded
 from ident.errors import ExcitationError
+from ident.estimation.preparation import LeftOut, prepared
 from ident.estimators.trajectory import _known_enough
+from ident.identification import identified
+from ident.problem import problem_of
 from ident.setup import PRIORS
 
 RECORDING = faulty(0)
@@ -49,11 +58,35 @@ def test_a_trajectory_estimate_of_a_short_recording_needs_no_cut_off():
 
 
 @pytest.mark.parametrize(
-    ("samples", "message"), [(30, "^30 samples, .* are too few for 13"), (5, "needs more than 9 samples, got 5")]
+    ("samples", "message"),
+    [
+        (15, r"^15 samples, .* are too few for 13 .* of each log at least 12, .*; there are 9 and 6\.$"),
+        (5, "needs more than 9 samples, got 5"),
+    ],
 )
 def test_a_recording_that_is_too_short_is_called_that(samples, message):
     with pytest.raises(ident.InputError, match=message):
         ident.identify(PENDULUM, shortened(RECORDING, samples))
+
+
+PERSON = mistaken(humanoid(), np.random.default_rng(1))
+SQUATS = recorded("squats", 131 / 50, 3, Laboratory(rate=50.0, rail=False))
+
+
+def test_each_channel_of_a_sample_is_an_equation():
+    """131 samples of six channels, of which 79 samples are fitted, for 159 base parameters."""
+    estimate = identified(prepared(PERSON, SQUATS), known=True, setup=dict.fromkeys(PRIORS, 0), report=once)
+    assert len(estimate) == 159 and len(estimate.logs[0].indices) == 79
+
+
+def test_bodies_that_are_known_are_equations_of_the_trajectory_estimate_alone():
+    log = replace(prepared(PERSON, SQUATS), cutoff=None)
+    part = replace(log, left_out=(LeftOut(0.5, np.inf, 0.0),))
+    fitted = partial(problem_of, [part], 0.0, [])
+    assert len(fitted(alone=True, wanted=True).fitted[0].indices) == 25
+    for more in ({"alone": True, "wanted": False}, {"alone": False}):
+        with pytest.raises(ident.InputError, match=r"too few for 159 .* The fit needs 28, .*; there are 25 and 25\.$"):
+            fitted(**more)
 
 
 def test_joints_that_rest_need_no_cut_off():

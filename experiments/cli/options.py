@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from experiments.runs.workers import Workers
 
 LOGS = (
-    "CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, ROS bag, LeRobot dataset with its episode, DATASET#3, or "
-    "FILE+FILE: angles in one, forces in another"
+    "CSV (also .gz), npz, mat, jsonl, mot, sto, parquet or C3D file, ROS bag, LeRobot dataset with its episode, "
+    "DATASET#3, or FILE+FILE: angles in one, forces in another"
 )
 """Help on the formats of a log."""
 

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from experiments.guesses.belief import LIKELY, SURE, Belief, Quantity
+from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, Quantity
 from experiments.guesses.families import Family, families, is_shifted
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import LIKE, NEAR, Words, likeness, shares_numbers_alone, unit_of, without_prefix, words
@@ -89,6 +89,9 @@ def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -
         x.unit = next(filter(None, stated), "") or positions[joint].unit
         x.gain = positions[joint].gain
         x.why.append("the position follows it; without a position actuator in the model it needs kp beside it")
+        if any(not group.is_inner for group in belief.groups.values()):
+            x.sure = DOUBTFUL
+            x.why.append("a wrench is measured, so that the servo need not be trusted")
 
 
 def _fits(about: Words, kind: str) -> bool:

@@ -55,9 +55,13 @@ def prepare(
     if person is not None:
         log = replace(log, notes=(*log.notes, _of_person(arm, person)))
     ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, leave_out=leave_out, name=str(log_path))
-    felt = [arm.tree.joints[k] for k in ready.equations.torques]
+    tree = ready.mechanism.tree
+    moved = [tree.bodies[i] for i in tree.moving]
+    owners = [body.joint for body in moved for _ in range(body.freedoms)]
+    felt = [owners[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
-        check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), model.get("ignore", ()), felt)
+        members = mechanism_bodies(arm.source.model, base)
+        check_torques(arm.source.model, members, model.get("ignore", ()), felt, ready.recording.followers)
     return ready
 
 

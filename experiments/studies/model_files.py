@@ -8,7 +8,7 @@ from experiments.data.model_comparison import ModelPair, pairs
 from ident.errors import InputError
 from sim.models.mechanism import mechanism
 
-MODELS = (".xml", ".mjcf", ".urdf", ".osim")
+MODELS = (".xml", ".mjcf", ".urdf", ".xacro", ".osim")
 """Endings of model files."""
 
 

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import InputError
 from ident.estimation.samples import Samples, arrays_of, whitened
 from ident.mechanism.mechanism import Mechanism
@@ -27,6 +28,7 @@ def channels_out_of_plane(mechanism: Mechanism, frame: np.ndarray | None = None)
     return tuple(COMPONENTS[k] for k in out_of_plane(mechanism, np.eye(4) if frame is None else frame))
 
 
+@typed()
 @dataclass(frozen=True, eq=False)
 class Equations:
     """Linear equations `[Y_b | drives | offsets] x = measured` of C channels.
@@ -71,6 +73,7 @@ class Equations:
             raise InputError(f"A regrouping of {expected} parameters does not fit {bodies} bodies.")
 
     @classmethod
+    @typed()
     def of_wrench(
         cls, mechanism: Mechanism, parameters: BaseParameters | None = None, *, moving: bool = False
     ) -> "Equations":

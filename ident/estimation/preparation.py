@@ -152,14 +152,18 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
+    mechanism = mechanism.following(recording.followers)
     tree = mechanism.tree
     mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
+    mechanism, (recording,) = at_rest(mechanism, [recording])
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(recording, tree, leave_out)
     steps = repairs.steps(recording, tree)
-    recording, clipped = repairs.without_clipped(recording, mechanism)
-    recording, notes = repairs.without_spikes(recording, mechanism.joints)
+    clipped, notes = tuple[Clipped, ...](), list[str]()
+    if not recording.still:
+        recording, clipped = repairs.without_clipped(recording, mechanism)
+        recording, notes = repairs.without_spikes(recording, mechanism.joints)
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
@@ -222,6 +226,26 @@ def mounted(mechanism: Mechanism, recording: Recording) -> Mechanism:
     return mechanism
 
 
+def at_rest(mechanism: Mechanism, recordings: Sequence[Recording]) -> tuple[Mechanism, list[Recording]]:
+    """Mechanism and recordings with a base at rest, if the recorded poses of the base have one constant rotation.
+
+    Gravity is then in the axes of the base frame, and fewer parameters show than on a base that moves. What rests in
+    the world beside the mechanism needs the poses.
+    """
+    bases = [each.base for each in recordings if each.base is not None]
+    in_world = any(sensor.frame == "world" for each in recordings for sensor in each.sensors.values())
+    moving = any(np.ptp(T, axis=0).any() or (T[0] != bases[0][0])[:3, :3].any() for T in bases)
+    if in_world or moving or not 0 < len(bases) == len(recordings):
+        return mechanism, list(recordings)
+    out = []
+    for each in recordings:
+        held = bool(not each.wrenches or GROUND in each.wrenches) if each.held is None else each.held
+        streams = {name: stream for name, stream in each.streams.items() if name != BASE}
+        notes = (*each.notes, "The base rests: its recorded pose is constant.")
+        out.append(replace(each, base=None, held=held, streams=streams, notes=notes))
+    return replace(mechanism, gravity=bases[0][0, :3, :3].T @ mechanism.gravity), out
+
+
 def _with_known_bodies(mechanism: Mechanism, recording: Recording) -> Mechanism:
     """Mechanism with the standard deviations that a recording states of single bodies."""
     if not recording.known_bodies:
@@ -255,7 +279,7 @@ def equations_of(
     rows = coAd(inverse(frame))[known] if known else None
     servos = [recording.servos.get(freedoms[k]) for k in torques] if recording.servos else []
     gains = np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T
-    sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows)
+    sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows, recording.still)
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     equations = Equations(
         *(mechanism, parameters, rows, torques, channels, drives if torques else ()),
@@ -283,7 +307,7 @@ def _wrench(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose of the ground sensor's frame and total wrench in it (Eq. 17), of contacts alone if the base is not held."""
     wrenches = recording.wrenches
-    if not wrenches and recording.base is None:
+    if not wrenches and (recording.base is None or recording.held):
         return np.eye(4), np.full((len(motion), 6), np.nan)
     if GROUND not in wrenches and recording.is_held(tree):
         raise LogError(

@@ -101,6 +101,7 @@ def _numbers(name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind in "mM":
         return (values - values[:1]) / np.timedelta64(1, "s")
     try:
-        return values.astype(float)
+        # Imaginary parts would be dropped.
+        return values.astype(float, casting="same_kind" if values.dtype.kind == "c" else "unsafe")
     except (TypeError, ValueError):
         raise LogError(f"column '{short(name)}' needs numbers, got {values.dtype}.") from None

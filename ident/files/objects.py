@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ident.annotations import misfit
-from ident.arguments import checked_path
+from ident.arguments import checked_path, checked_target
 from ident.errors import InputError
 from ident.files.atomic import replacing
 from ident.files.limits import LIMIT, parsed_json, reason
@@ -41,9 +41,7 @@ def save_object(path: str | Path, kind: str, root: Any) -> None:
     Raises:
         InputError: The path is none, or its folder does not exist.
     """
-    path, writer = checked_path("path", path), _Writer()
-    if path.is_dir():
-        raise InputError(f"path needs the path of a file to write; '{path}' is a folder.")
+    path, writer = checked_target(path), _Writer()
     content = {"kind": kind, "root": writer.number_of(root), "objects": writer.objects}
     text = json.dumps(content | {"sha256": _digest(content, writer.arrays)})
     with replacing(path) as temporary, temporary.open("wb") as file:

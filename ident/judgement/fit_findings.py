@@ -13,6 +13,7 @@ from ident.judgement.halves import DISAGREE
 from ident.judgement.place import Place
 from ident.parameters.prior import known_covariance
 from ident.recordings.resolution import white_noise
+from ident.recordings.wrench import GROUND
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
 from ident.trajectory.fit.fitted import TrajectoryFit
 
@@ -149,8 +150,10 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels with large residuals relative to their signals, unless none could predict them."""
-    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in evidence.idle}
+    """Findings on channels with large residuals over their signals, but for mirrored and unpredictable ones."""
+    ground = evidence.checks.frames.get(GROUND)
+    others = {*evidence.idle, *(() if ground is None else ground.mirrored)}
+    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in others}
     kinds = (
         ("residual_above_signal", LEFT, np.inf),
         ("unexplained_channels", UNEXPLAINED, LEFT),

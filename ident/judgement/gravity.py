@@ -77,7 +77,12 @@ class GravityCheck:
     @property
     def suspicious(self) -> bool:
         """True if another direction explains far more than the stated one, and more than other signs do."""
-        return bool(self.turned < AWAY and self.misfit < min(FAR_BETTER * self.stated, EXPLAINED, self.other))
+        return self.possible and self.misfit < self.other
+
+    @property
+    def possible(self) -> bool:
+        """True if another direction explains far more than the stated one, whatever other signs do."""
+        return bool(self.turned < AWAY and self.misfit < min(FAR_BETTER * self.stated, EXPLAINED, TIE**2 * self.other))
 
 
 def gravity_check(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from ident.annotations import typed
 from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE
@@ -159,6 +160,7 @@ def common_direction(directions: Sequence[Direction]) -> Direction:
     return Direction(mean / np.linalg.norm(mean), influence)
 
 
+@typed()
 def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLEL_SIGNIFICANCE) -> RecoveredAxes:
     """Revolute axes of a mechanism, estimated from the measured poses of its bodies.
 

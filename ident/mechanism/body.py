@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.mechanism.follower import Follower
@@ -13,6 +14,7 @@ BASE = -1
 """Parent of a body that is attached to the base frame {0}."""
 
 
+@typed("parent")
 @dataclass(frozen=True, eq=False)
 class Body:
     """One rigid body and the joint that connects it to its parent.

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
@@ -19,6 +20,7 @@ JOINT_TWISTS = {"revolute": Z, "prismatic": ALONG_Z, "fixed": np.zeros(6)}
 """Twist of the joint of each kind of frame, in that frame: about or along z, or none."""
 
 
+@typed()
 @dataclass(frozen=True)
 class Frame:
     """One row of a modified DH table: `T = Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r)` from the parent frame.
@@ -57,6 +59,7 @@ class Frame:
         return T
 
 
+@typed()
 def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
     """Tree of a modified DH table, with fixed frames merged into links.
 

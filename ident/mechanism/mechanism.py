@@ -7,14 +7,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.arguments import OF_BODIES, check_type, checked_deviations, checked_rpy, rpy_text
+from ident.annotations import typed
+from ident.arguments import OF_BODIES, checked_deviations, checked_rpy, rpy_text
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
+from ident.mechanism.body import BASE, Body
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
+from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 
 
+@typed("gravity", "prior_known", "drives")
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(Brief):
     """A tree of bodies with gravity, and the prior, sites, ranges and drives of a model.
@@ -32,6 +36,7 @@ class Mechanism(Brief):
             carrier's base frame.
         prior_known: Standard deviations of the prior by the bodies' names, as for
             `ident.parameters.prior.body_covariance`; defaults for others.
+        mimics: How the model couples joints, by the name of the one that follows another if it is not measured.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
         loops: Joints whose torques a coupling that the equations leave out changes, by its name.
@@ -48,6 +53,7 @@ class Mechanism(Brief):
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
+    mimics: Mapping[str, Follower] = field(default_factory=dict)
     loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
     base_rpy_deg: tuple[float, ...] | None = None
 
@@ -58,6 +64,8 @@ class Mechanism(Brief):
                 f"The bodies {', '.join(self.bodies)} need a prior φ of {10 * len(self.bodies)} parameters, got shape "
                 f"{np.shape(self.prior)}."
             )
+        if self.prior is not None and not np.isfinite(self.prior.astype(float)).all():
+            raise ModelError("A prior φ needs finite numbers, got NaN or infinity.")
         if not isinstance(self.prior_known, Mapping):
             raise ModelError(f"prior_known needs standard deviations by the bodies' names, got {self.prior_known}.")
         if absent := [name for name in self.prior_known if name not in self.bodies]:
@@ -65,6 +73,11 @@ class Mechanism(Brief):
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
         object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
+
+    @classmethod
+    def lone_body(cls, name: str = "body", gravity: Sequence[float] = (0, 0, -9.81)) -> "Mechanism":
+        """One body without a model, whose pose is measured: that of the base, in axes in which gravity is given."""
+        return cls(Tree((Body(name, BASE, np.eye(4), np.zeros(6)),)), np.array(gravity, float))
 
     @property
     def _in_short(self) -> dict[str, object]:
@@ -95,6 +108,7 @@ class Mechanism(Brief):
         """Coordinates of the freedoms at which their springs are at rest, rad or m (n,); zero without a drive."""
         return np.array([self.drives.get(freedom, NO_DRIVE).springref for freedom in self.tree.freedoms])
 
+    @typed()
     def beyond(self, body: str) -> "Mechanism":
         """A body and all bodies on it as a mechanism, with the joints before it as carrier; the source is not kept.
 
@@ -111,6 +125,7 @@ class Mechanism(Brief):
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
         return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg)
 
+    @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":
         """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
         tree = self.tree.fixed(coordinates)
@@ -140,10 +155,22 @@ class Mechanism(Brief):
         # Of right angles nothing but rounding is left.
         return replace(self, gravity=np.where(np.abs(gravity) < 1e-12, 0.0, gravity), base_rpy_deg=rpy)
 
+    def following(self, followers: Mapping[str, Follower]) -> "Mechanism":
+        """The mechanism with some joints that follow others, by name; they lose their names and their drives."""
+        leads = {body: followers[body.joint] for body in self.tree.bodies if body.joint in followers}
+        if not leads:
+            return self
+        bodies = (replace(each, joint="", follows=leads[each]) if each in leads else each for each in self.tree.bodies)
+        tree = Tree(tuple(bodies))
+        return replace(self, tree=tree, **self._of_joints(tree))
+
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
-        """Ranges and drives of the joints that a tree has."""
+        """Ranges, drives and couplings of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
-        return {"ranges": ranges, "drives": {k: drive for k, drive in self.drives.items() if k in tree.freedoms}}
+        mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
+        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in tree.freedoms}
+        loops = {name: joints for name, joints in self.loops.items() if set(joints) <= set(tree.joints)}
+        return {"ranges": ranges, "mimics": mimics, "drives": drives, "loops": loops}
 
     @property
     def known(self) -> np.ndarray:
@@ -156,6 +183,7 @@ class Mechanism(Brief):
             raise ModelError(f"A mechanism needs mass; {', '.join(self.bodies)} have none (no prior φ).")
         return self.prior
 
+    @typed()
     def site(self, name: str) -> tuple[str, np.ndarray]:
         """Place of a site: the name of a body, and a pose in its frame (4, 4).
 
@@ -190,8 +218,3 @@ def checked_gravity(gravity: np.ndarray) -> np.ndarray:
     if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
         raise ModelError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
     return g
-
-
-def check_mechanism(where: str, given: Any) -> None:
-    """Raises an InputError unless the argument of a name is a mechanism."""
-    check_type(where, given, Mechanism, 'a Mechanism, such as mc.mechanism("arm.xml")')

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.annotations import as_array, typed
 from ident.errors import InputError
 from ident.geometry import se3
 from ident.mechanism.body import is_rigid
@@ -15,6 +16,7 @@ Which = int | slice | np.ndarray
 """One sample, or some: a slice, indices, or a mask."""
 
 
+@typed()
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
     """Motion of a moving base frame {0}, for one sample or many.
@@ -108,6 +110,8 @@ class Motion:
         Raises:
             InputError: Numbers of samples or columns do not fit, are not finite, or a quaternion is zero.
         """
+        if not (all(as_array(x) is not None for x in self.states) and isinstance(self.base, BaseMotion | None)):
+            raise InputError("A motion needs arrays of real numbers, and a BaseMotion or None as base.")
         q, dq, ddq = (np.asarray(x, float) for x in self.states)
         tree.body_coordinates(q)
         tree.body_velocities(dq)

@@ -7,12 +7,14 @@ from itertools import accumulate
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
 from ident.mechanism.body import BASE, Body
 
 
+@typed()
 @dataclass(frozen=True)
 class Tree:
     """A tree of bodies on a base frame {0}; parents come before their children.
@@ -153,6 +155,7 @@ class Tree:
             bodies[i] = replace(bodies[i], twist=twist)
         return Tree(tuple(bodies))
 
+    @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Tree":
         """The tree with some joints welded at given coordinates.
 

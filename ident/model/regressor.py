@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.arguments import checked_names
 from ident.errors import InputError
 from ident.mechanism.mechanism import Mechanism
@@ -32,6 +33,7 @@ FEW = 5
 """Number of samples below which the equations are not recorded but evaluated sample by sample."""
 
 
+@typed("gravity", "columns")
 def base_wrench_regressor(
     tree: Tree,
     q: np.ndarray,
@@ -68,6 +70,7 @@ def base_wrench_regressor(
     return _regressor(False, Mechanism(tree, gravity), Motion(q, dq, ddq, base), columns, out)
 
 
+@typed("gravity", "columns", "drive")
 def joint_torque_regressor(
     tree: Tree,
     q: np.ndarray,

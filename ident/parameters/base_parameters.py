@@ -6,11 +6,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from ident.annotations import WORDS, typed
+from ident.arguments import check_type
 from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
-from ident.mechanism.mechanism import Mechanism, check_mechanism
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.independent_columns import (
     DEPENDENT,
@@ -33,6 +35,7 @@ STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
 
 
+@typed()
 @dataclass(frozen=True, eq=False, repr=False)
 class BaseParameters(Brief):
     """A regrouping `ψ = φ[kept] + beta φ[dependent]` with `Y φ = Y[:, kept] ψ`.
@@ -91,13 +94,21 @@ class BaseParameters(Brief):
             "singular values": f"{self.gap[0]:.2g} counts, {self.gap[1]:.2g} is taken for zero",
         }
 
+    @typed()
     def reduce(self, Y: np.ndarray) -> np.ndarray:
         """The kept columns of a regressor (…, P) -> (…, r)."""
-        return Y[..., list(self.kept)]
+        return self._of_all("Y", Y)[..., list(self.kept)]
 
+    def _of_all(self, name: str, x: np.ndarray) -> np.ndarray:
+        """An array of a name, checked to have an entry for each parameter in its last dimension (…, P)."""
+        if np.shape(x)[-1:] != (len(self.parameters),):
+            raise InputError(f"{name} needs {len(self.parameters)} columns, one for each parameter; got {np.shape(x)}.")
+        return x
+
+    @typed()
     def regroup(self, phi: np.ndarray) -> np.ndarray:
         """Base parameters ψ of a stacked φ (…, P) -> (…, r)."""
-        phi = np.asarray(phi)
+        phi = self._of_all("phi", np.asarray(phi))
         return phi[..., list(self.kept)] + phi[..., list(self.dependent)] @ self.beta.T
 
     def expressions(self, digits: int = 6) -> tuple[str, ...]:
@@ -113,6 +124,7 @@ class BaseParameters(Brief):
         )
 
 
+@typed("source", "parameters", "kept", "gravity")
 def find_base_parameters(
     source: Tree | Mechanism | np.ndarray,
     parameters: Sequence[str] | None = None,
@@ -148,7 +160,7 @@ def find_base_parameters(
     if isinstance(source, np.ndarray):
         return _of_regressor(source, np.ones(source.shape[-1]), parameters, kept)
     mechanism = Mechanism(source, gravity) if isinstance(source, Tree) else source
-    check_mechanism("source", mechanism)
+    check_type("source", mechanism, Mechanism, WORDS["Mechanism"])
     return _of_structure(mechanism, sensors, parameters, kept)
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from ident.annotations import typed
 from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
@@ -79,6 +80,7 @@ class ConsistentParameters(Brief):
         return tuple((self.names[k], float(self.shift[k])) for k in order if abs(self.shift[k]) >= least)
 
 
+@typed()
 def consistent_parameters(
     psi: np.ndarray,
     covariance: np.ndarray,
@@ -122,6 +124,8 @@ def consistent_parameters(
             or the prior has a negative mass or no mass and extent at all.
     """
     psi, C, prior = (np.array(x, float) for x in (psi, covariance, prior))
+    if masses is not None and masses < 0:
+        raise InputError(f"masses needs a relative standard deviation of zero or more, got {masses:g}.")
     _check(psi, C, base, prior)
     physical, raised = physical_prior(prior, bodies=bodies)
     std, names = np.sqrt(np.diag(C)), tuple(bodies or ())

@@ -15,7 +15,9 @@ from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, payload_findings
 from ident.mechanism.mechanism import Mechanism
+from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.parameters.structure import Sensors
 from ident.payload.mounting import place_of
 from ident.recordings.wrench import GROUND
 
@@ -106,15 +108,25 @@ class Payload(Brief):
         Args:
             T: Pose of the frame in which it is expressed, in the frame of the body (4, 4); by default that frame.
         """
-        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self.physical.psi
+        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self._whole.regroup(self.physical.phi)
         values, J = described(X @ psi), np.zeros((10, 10))
         for k, step in enumerate(1e-6 * psi[0] * np.repeat([1, SIZE, SIZE**2], [1, 3, 6])):
             ahead = step * X[:, k]
             J[:, k] = (described(X @ psi + ahead) - described(X @ psi - ahead)) / (2 * step)
-        covariances = self.estimate.covariance, self.estimate.covariance_setup[:10, :10]
+        rank = self.estimate.base.rank
+        seen = np.ix_(*2 * [[self._whole.kept.index(k) for k in self.estimate.base.kept]])
+        covariances = []
+        for known in (self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]):
+            covariances.append(np.diag(np.repeat(psi[0] * SIZE**2, 10)) ** 2)
+            covariances[-1][seen] = known
         std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in covariances)
         size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
         return RigidBody(values, std, wider, wider < OPEN * size)
+
+    @cached_property
+    def _whole(self) -> BaseParameters:
+        """Regrouping of all ten parameters of one rigid body, of which poses at rest show four."""
+        return structural_base_parameters(self.estimate.prepared.mechanism, sensors=Sensors(moving_base=True))
 
     @cached_property
     def physical(self) -> ConsistentParameters:
@@ -126,8 +138,8 @@ class Payload(Brief):
     @property
     def model(self) -> np.ndarray | None:
         """The payload in the robot's model, as `RigidBody.values` in the body's frame; None if it has no mass there."""
-        part = self.robot.beyond(self.body)
-        total = np.zeros(10) if part.prior is None else self.estimate.base.regroup(part.prior)
+        part = self.robot.beyond(self.body) if self.robot.tree.joints else self.robot
+        total = np.zeros(10) if part.prior is None else self._whole.regroup(part.prior)
         return described(total) if total[0] else None
 
     @cached_property

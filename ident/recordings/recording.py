@@ -10,18 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.arguments import checked_path, checked_rpy
+from ident.annotations import typed
+from ident.arguments import check_type, checked_path, checked_rpy
 from ident.display.brief import Brief, listed
 from ident.display.frames import channels_frame
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
+from ident.mechanism.follower import Follower
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import saved
-from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
+from ident.recordings.sampled import STREAMS, Sampled, at_common_times, checked_channel, checked_stream
 from ident.recordings.servo import Servo
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
@@ -33,6 +35,7 @@ STATES = ("position", "velocity", "acceleration")
 """Names of q, q̇ and q̈ in a joint's channels."""
 
 
+@typed("noise", "streams")
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Brief):
     """Channels at common sample times, simulated or measured, and streams at times of their own.
@@ -66,6 +69,8 @@ class Recording(Brief):
             servo, or of a motor's torque constant.
         couplings: Motors that move several joints together, to which rotors and friction belong: rows of R in
             `q_motor = R q`, by the motors' names, as numbers other than zero by joint.
+        followers: Joints without channels that follow another one, by name.
+        still: True if samples are poses at rest, in any order, whose times mean nothing.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -87,13 +92,17 @@ class Recording(Brief):
     servos: Mapping[str, Servo] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
     couplings: Couplings = field(default_factory=dict)
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
     held: bool | None = None
     base_rpy_deg: tuple[float, ...] | None = None
+    still: bool = False
 
     def __post_init__(self) -> None:
+        check_type("streams", self.streams, Mapping, STREAMS)
+        check_type("noise", self.noise, Mapping, "a mapping of standard deviations")
         object.__setattr__(self, "time", checked_channel("time", self.time, None))
         if not np.isfinite(self.time).all():
             raise LogError("Recorded times need finite numbers.")
@@ -135,6 +144,7 @@ class Recording(Brief):
         }
 
     @classmethod
+    @typed("streams")
     def from_streams(
         cls, streams: Mapping[str, tuple[Any, Any]], *, rate: float | None = None, **others: Any
     ) -> "Recording":
@@ -179,6 +189,7 @@ class Recording(Brief):
             return Sampled(self.time, self.base.reshape(-1, 16))
         return Sampled(self.time, self[channel])
 
+    @typed()
     def with_sensors(self, sensors: Mapping[str, Sensor]) -> "Recording":
         """The recording with sensors added or replaced, by the names of their wrenches."""
         return replace(self, sensors={**self.sensors, **sensors})
@@ -240,6 +251,7 @@ class Recording(Brief):
         forces = [name.removesuffix("_force") for name in self.measured if name.endswith("_force")]
         return tuple(name for name in forces if f"{name}_torque" in self.measured)
 
+    @typed()
     def wrench(self, name: str) -> Wrench:
         """The wrench `[F; τ]` of a force and a torque channel, with the covariance of their noise if known.
 

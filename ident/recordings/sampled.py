@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from ident.arguments import check_type
 from ident.errors import LogError
 from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
@@ -19,6 +20,10 @@ GAP = 1.5
 
 AS_MEASURED = "The trajectory estimate does without them; all else sees straight lines between the samples there are."
 """Note on missing samples."""
+
+
+STREAMS = "a mapping of pairs of times and values"
+"""What streams are, for messages."""
 
 
 class Sampled(NamedTuple):
@@ -95,6 +100,7 @@ def at_common_times(streams: Mapping[str, tuple[Any, Any]], rate: float | None =
     Args:
         streams: Times and values by channel; `rate` as for `uniform_times`.
     """
+    check_type("streams", streams, Mapping, STREAMS)
     checked = {name: checked_stream(name, stream) for name, stream in streams.items()}
     time = uniform_times(checked, rate)
     measured = {name: interpolated(stream, time) for name, stream in checked.items() if name != BASE}

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import InputError, LogError
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.body import is_rigid
@@ -19,6 +20,7 @@ FRAMES = ("body", "world")
 """Frames of a sensor: it moves with its link, or rests in the world like a force plate."""
 
 
+@typed()
 @dataclass(frozen=True, eq=False)
 class Sensor:
     """Place and sign of a measured wrench.
@@ -42,6 +44,8 @@ class Sensor:
 
     def __post_init__(self) -> None:
         _check_frame(f"The sensor on '{self.body}'", self.frame, self.body)
+        if np.shape(self.pose) != (4, 4) or not is_rigid(self.pose):
+            raise LogError(f"The sensor on '{self.body}' needs a rigid pose (4, 4), got shape {np.shape(self.pose)}.")
 
 
 def sensors_of(entries: Mapping[str, Any]) -> dict[str, Sensor]:
@@ -65,6 +69,7 @@ def sensors_of(entries: Mapping[str, Any]) -> dict[str, Sensor]:
     return sensors
 
 
+@typed("pose")
 @dataclass(frozen=True, eq=False)
 class Wrench:
     """A measured wrench.
@@ -181,6 +186,7 @@ def pose_in_base(sensor: Sensor | Wrench, body: np.ndarray, base: np.ndarray | N
     return np.asarray(sensor.pose) if base is None else inverse(base) @ sensor.pose
 
 
+@typed()
 def total_wrench(
     tree: Tree,
     q: np.ndarray,

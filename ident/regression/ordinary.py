@@ -14,6 +14,7 @@ from operator import add
 import numpy as np
 from scipy.linalg import lapack
 
+from ident.annotations import typed
 from ident.errors import InputError
 from ident.estimation.accumulator import (
     PROBE,
@@ -132,6 +133,7 @@ class Fit:
         return self.equations.residual(samples, self.values)
 
 
+@typed("equations")
 def least_squares(
     equations: Equations,
     source: Source,

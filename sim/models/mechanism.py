@@ -7,13 +7,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import ModelError
 from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from sim.models.couplings import loops_of
+from sim.models.couplings import loops_of, mimics_of
 from sim.models.drives import drives_of_model
 from sim.models.mujoco_model import (
     BEYOND,
@@ -51,6 +52,7 @@ class Origin:
     packages: tuple[Path, ...] = ()
 
 
+@typed("source", "fix")
 def mechanism(
     source: Source,
     base: str | None = None,
@@ -58,7 +60,7 @@ def mechanism(
     *,
     merge_welds: bool = False,
     ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
     packages: Sequence[str | Path] = (),
     drives: bool = True,
     base_rpy_deg: Sequence[float] | None = None,
@@ -71,7 +73,7 @@ def mechanism(
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         merge_welds: True to merge welded bodies into their parents.
         ignore: Names of equality constraints and tendons to leave out of the equations.
-        fix: Names of the tree's joints that do not move, with their coordinates.
+        fix: Names of the tree's joints that do not move, with their coordinates or alone.
         packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
             and in `ROS_PACKAGE_PATH` are searched as well.
         drives: False to leave out the drives of the joints.
@@ -103,7 +105,7 @@ def _from_mujoco(
     base: str | None,
     beyond: Sequence[str],
     ignore: Collection[str],
-    fix: Mapping[str, Sequence[float]] | None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None,
     packages: Sequence[str | Path],
     *,
     drives: bool,
@@ -118,8 +120,8 @@ def _from_mujoco(
     origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
     stated = _drives(source, model, tree) if drives else {}
-    loops = loops_of(model, tree)
-    return Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=stated, loops=loops)
+    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=stated)
+    return replace(arm, mimics=mimics_of(model, tree), loops=loops_of(model, tree))
 
 
 def _drives(source: Source, model: mujoco.MjModel, tree: Tree) -> dict[str, Drive]:

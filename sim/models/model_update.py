@@ -8,12 +8,13 @@ from typing import Protocol, TypeAlias
 import mujoco
 import numpy as np
 
-from ident.arguments import checked_path, described
+from ident.annotations import WORDS, typed
+from ident.arguments import check_type, checked_target, described
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.drives import Drive
-from ident.mechanism.mechanism import Mechanism, check_mechanism
+from ident.mechanism.mechanism import Mechanism
 from sim.models.drives_update import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.inertials import (
     OVERRIDING,
@@ -49,6 +50,7 @@ class Bodies(Protocol):
         """Stacked φ (10 b,)."""
 
 
+@typed("phi")
 def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpec:
     """The model of a mechanism with other inertial parameters.
 
@@ -73,6 +75,7 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
     return spec
 
 
+@typed("path", "mechanism", "phi")
 def write_model(
     path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies, drives: Mapping[str, Drive] | None = None
 ) -> None:
@@ -95,8 +98,8 @@ def write_model(
         ModelError: As for `updated_spec`, the file does not read back as φ, or a drive is negative or of no joint.
         InputError: As for `updated_spec`, or a URDF or OpenSim file is requested for a model in another format.
     """
-    path = checked_path("path", path, "the path of a file to write")
-    check_mechanism("mechanism", mechanism)
+    path = checked_target(path, "the path of a file to write")
+    check_type("mechanism", mechanism, Mechanism, WORDS["Mechanism"])
     if isinstance(mechanism.source, OpenSimOrigin):
         write_opensim(path, mechanism, _numbers(phi))
         return
@@ -116,7 +119,6 @@ def write_model(
 
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
     """Origin of a mechanism, its editable file or specification, and φ."""
-    check_mechanism("mechanism", mechanism)
     origin = mechanism.source
     if isinstance(origin, OpenSimOrigin):
         raise ModelError(f"{origin.path}: an OpenSim file has no MuJoCo specification; it is written by write_model.")

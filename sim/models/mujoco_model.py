@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 import scenes
-from ident.arguments import check_type
+from ident.annotations import typed
+from ident.arguments import check_type, checked_coordinates
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameters_from_com
@@ -21,6 +22,7 @@ from sim.models.names import body_id, body_name, joint_name
 from sim.models.opensim.mechanism import is_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
+from sim.models.xacro import SUFFIX as XACRO
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
@@ -59,21 +61,22 @@ def _compiled_file(path: Path, packages: Sequence[str | Path]) -> mujoco.MjModel
     root = parsed(path)
     if is_opensim(path):
         raise ModelError(f"{path}: MuJoCo reads no OpenSim files; this needs a model in MJCF or URDF.")
-    if path.suffix.lower() not in (".xml", ".urdf"):
-        raise ModelError(f"A model file ends in .xml or .urdf, got '{path}'.")
+    if path.suffix.lower() not in (".xml", ".urdf", XACRO):
+        raise ModelError(f"A model file ends in .xml, .urdf or {XACRO}, got '{path}'.")
     if root.tag == "robot":
         return compiled_as_stated(model_from_urdf(path, packages), path)
     with refusals(path):
         return mujoco.MjModel.from_xml_path(str(path))
 
 
+@typed("source", "fix")
 def tree_from_model(
     source: Source,
     base: str | None = None,
     beyond: Sequence[str] = BEYOND,
     *,
     ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
 ) -> Tree:
     """Kinematic tree of a body and all its descendants.
 
@@ -84,8 +87,8 @@ def tree_from_model(
             all bodies are in the tree.
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         ignore: Names of equality constraints and tendons to leave out of the equations.
-        fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; an empty
-            sequence for those of the reference configuration.
+        fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; names
+            alone or empty sequences for those of the reference configuration.
 
     Returns:
         Bodies in MuJoCo's order, which puts parents first; the joints' coordinates and velocities are MuJoCo's own. Of
@@ -102,7 +105,8 @@ def tree_from_model(
     """
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)
-    check_couplings(model, base, members, ignore, fix or ())
+    fix = checked_coordinates("fix", fix or ())
+    check_couplings(model, base, members, ignore, fix)
     tree = _tree(model, members, base)
     if fix:
         rest = rest_coordinates(model, base, beyond)
@@ -137,6 +141,7 @@ def body_parameters(model: mujoco.MjModel, b: int) -> np.ndarray:
     return parameters_from_com(model.body_mass[b], model.body_ipos[b], R @ np.diag(model.body_inertia[b]) @ R.T)
 
 
+@typed("source")
 def state_columns(
     source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -162,6 +167,7 @@ def rest_coordinates(source: Source, base: str | None = None, beyond: Sequence[s
     return {tree.bodies[i].joint: coordinates[i] for i in tree.moving}
 
 
+@typed("source")
 def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> BaseMotion:
     """Motion of a moving base, from MuJoCo's states.
 

@@ -16,6 +16,9 @@ LIGHTEST, HEAVIEST, SLENDER = 0.03, 1e5, 0.2
 Materials have 100 to 20000, real models with light or roughly stated links 1 to 60000; wrong units make a factor of
 1000 or, to the power of 3/2, of a million and more. Inertias of thin rods are often stated without their thickness."""
 
+NEGLIGIBLE = 1e-6
+"""Mass of a body, over that of the heaviest, up to which it only stands for a place."""
+
 USUAL = 1500.0
 """Density of a usual body, kg/m³, to which the likeliest unit leads."""
 
@@ -33,7 +36,7 @@ def note_units(arm: Mechanism) -> None:
     lengths = {f"'{body.name}' from its parent": np.linalg.norm(body.home[:3, 3].astype(float)) for body in bodies}
     heavy, light = dict[str, float](), dict[str, tuple[float, str]]()
     for name, own in zip(arm.bodies, phi, strict=False):
-        if own[0] <= 0 or not np.isfinite(own).all():
+        if not np.isfinite(own).all() or own[0] <= NEGLIGIBLE * phi[:, 0].max():
             continue
         mass, com, inertia = com_from_parameters(own)
         lengths[f"the centre of mass of '{name}' from its origin"] = np.linalg.norm(com)

@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import InputError
 
 NOISE_INTERVAL = 0.01
@@ -29,6 +30,7 @@ class DesiredMotion(Protocol):
         """The motion with noise scaled by a factor."""
 
 
+@typed()
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """Accelerations `q̈ = Σ a sin(2πft + p) + noise`, integrated to velocities and positions.

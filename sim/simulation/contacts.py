@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ident.annotations import typed
 from ident.errors import InputError
 from sim.models.mujoco_model import mechanism_bodies
 from sim.models.names import body_name
@@ -32,6 +33,7 @@ class Fall:
     contacts: dict[str, np.ndarray]
 
 
+@typed()
 def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE) -> Fall:
     """Simulates a scene from its reference configuration with all controls at zero, and records motion and contacts.
 

@@ -101,8 +101,10 @@ def steps_per_sample(model: mujoco.MjModel, rate: float) -> int:
         rate: Samples per second.
 
     Raises:
-        ModelError: The timestep does not divide the time between samples.
+        ModelError: The rate is not positive, or the timestep does not divide the time between samples.
     """
+    if not rate > 0:
+        raise ModelError(f"A scene needs a positive rate of samples in Hz, got {rate:g}.")
     h = model.opt.timestep
     steps = round(1 / (rate * h)) if h > 0 else 0
     if steps < 1 or abs(steps * rate * h - 1) > 1e-9:

@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.arguments import check_type, described
+from ident.annotations import typed
+from ident.arguments import described
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
@@ -43,6 +44,7 @@ TOGETHER = 4
 """Number of simulations per thread whose steps are in memory at a time, some 4 MB each."""
 
 
+@typed()
 def simulate(
     spec: mujoco.MjSpec,
     excitation: DesiredMotion,
@@ -75,6 +77,7 @@ def simulate(
     return simulate_many(spec, excitation, seeds=[seed], samples=samples, noise_scale=noise_scale, rate=rate)[0]
 
 
+@typed()
 def simulate_many(
     spec: mujoco.MjSpec,
     excitation: DesiredMotion,
@@ -100,7 +103,6 @@ def simulate_many(
         ModelError: As for `simulate`.
         InputError: As for `simulate`, or the number of threads is not positive.
     """
-    check_type("spec", spec, mujoco.MjSpec, 'an MjSpec, such as mc.scenes.load("double_pendulum")')
     if not hasattr(excitation, "trajectory"):
         raise InputError(f"excitation needs a desired motion, as an Excitation; got {described(excitation)}.")
     threads = (os.cpu_count() or 1) if threads is None else threads
@@ -108,6 +110,8 @@ def simulate_many(
         raise InputError(f"A recording needs 1 to {LONGEST} samples, got {samples}.")
     if not 0 <= noise_scale <= LOUDEST:
         raise InputError(f"The noise scale must be from 0 to {LOUDEST:g}, got {noise_scale:.6g}.")
+    if wrong := [seed for seed in seeds if seed < 0]:
+        raise InputError(f"A seed is a whole number from zero, got {wrong[0]}.")
     if threads < 1:
         raise InputError(f"A simulation needs at least one thread, got {threads}.")
     with refusals("The scene"):

@@ -142,6 +142,16 @@ def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     np.testing.assert_allclose(read["lift_command"], Q[:, 1] + 0.05 * TAU[:, 1], atol=1e-6)
 
 
+def test_commands_beside_a_wrench_stay_remarks(tmp_path):
+    columns = columns_of("{n}_pos", Q) | columns_of("{n}_goal", Q + 0.05 * TAU)
+    exact = predicted_channels(ARM, Motion(*waves(3)), np.eye(4))
+    wrench = {f"plate_{name.lower()}": exact[name] for name in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+    contents, belief = belief_of(tmp_path, columns | wrench)
+    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    assert list(belief.groups) == ["ground"] and "lift_goal" in (tmp_path / "c.toml").read_text()
+    assert "lift_command" not in ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml").measured
+
+
 def test_a_column_that_no_position_follows_is_no_command(tmp_path):
     noise = np.cumsum(np.random.default_rng(1).normal(size=Q.shape), axis=0)
     _, belief = belief_of(tmp_path, columns_of("{n}_pos", Q) | columns_of("action.{n}", noise))

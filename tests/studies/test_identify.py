@@ -380,7 +380,7 @@ def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
     log = recording()
     files = {"LOG": log}
     files["SHORT"] = replace(
-        log, time=log.time[:30], measured={k: x[:30] for k, x in log.measured.items()}, true={}, noise={}
+        log, time=log.time[:15], measured={k: x[:15] for k, x in log.measured.items()}, true={}, noise={}
     )
     still = {f"{j}_{k}": 0 * log.time for j in ("joint1", "joint2") for k in STATES}
     files["STILL"] = with_channels(log, **still)

@@ -2,21 +2,40 @@
 
 from collections.abc import Mapping, Sequence
 
+from ident.arguments import rpy_text
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.codes.row import Row, listed, percent
 
 
-def _frame(wrench: str, opposite: bool, frame: str, axes: Mapping[str, str], error: float, error_turned: float) -> str:
+def _frame(
+    wrench: str,
+    opposite: bool,
+    frame: str,
+    axes: Mapping[str, str],
+    error: float,
+    error_turned: float,
+    rpy_deg: Sequence[float] | None = None,
+) -> str:
     turned = listed(f"{own} -> {other}" for own, other in axes.items())
     frames = {
         "as stated": "",
         "transposed": "a transposed frame (its rotation is that of the base in the sensor)",
         "turned": f"a turned frame (axes {turned})",
     }
+    base = f" A base turned to rpy_deg = {rpy_text(rpy_deg)} would look alike." if rpy_deg else ""
     both = " and ".join(filter(None, ["the opposite sign" if opposite else "", frames[frame]]))
     return (
         f"The wrench '{wrench}' looks as if it had {both}. Against the model's own prediction its relative error "
-        f"would fall from {error:.2f} to {error_turned:.2f}."
+        f"would fall from {error:.2f} to {error_turned:.2f}.{base}"
+    )
+
+
+def _mirrored(wrench: str, components: Sequence[str]) -> str:
+    one = len(components) == 1
+    return (
+        f"{listed(components)} of the wrench '{wrench}' {'looks' if one else 'look'} mirrored: the opposite sign is "
+        f"far nearer to the model's own prediction. Give {'its column' if one else 'their columns'} gain = -1 in the "
+        "columns file."
     )
 
 
@@ -87,6 +106,7 @@ def _out_of_plane(normal: str, channels: Sequence[str]) -> str:
 
 WRENCHES = {
     "wrench_sign_or_axes": Row(_frame, doubt=True),
+    "mirrored_components": Row(_mirrored, doubt=True),
     "total_wrench_sign": Row(
         "The total wrench looks as if it had the opposite sign: against the model's own prediction its relative "
         "error would fall from {error:.2f} to {error_turned:.2f}.",

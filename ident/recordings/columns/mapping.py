@@ -8,9 +8,11 @@ from typing import Any
 from ident.arguments import OF_BODIES, checked_deviations, checked_rpy
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
+from ident.files.counted import clock_of_rate
 from ident.files.csv_file import Layout
 from ident.files.selection import Selection
 from ident.files.table import short
+from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates
 from ident.recordings.columns.column_entries import factor_of, joints_of_motors, several, single
@@ -49,10 +51,12 @@ class ColumnMapping:
         couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
+        still: True if rows are poses at rest, as for `Recording`.
+        followers: Joints that follow another one; until columns are complete, those that do if they have none.
         clocks: Columns of times, one for each file, if they are stated one by one.
         layouts: Layouts of text files, one for all or one for each.
         selection: Rows and times that are selected.
-        still: Columns of joints that are fixed, which are not read.
+        of_fixed: Columns of joints that are fixed, which are not read.
         turns: Numbers that may be a whole turn, by columns of angles, as for `with_continuous_angles`.
     """
 
@@ -67,10 +71,12 @@ class ColumnMapping:
     servos: dict[str, Servo] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
+    still: bool = False
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
-    still: tuple[str, ...] = ()
+    of_fixed: tuple[str, ...] = ()
     turns: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
@@ -137,13 +143,15 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
     for user, used in columns.items():
         for name in used.alone:
             if name in users:
-                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
+                shared = all(each.startswith("joints.") and each.endswith(".position") for each in (user, users[name]))
+                hint = " Joints that share it, as coupled fingers, need it under [joints] each." * shared
+                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.{hint}")
             users[name] = user
 
 
 def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
-    joints, bodies = joint_kinds(tree), tree.names
-    tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
+    joints, bodies, of_rows = joint_kinds(tree), tree.names, ("time", "rate", "poses")
+    tables = (*of_rows, "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
@@ -154,9 +162,15 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
         mapping.columns["time"] = times[0]
     else:
         mapping.clocks = times
+    mapping.still = entries.get("poses", False)
+    if not isinstance(mapping.still, bool):
+        raise LogError(f"poses needs true, if each row is a pose at rest, or false; got {short(mapping.still)}.")
+    if mapping.still:
+        # Whatever is stated of times; rows need an order alone.
+        mapping.clocks, mapping.columns["time"] = (), clock_of_rate("poses", 1.0)
     of_joints = table("joints", entries.get("joints", {}))
     still = (name for joint in tree.still for name in _columns_in(of_joints.get(joint, {})))
-    mapping.still = tuple(name for name in still if isinstance(name, str))
+    mapping.of_fixed = tuple(name for name in still if isinstance(name, str))
     check_keys("[joints]", of_joints, (*joints, *tree.still))
     for joint, quantities in ((joint, of_joints[joint]) for joint in of_joints if joint in joints):
         keys = KINDS if joints[joint] == "ball" else (*KINDS, "command", *GAINS, *SCALES)
@@ -197,7 +211,8 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
             length = factor_of("base", entry, "unit", "length")
             mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
             mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
-    check_no_column_twice(mapping.columns)
+    # Joints that share a column of positions follow each other, which shows when all columns are known.
+    check_no_column_twice({k: used for k, used in mapping.columns.items() if not k.startswith("joints.")})
     return _without_still(mapping, tree.still)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.arguments import checked_coordinates
 from ident.errors import ModelError
 from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.mechanism.body import BASE
@@ -52,7 +53,7 @@ def mechanism_from_opensim(
     beyond: Sequence[str] = (),
     *,
     ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
     drives: bool = True,
 ) -> Mechanism:
     """Mechanism of an OpenSim file.
@@ -81,9 +82,9 @@ def mechanism_from_opensim(
         ModelError: Something in the file cannot be read; the message names it.
     """
     path = Path(path)
-    model = model_element(path)
+    model, fix = model_element(path), checked_coordinates("fix", fix or ())
     try:
-        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix or {}, drives=drives)
+        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix, drives=drives)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
 

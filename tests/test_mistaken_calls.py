@@ -1,0 +1,246 @@
+"""Mistaken calls of every front door: one sentence that names the argument, and no other error."""
+
+from typing import Any
+
+import driven_arm
+import estimates
+import numpy as np
+import pytest
+
+import multicontact as mc
+from ident.annotations import fits
+from sim.motion.excitation import DOUBLE_PENDULUM
+
+T, Q = np.arange(100) / 100, np.zeros((5, 3))
+ARM, LOG, SPEC = driven_arm.mechanism(), driven_arm.log(4.0, 50.0), mc.scenes.load("double_pendulum")
+PENDULUM = mc.mechanism(SPEC, base="base")
+TREE, GRAVITY, BASE = ARM.tree, ARM.gravity, mc.find_base_parameters(ARM)
+ONE = np.eye(4)
+
+
+def recording(channels=None, **fields):
+    return mc.Recording(fields.pop("time", T), {"a": np.ones(100)} if channels is None else channels, **fields)
+
+
+def identified(given=LOG, **options):
+    return mc.identify(ARM, given, **{"estimator": "weighted", "cutoff": 8.0, **options})
+
+
+def consistent(**options):
+    own = estimates.quick()
+    given = {"psi": own.psi_of_links, "covariance": own.covariance, "base": own.base, "prior": ARM.known, **options}
+    return mc.consistent_parameters(**given)
+
+
+def simulated(**options):
+    return mc.simulate(SPEC, DOUBLE_PENDULUM, **{"samples": 5, **options})
+
+
+def regressor(tree=TREE, q=Q, dq=Q, ddq=Q, gravity=GRAVITY, of=mc.base_wrench_regressor):
+    return of(tree, q, dq, ddq, gravity=gravity)
+
+
+NUMBERS = "needs an array of real numbers"
+CALLS = {
+    # Recordings.
+    "channels in a list": (lambda: recording([np.ones(100)]), "measured needs a mapping of arrays"),
+    "channels of texts": (lambda: recording({"a": ["x"] * 100}), "measured needs a mapping of arrays of real numbers"),
+    "channels of objects": (lambda: recording({"a": np.array(["x"] * 100, object)}), "measured needs a mapping"),
+    "complex channels": (lambda: recording({"a": 1j * T}), "measured needs a mapping of arrays of real numbers"),
+    "a channel that is none": (lambda: recording({"a": None}), "measured needs"),
+    "a channel in a mapping": (lambda: recording({"a": {}}), "measured needs"),
+    "a channel's name": (lambda: recording({3: T}), "measured needs"),
+    "ragged channels": (lambda: recording({"a": [[1], [1, 2]]}), "measured needs"),
+    "no times": (lambda: recording(time=None), f"time {NUMBERS}"),
+    "times of texts": (lambda: recording(time=["a"] * 100), f"time {NUMBERS}"),
+    "true values in a list": (lambda: recording(true=[1]), "true needs a mapping"),
+    "a base that is short": (lambda: recording(base=[[1]]), "A moving base needs poses"),
+    "a base of texts": (lambda: recording(base="x"), f"base {NUMBERS} or None"),
+    "sensors that are none": (lambda: recording(sensors={"a": 3}), "sensors needs a mapping of Sensor objects"),
+    "sensors in a list": (lambda: recording(sensors=[3]), "sensors needs"),
+    "noise in a list": (lambda: recording(noise=[0.1]), "noise needs a mapping"),
+    "noise of texts": (lambda: recording(noise={"a": "x"}), "The noise of channel 'a' needs a standard deviation"),
+    "units in a text": (lambda: recording(units="m"), "units needs a mapping of texts"),
+    "a text for held": (lambda: recording(held="no"), "held needs True or False or None; got 'no'"),
+    "servos that are none": (lambda: recording(servos={"a": 3}), "servos needs"),
+    "notes in a text": (lambda: recording(notes="abc"), "notes needs a list of texts; got 'abc'"),
+    "set-up of texts": (lambda: recording(setup={"delay": "x"}), "setup needs a mapping of finite numbers"),
+    "streams that are none": (lambda: recording(streams={"a": 3}), "The stream 'a' needs a pair"),
+    "streams in a text": (lambda: recording(streams="abc"), "streams needs a mapping of pairs"),
+    "couplings that are none": (lambda: recording(couplings=3), "couplings needs"),
+    "recording of no streams": (lambda: mc.Recording.from_streams(3), "streams needs a mapping of pairs"),
+    "a rate of streams": (lambda: mc.Recording.from_streams({"a": (T, T)}, rate="x"), "rate needs a finite number"),
+    "NaN as rate": (lambda: mc.Recording.from_streams({"a": (T, T)}, rate=np.nan), "rate needs a finite number"),
+    "no sensors to add": (lambda: LOG.with_sensors(3), "sensors needs"),
+    "a channel by number": (lambda: LOG[3], "The recording has no channel '3'"),
+    "a wrench by number": (lambda: LOG.wrench(3), "name needs a text"),
+    "a folder for a recording": (lambda: LOG.save("."), "A recording is saved as .npz or .csv"),
+    "a recording from a folder": (lambda: mc.Recording.load("."), "a log is a .csv"),
+    # Sensors and wrenches.
+    "a text for a sign": (lambda: mc.Sensor(applied_to_link="no"), "applied_to_link needs True or False; got 'no'"),
+    "a sensor on a number": (lambda: mc.Sensor(body=3), "body needs a text or None"),
+    "a sensor's small pose": (lambda: mc.Sensor(pose=np.eye(3)), "needs a rigid pose"),
+    "a sensor's large pose": (lambda: mc.Sensor(pose=2 * ONE), "needs a rigid pose"),
+    "a sensor without a pose": (lambda: mc.Sensor(pose=None), f"pose {NUMBERS}"),
+    "a wrench of texts": (lambda: mc.Wrench("x"), f"values {NUMBERS}"),
+    "a complex wrench": (lambda: mc.Wrench(np.ones((3, 6)) * 1j), f"values {NUMBERS}"),
+    "a wrench's sign": (lambda: mc.Wrench(np.ones((3, 6)), applied_to_link="no"), "applied_to_link needs"),
+    "no ground": (lambda: mc.total_wrench(TREE, Q, 3, []), "ground needs a Wrench or None"),
+    "no contacts": (lambda: mc.total_wrench(TREE, Q, None, 3), "contacts needs a list of Wrench objects"),
+    "a contact on nobody": (
+        lambda: mc.total_wrench(TREE, Q, None, [mc.Wrench(np.ones((5, 6)), body="nope")]),
+        "A contact is on 'nope', but the mechanism's bodies are",
+    ),
+    # Mechanisms.
+    "ignore in a text": (lambda: mc.mechanism(SPEC, ignore="x"), "ignore needs a list of texts; got 'x'"),
+    "a number to ignore": (lambda: mc.mechanism(SPEC, ignore=3), "ignore needs a list of texts"),
+    "base by number": (lambda: mc.mechanism(SPEC, base=3), "base needs a text or None; got 3"),
+    "beyond in a text": (lambda: mc.mechanism(SPEC, beyond="x"), "beyond needs a list of texts"),
+    "packages in a text": (lambda: mc.mechanism(SPEC, packages="x"), "packages needs a list of texts or paths"),
+    "packages by number": (lambda: mc.mechanism(SPEC, packages=[3]), "packages needs a list of texts or paths"),
+    "a text for welds": (lambda: mc.mechanism(SPEC, merge_welds="no"), "merge_welds needs True or False"),
+    "a text for drives": (lambda: mc.mechanism(SPEC, drives="no"), "drives needs True or False"),
+    "a mechanism for its tree": (lambda: mc.Mechanism(ARM, GRAVITY), "tree needs a Tree; got an object of type Mech"),
+    "gravity downwards": (lambda: mc.Mechanism(TREE, "down"), "Gravity needs three finite numbers"),
+    "a prior of NaN": (lambda: mc.Mechanism(TREE, GRAVITY, 0 * ARM.known + np.nan), "A prior φ needs finite numbers"),
+    "a prior of infinity": (lambda: mc.Mechanism(TREE, GRAVITY, 0 * ARM.known + np.inf), "A prior φ needs finite"),
+    "a prior in a text": (lambda: mc.Mechanism(TREE, GRAVITY, "x"), f"prior {NUMBERS} or None"),
+    "sites that are none": (lambda: mc.Mechanism(TREE, GRAVITY, sites={"a": 3}), "sites needs a mapping of tuples"),
+    "ranges that are none": (lambda: mc.Mechanism(TREE, GRAVITY, ranges={"a": 3}), "ranges needs a mapping of tuples"),
+    "drives that are none": (lambda: mc.Mechanism(TREE, GRAVITY, drives=3), "drives needs a Drive"),
+    "joints to fix": (lambda: ARM.fixed(3), "coordinates needs a mapping"),
+    "a body by number": (lambda: ARM.beyond(3), "body needs a text"),
+    "a site by number": (lambda: ARM.site(3), "name needs a text"),
+    "no tree": (lambda: mc.Tree(None), "bodies needs a list of Body objects; got None"),
+    "a tree of a text": (lambda: mc.Tree("x"), "bodies needs a list of Body objects"),
+    "a tree of numbers": (lambda: mc.Tree([3]), "bodies needs a list of Body objects"),
+    "a body's name": (lambda: mc.Body(3, -1, ONE, np.zeros(6)), "name needs a text"),
+    "a body's pose": (lambda: mc.Body("a", -1, None, np.zeros(6)), f"home {NUMBERS}"),
+    "a body's twist": (lambda: mc.Body("a", -1, ONE, "x"), f"twist {NUMBERS}"),
+    "a body's parent": (lambda: mc.Tree((mc.Body("a", "b", ONE, np.zeros(6)),)), "needs a parent index"),
+    "no frames": (lambda: mc.tree_from_mdh([3]), "frames needs a list of Frame objects"),
+    "frames in a text": (lambda: mc.tree_from_mdh("abc"), "frames needs a list of Frame objects"),
+    "no tree to recover axes of": (lambda: mc.recover_axes(3, np.eye(4)), "tree needs a Tree"),
+    "no poses to recover axes of": (lambda: mc.recover_axes(TREE, 3), f"poses {NUMBERS}"),
+    "no base's motion": (lambda: mc.BaseMotion("a", "b", "c"), f"T {NUMBERS}"),
+    # Regressors and base parameters.
+    "a mechanism's regressor": (lambda: regressor(ARM), "tree needs a Tree"),
+    "a mechanism's torques": (lambda: regressor(ARM, of=mc.joint_torque_regressor), "tree needs a Tree"),
+    "a mechanism's wrenches": (lambda: mc.total_wrench(ARM, Q, None, []), "tree needs a Tree"),
+    "angles of texts": (lambda: regressor(q=[["a"] * 3]), f"q {NUMBERS}"),
+    "complex angles": (lambda: regressor(q=Q * 1j), f"q {NUMBERS}"),
+    "no angles": (lambda: regressor(q=None), f"q {NUMBERS}"),
+    "angles of NaN": (lambda: regressor(q=Q * np.nan), "Joint states need finite numbers"),
+    "few angles": (lambda: regressor(q=Q[:, :2]), "Joint coordinates need 3 columns"),
+    "gravity of two numbers": (lambda: regressor(gravity=[0, 0]), "Gravity needs three finite numbers"),
+    "few parameters": (lambda: BASE.regroup(np.zeros(3)), "phi needs 30 columns, one for each parameter"),
+    "no parameters": (lambda: BASE.regroup(None), f"phi {NUMBERS}"),
+    "few columns": (lambda: BASE.reduce(np.zeros((3, 3))), "Y needs 30 columns, one for each parameter"),
+    "no columns": (lambda: BASE.reduce(None), f"Y {NUMBERS}"),
+    "a text for what is measured": (lambda: mc.Sensors(base_wrench="no"), "base_wrench needs True or False"),
+    "equations of nothing": (lambda: mc.Equations.of_wrench(3), "mechanism needs a Mechanism"),
+    "nothing to solve": (lambda: mc.least_squares(mc.Equations.of_wrench(PENDULUM), 3), "source needs a Samples"),
+    "samples of nothing": (
+        lambda: mc.least_squares(mc.Equations.of_wrench(PENDULUM), mc.Samples(3, 4)),
+        "The samples must have a Motion",
+    ),
+    # Identification.
+    "one recording twice": (lambda: identified([LOG, LOG]), "fitted once only, but one of them is given twice"),
+    "one recording in two": (
+        lambda: identified([LOG, mc.Recording(LOG.time, LOG.measured)]),
+        "fitted once only, but one of them is given twice",
+    ),
+    "held out and fitted": (lambda: identified(held_out=LOG), "has to be another one than the recording that is fit"),
+    "columns of a recording": (lambda: identified(columns={"time": "t"}), "columns maps the columns of logs"),
+    "a text for offsets": (lambda: identified(offsets="no"), "offsets needs True or False; got 'no'"),
+    "a text for physical": (lambda: identified(physical="yes"), "physical needs True or False"),
+    "true as cut-off": (lambda: identified(cutoff=True), "cutoff needs a text or a finite number or None; got True"),
+    "NaN as cut-off": (lambda: identified(cutoff=np.nan), "cutoff needs"),
+    "a list as cut-off": (lambda: identified(cutoff=[3]), "cutoff needs"),
+    "a negative cut-off": (lambda: identified(cutoff=-3), "A cut-off is 'auto' or from 0"),
+    "estimators in a list": (lambda: identified(estimator=["weighted"]), "estimator needs a text"),
+    "an estimator by number": (lambda: identified(estimator=3), "estimator needs a text"),
+    "left out in a text": (lambda: identified(leave_out="turn"), "leave_out needs a list of texts; got 'turn'"),
+    "a text for known": (lambda: identified(known="yes"), "known needs standard deviations by name"),
+    "a payload by number": (lambda: mc.identify_payload(ARM, [LOG], body=3, sensor="x"), "body needs a text"),
+    "a text for its offsets": (
+        lambda: mc.identify_payload(ARM, [LOG], body="fore", sensor="x", offsets="no"),
+        "offsets needs True or False",
+    ),
+    "a text for gaps": (lambda: mc.read_log({"time": T}, ARM, gaps="no"), "gaps needs True or False"),
+    "complex columns": (lambda: mc.read_log({"time": T, "turn_position": T * 1j}, ARM), "needs numbers, got complex"),
+    # Estimates.
+    "a comparison with nothing": (
+        lambda: estimates.quick().compare(None),
+        "other needs an Estimate, as of mc.identify",
+    ),
+    "a level in a text": (lambda: estimates.quick().interval("x"), "level needs a finite number"),
+    "a text for the set-up": (lambda: estimates.quick().interval(setup="no"), "setup needs True or False"),
+    "a parameter in a list": (lambda: estimates.quick()[["a"]], "The estimate has no parameter"),
+    "a folder for an estimate": (lambda: estimates.quick().save("."), "path needs the path of a file to write"),
+    "an estimate from a folder": (lambda: mc.Estimate.load("."), "cannot be read"),
+    "a motion of texts": (lambda: estimates.quick().predict(mc.Motion("a", "b", "c")), "A motion needs arrays"),
+    "a motion on no base": (lambda: estimates.quick().predict(mc.Motion(Q, Q, Q, 3)), "A motion needs arrays"),
+    "negative masses": (lambda: consistent(masses=-1.0), "masses needs a relative standard deviation of zero or more"),
+    "masses of NaN": (lambda: consistent(masses=np.nan), "masses needs a finite number or None"),
+    "no regrouping": (lambda: consistent(base=None), "base needs a BaseParameters"),
+    "a prior in a list of texts": (lambda: consistent(prior=["x"]), f"prior {NUMBERS}"),
+    "formats by number": (
+        lambda: mc.report(estimates.quick(), "out", formats=3),
+        "formats needs some of pdf, png, svg",
+    ),
+    # Simulation.
+    "a rate of NaN": (lambda: simulated(rate=np.nan), "rate needs a finite number; got nan"),
+    "an infinite rate": (lambda: simulated(rate=np.inf), "rate needs a finite number"),
+    "a rate of zero": (lambda: simulated(rate=0), "A scene needs a positive rate"),
+    "a negative rate": (lambda: simulated(rate=-5.0), "A scene needs a positive rate"),
+    "half a sample": (lambda: simulated(samples=2.5), "samples needs a whole number; got 2.5"),
+    "true as samples": (lambda: simulated(samples=True), "samples needs a whole number"),
+    "a negative seed": (lambda: simulated(seed=-1), "A seed is a whole number from zero, got -1"),
+    "half a seed": (lambda: simulated(seed=1.5), "seed needs a whole number"),
+    "no seed": (lambda: simulated(seed=None), "seed needs a whole number"),
+    "noise in a text": (lambda: simulated(noise_scale="x"), "noise_scale needs a finite number"),
+    "seeds by number": (
+        lambda: mc.simulate_many(SPEC, DOUBLE_PENDULUM, seeds=3),
+        "seeds needs a list of whole numbers",
+    ),
+    "half a thread": (lambda: mc.simulate_many(SPEC, DOUBLE_PENDULUM, seeds=[1], threads=1.5), "threads needs a whole"),
+    "a specification that falls": (lambda: mc.fall(SPEC, "base", seconds=1.0), "model needs an MjModel"),
+    "an excitation of texts": (lambda: mc.Excitation("a", "b", "c", "d"), f"offset {NUMBERS}"),
+    "drives to write": (
+        lambda: mc.write_model("x.xml", PENDULUM, PENDULUM.known, 3),
+        "drives needs a mapping of Drive",
+    ),
+    "a folder for a model": (lambda: mc.write_model(".", PENDULUM, PENDULUM.known), "path needs the path of a file"),
+}
+
+
+@pytest.mark.parametrize(("call", "message"), CALLS.values(), ids=CALLS)
+def test_a_mistaken_call_is_one_sentence(call, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(mc.InputError) as raised:
+        call()
+    sentence = str(raised.value)
+    assert (
+        message in sentence
+        and "\n" not in sentence
+        and len(sentence) < 450
+        and sentence.endswith((".", ").", "LeRobot"))
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_meant_works():
+    assert regressor(q=Q.tolist(), dq=Q.tolist(), ddq=Q.tolist()).shape == (5, 6, 30)
+    assert mc.Tree([mc.Body("a", -1, ONE.tolist(), [0, 0, 0, 0, 0, 1.0])]).names == ("a",)
+    assert identified(x for x in [LOG]).names == identified((LOG,), offsets=np.True_, cutoff=np.float32(8)).names
+    assert recording({"a": list(range(100)), "b": range(100)}, base=np.tile(ONE, (100, 1, 1)).tolist())["b"][3] == 3
+    assert simulated(samples=np.int64(5), rate=np.float64(100), seed=np.int32(3)).rate == 100
+    assert np.array_equal(BASE.regroup(ARM.known.tolist()), BASE.regroup(ARM.known))
+    assert ["a"] not in estimates.quick()
+
+
+def test_annotations_that_cannot_be_checked_fit_anything():
+    assert fits(3, "Estimate") and fits(3, Any) and fits(3, mc.simulate.__annotations__["excitation"])
+    assert fits([1, 2], tuple[int, ...], exact=False) and not fits([1, 2], tuple[int, ...])
+    assert fits((1, "a"), tuple[int, str]) and not fits((1,), tuple[int, str])
