@@ -54,15 +54,18 @@ class Parts(NamedTuple):
     def moves(self) -> bool:
         """False if the inertia is significantly below the least that goes with the weight, the model's without any.
 
-        Inertia far below zero is no lack of it but another error, as of the direction of gravity.
+        Inertia far below zero is no lack of it but another error of the model.
         """
         weight = abs(self.weight) if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0
         least = weight * min(weight, 1.0) / TIMES
-        return not -least / TIMES <= self.inertia + DEVIATIONS * self.inertia_std < least
+        return not -least <= self.inertia + DEVIATIONS * self.inertia_std < least
 
 
 def cause_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on joints that something else moves, on loops that were left out, and on computed torques."""
+    """Findings on loops that were left out, on joints that something else moves, and on computed torques."""
+    for loop, joints in evidence.mechanism.loops.items():
+        if acting := tuple(joint for joint in joints if joint in evidence.channels):
+            yield Finding.of("loop_left_out", Place(channels=acting), loop=loop, joints=acting)
     checks = evidence.checks.torques
     if checks is None or not evidence.logs:
         return
@@ -70,9 +73,6 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
     if others and not checks.grossly_wrong:
         values = {joint: parts._asdict() for joint, parts in others.items()}
         yield Finding.of("motion_not_by_torques", Place(joints=tuple(others)), joints=values)
-    for loop, joints in evidence.mechanism.loops.items():
-        if acting := tuple(joint for joint in joints if joint in evidence.channels):
-            yield Finding.of("loop_left_out", Place(channels=acting), loop=loop, joints=acting)
     moving = {channel: evidence.ratios[channel] for channel in _torques(evidence) if channel not in evidence.idle}
     if moving and max(moving.values()) < EXPLAINED and max(_friction(evidence, moving)) < SMOOTHLY:
         place = Place(channels=tuple(moving))
