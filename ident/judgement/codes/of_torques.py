@@ -67,7 +67,7 @@ def _low_velocity(values: Mapping[str, float]) -> str:
 
 def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
     each = listed(
-        f"{joint} {100 * x['inertia']:.0f} ± {percent(x['inertia_std'])} ({percent(x['weight'])})"
+        f"{joint} {percent(x['inertia'], 1)} ± {percent(x['inertia_std'], 1)} ({percent(x['weight'])})"
         for joint, x in joints.items()
     )
     return (
