@@ -150,7 +150,7 @@ class Estimate:
         groups = dict.fromkeys(each.body for each in self.parameters)
         return Groups({body: tuple(each for each in self.parameters if each.body == body) for body in groups})
 
-    @typed()
+    @typed("level")
     def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
         """Confidence intervals of the base parameters (r, 2).
 
@@ -375,7 +375,7 @@ class Estimate:
         return Evidence(
             fit=self.fit,
             ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
-            part="held-out",
+            part=held.part,
             condition_number=self.condition_number,
             checks=self.checks,
             offsets=self.offsets,

@@ -90,6 +90,13 @@ class Problem:
         """True if each of the recordings is judged by, predicted from the others."""
         return not self.apart and len(self.fitted) > 2
 
+    @property
+    def judges_fitted(self) -> bool:
+        """True if nothing is held out, so that the fitted samples are judged by."""
+        return not (self.apart or self.leaves_out) and bool(
+            np.isin(self.judged[0].indices, self.fitted[0].indices).any()
+        )
+
     def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "Problem":
         """Problem of other versions of the recordings, divided into the same parts."""
         fitted = [part.of(log) for log, part in zip(logs, self.fitted, strict=True)]
@@ -100,7 +107,7 @@ class Problem:
         """Residuals of a fit on the samples to judge by, at the recorded motion."""
         samples = joined([part.used for part in self.judged])
         residual, none = fit.residual(samples), np.zeros(samples.measured.shape, int)
-        return HeldOut(*self.in_a_row, (samples,), none, fit, residual, none > 0)
+        return HeldOut(*self.in_a_row, (samples,), none, fit, residual, none > 0, fitted=self.judges_fitted)
 
     @property
     def in_a_row(self) -> tuple[np.ndarray, tuple[int, ...]]:

@@ -150,7 +150,7 @@ def quality_table(result: Estimate) -> tabular.Table:
         "ratio_model_as_it_came": "ratio, model as it came",
         "ratio_least_squares": "ratio, least squares",
     }
-    return tabular.Table("Prediction of the held-out part", columns, tuple(rows), units=tuple(units), heads=heads)
+    return tabular.Table(f"Prediction of the {held.part} part", columns, tuple(rows), units=tuple(units), heads=heads)
 
 
 def full_table(result: Estimate) -> tabular.Table:
@@ -187,9 +187,11 @@ def data_lines(result: Estimate) -> list[str]:
             f"trajectory by splines with knots {min(result.trajectory.steps):.2g} s apart, {noise} noise "
             f"in the weights, {fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
         )
+    held = result.held_out
+    judged = "which the fit is judged by" if held.fitted else f"{len(held.time)} held out"
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, "
-        f"{len(result.held_out.time)} held out.",
+        f"{judged}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
         f"Excitation: condition number {result.determined_condition:.3g} of the unit-norm columns, each channel "
         "divided by its signal.",

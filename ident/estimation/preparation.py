@@ -161,7 +161,7 @@ def prepared(
     mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
-    recording = repairs.without_channels(recording, tree, leave_out)
+    recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
     steps = repairs.steps(recording, tree)
     clipped, notes = tuple[Clipped, ...](), list[str]()
     if not recording.still:

@@ -1,4 +1,4 @@
-"""Sentences on the prediction of held-out samples: the candidates, and the residual of each channel."""
+"""Sentences on the prediction of the samples to judge by: the candidates, and the residual of each channel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,9 +15,7 @@ def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) ->
         + listed(f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items())
         for name, channels in worse.items()
     ]
-    return (
-        f"Worse than {', and than '.join(parts)}, held-out residual over signal. {_advice('model' in worse, **advice)}"
-    )
+    return f"Worse than {', and than '.join(parts)}, residual over signal. {_advice('model' in worse, **advice)}"
 
 
 SHOWN = 8
@@ -90,7 +88,7 @@ def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
     first, *others = (LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
     return (
         "The model lacks something, which the parameters take up in part. "
-        f"The held-out residual would be {percent(1 - ratio)} smaller with {first}."
+        f"The residual where it is judged would be {percent(1 - ratio)} smaller with {first}."
         f"{''.join(f' Or it is {other}.' for other in others)} Add it to the model."
     )
 

@@ -39,7 +39,7 @@ def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
 def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
     return (
         f"Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
-        f"below, in rad/s (m/s): {followed(velocities)}. Held-out residual over signal there: "
+        f"below, in rad/s (m/s): {followed(velocities)}. Residual over signal there: "
         f"{followed(at_rest) or 'there are no such samples'}."
     )
 
@@ -67,7 +67,7 @@ def _low_velocity(values: Mapping[str, float]) -> str:
 
 def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
     each = listed(
-        f"{joint} {100 * x['inertia']:.0f} ± {percent(x['inertia_std'])} ({percent(x['weight'])})"
+        f"{joint} {percent(x['inertia'], 1)} ± {percent(x['inertia_std'], 1)} ({percent(x['weight'])})"
         for joint, x in joints.items()
     )
     return (
