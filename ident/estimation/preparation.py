@@ -17,7 +17,7 @@ from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
 from ident.files.table import BASE
-from ident.geometry.se3 import coAd, inverse
+from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -157,8 +157,8 @@ def prepared(
     """
     mechanism = mechanism.following(recording.followers)
     tree = mechanism.tree
-    mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     mechanism, (recording,) = at_rest(mechanism, [recording])
+    mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
@@ -251,7 +251,7 @@ def at_rest(mechanism: Mechanism, recordings: Sequence[Recording]) -> tuple[Mech
         streams = {name: stream for name, stream in each.streams.items() if name != BASE}
         notes = (*each.notes, "The base rests: its recorded pose is constant.")
         out.append(replace(each, base=None, held=held, streams=streams, notes=notes))
-    return replace(mechanism, gravity=bases[0][0, :3, :3].T @ mechanism.gravity), out
+    return mechanism.mounted(roll_pitch_yaw(bases[0][0, :3, :3])), out
 
 
 def _with_known_bodies(mechanism: Mechanism, recording: Recording) -> Mechanism:

@@ -1,6 +1,5 @@
 """Direction of gravity that explains a recording best, for a mechanism whose base rests."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -9,6 +8,7 @@ from scipy import linalg
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.preparation import Prepared
+from ident.geometry.se3 import roll_pitch_yaw
 from ident.judgement.model_fit import EXPLAINED, FAR_BETTER, SAMPLES, ModelFit
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -127,10 +127,8 @@ def rpy_deg(mechanism: Mechanism, direction: np.ndarray) -> tuple[float, ...]:
     upright, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [world / np.linalg.norm(world)])
     x, y, z = -direction
     turned = Rotation.from_euler("xyz", [np.arctan2(y, z) if y or z else 0.0, -np.arcsin(np.clip(x, -1, 1)), 0.0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # At a pitch of 90°, yaw is zero.
-        angles = np.rint((upright.inv() * turned).as_euler("xyz", degrees=True))
-    return tuple(np.where(angles == -180, 180.0, angles + 0.0).tolist())
+    angles = np.rint(roll_pitch_yaw((upright.inv() * turned).as_matrix())) + 0.0
+    return tuple(np.where(angles == -180, 180.0, angles).tolist())
 
 
 def _power(mechanism: Mechanism, motion: Motion, measured: Mapping[str, np.ndarray]) -> float:
