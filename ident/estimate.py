@@ -46,7 +46,7 @@ from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.regression.robust import spread
 from ident.setup import SETUP
-from ident.tolerances import UNEXPLAINED
+from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 from ident.trajectory.result import TrajectoryEstimate
 
 if TYPE_CHECKING:
@@ -85,6 +85,7 @@ class Estimate:
         bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
             the drive free.
         unmodelled: What the model may lack, the likeliest first.
+        undetermined: Base parameters that the motion does not determine, where joints rest.
     """
 
     logs: Sequence[Part[slice]]
@@ -100,6 +101,7 @@ class Estimate:
     filtered_values: np.ndarray | None = None
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unmodelled: Sequence[Unmodelled] = ()
+    undetermined: Sequence[str] = ()
 
     @property
     def prepared(self) -> Prepared:
@@ -158,7 +160,7 @@ class Estimate:
         groups = dict.fromkeys(each.body for each in self.parameters)
         return Groups({body: tuple(each for each in self.parameters if each.body == body) for body in groups})
 
-    @typed()
+    @typed("level")
     def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
         """Confidence intervals of the base parameters (r, 2).
 
@@ -274,8 +276,18 @@ class Estimate:
     @property
     def condition_number(self) -> float:
         """Condition number of the unit-norm, weighted columns, infinite if they are dependent."""
-        largest, smallest = self.singular_values[[0, -1]].tolist()
-        return largest / smallest if smallest else np.inf
+        return _condition(self.singular_values)
+
+    @property
+    def determined_condition(self) -> float:
+        """The condition number of `determined_values`."""
+        return _condition(self.determined_values)
+
+    @property
+    def determined_values(self) -> np.ndarray:
+        """The singular values without those of combinations that the motion does not determine, where joints rest."""
+        s = self.singular_values
+        return s[s > s[0] / CONDITION_LIMIT] if self.undetermined else s
 
     @cached_property
     def condition_numbers(self) -> dict[str, float]:
@@ -394,7 +406,7 @@ class Estimate:
         return Evidence(
             fit=self.fit,
             ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
-            part="held-out",
+            part=held.part,
             condition_number=self.condition_number,
             checks=self.checks,
             offsets=self.offsets,
@@ -508,3 +520,9 @@ def _regular(covariance: np.ndarray) -> np.ndarray:
     std = np.sqrt(np.diag(covariance))
     values, axes = np.linalg.eigh(covariance / np.outer(std, std))
     return np.asarray((axes * np.maximum(values, ROUNDING)) @ axes.T * np.outer(std, std))
+
+
+def _condition(singular_values: np.ndarray) -> float:
+    """Ratio of the largest to the smallest of sorted singular values, infinite if that is zero."""
+    largest, smallest = singular_values[[0, -1]].tolist()
+    return largest / smallest if smallest else np.inf

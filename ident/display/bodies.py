@@ -26,7 +26,7 @@ class BodyValue(NamedTuple):
         body: Name of the body.
         quantity: One of `QUANTITIES`.
         unit: Its unit.
-        value: Its value, as of the updated model.
+        estimate: Its value, as of the updated model.
         lower: Lower limit of its 95 % interval, NaN without one.
         upper: Upper limit.
         model: The model's value; None if the model states no mass.
@@ -39,7 +39,7 @@ class BodyValue(NamedTuple):
     body: str
     quantity: str
     unit: str
-    value: float
+    estimate: float
     lower: float
     upper: float
     model: float | None
@@ -64,20 +64,20 @@ class BodyValue(NamedTuple):
     def words(self) -> str:
         """Value and interval: `1.20 (1.15 to 1.26)`, `not determined (more than 0.3)`."""
         if self.stated:
-            return f"{self.value:.3g} (as stated)"
+            return f"{self.estimate:.3g} (as stated)"
         if np.isnan(self.lower):
-            return f"{self.value:.3g} (no interval)"
+            return f"{self.estimate:.3g} (no interval)"
         if not (self.determined or self.with_prior):
             return f"not determined ({self.limits})" if self.limits else "not determined"
-        return f"{_number(self.value, self.decimals)} ({self.limits}{', of the prior' * (not self.determined)})"
+        return f"{_number(self.estimate, self.decimals)} ({self.limits}{', of the prior' * (not self.determined)})"
 
     @property
     def brief(self) -> str:
         """Value and largest distance of a limit: `0.076 ± 0.053`; a dash where it is not determined."""
-        half = max(self.value - self.lower, self.upper - self.value)
+        half = max(self.estimate - self.lower, self.upper - self.estimate)
         if self.stated or not np.isfinite(half) or not (self.determined or self.with_prior):
             return self.words if self.stated else "-"
-        return f"{_number(self.value, self.decimals)} ± {_number(half, self.decimals)}"
+        return f"{_number(self.estimate, self.decimals)} ± {_number(half, self.decimals)}"
 
     @property
     def decimals(self) -> int | None:

@@ -62,14 +62,14 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     far: dict[str, dict[str, dict[str, float | None]]] = {}
     whole = full.phi[::10].sum()
     for each, before in zip(full.rows[::10], mechanism.known[::10].tolist(), strict=True):
-        if max(each.value, before) > SLIGHT * whole and not before / FACTOR <= each.value <= before * FACTOR:
+        if max(each.estimate, before) > SLIGHT * whole and not before / FACTOR <= each.estimate <= before * FACTOR:
             outside = before and not each.lower <= before <= each.upper
             code = "masses_hardly_shown" if not outside or np.isnan(each.lower) else "masses_limited"
             limits = {
                 key: x if np.isfinite(x) and x else None for key, x in (("lower", each.lower), ("upper", each.upper))
             }
             far.setdefault("masses_shown" if outside and each.determined else code, {})[each.body] = {
-                "mass": each.value,
+                "mass": each.estimate,
                 "model": before,
                 **limits,
             }

@@ -44,7 +44,8 @@ def idle_channels(held: HeldOut, prepared: Prepared) -> dict[str, str]:
         if ranges[k] < MOVES and tree.freedoms[k] not in balls:
             idle[channel] = "rest"
     parts = np.split(held.residual, held.starts[1:])
-    for c, channel in enumerate(equations.channels):
+    # Of poses in any order everything is as rough as noise.
+    for c, channel in enumerate(() if prepared.recording.still else equations.channels):
         if held.rms[c] < NOISE_ALONE * white_noise(*(part[:, c] for part in parts), robust=True):
             idle.setdefault(channel, "noise")
     return not_predicted(idle, dict(zip(equations.channels, held.ratio.tolist(), strict=True)))

@@ -13,15 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.estimation.samples import Samples
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
 from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
-from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
-from ident.tolerances import DRIVE, SINGULAR
+from ident.model.stated import column_place
+from ident.tolerances import SINGULAR
 
 TIMES = 10.0
 """Masses over the model's up to which they are likely."""
@@ -55,15 +54,18 @@ class Parts(NamedTuple):
     def moves(self) -> bool:
         """False if the inertia is significantly below the least that goes with the weight, the model's without any.
 
-        Inertia far below zero is no lack of it but another error, as of the direction of gravity.
+        Inertia far below zero is no lack of it but another error of the model.
         """
         weight = abs(self.weight) if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0
         least = weight * min(weight, 1.0) / TIMES
-        return not -least / TIMES <= self.inertia + DEVIATIONS * self.inertia_std < least
+        return not -least <= self.inertia + DEVIATIONS * self.inertia_std < least
 
 
 def cause_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on joints that something else moves, on loops that were left out, and on computed torques."""
+    """Findings on loops that were left out, on joints that something else moves, and on computed torques."""
+    for loop, joints in evidence.mechanism.loops.items():
+        if acting := tuple(joint for joint in joints if joint in evidence.channels):
+            yield Finding.of("loop_left_out", Place(channels=acting), loop=loop, joints=acting)
     checks = evidence.checks.torques
     if checks is None or not evidence.logs:
         return
@@ -71,9 +73,6 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
     if others and not checks.grossly_wrong:
         values = {joint: parts._asdict() for joint, parts in others.items()}
         yield Finding.of("motion_not_by_torques", Place(joints=tuple(others)), joints=values)
-    for loop, joints in evidence.mechanism.loops.items():
-        if acting := tuple(joint for joint in joints if joint in evidence.channels):
-            yield Finding.of("loop_left_out", Place(channels=acting), loop=loop, joints=acting)
     moving = {channel: evidence.ratios[channel] for channel in _torques(evidence) if channel not in evidence.idle}
     if moving and max(moving.values()) < EXPLAINED and max(_friction(evidence, moving)) < SMOOTHLY:
         place = Place(channels=tuple(moving))
@@ -124,26 +123,18 @@ def _torques(evidence: Evidence) -> tuple[str, ...]:
     return evidence.channels[len(evidence.channels) - len(evidence.fit.equations.torques) :]
 
 
-def _columns(evidence: Evidence, motion: Motion) -> np.ndarray:
-    """Columns of the torques for a motion (torques, N, m)."""
-    samples = Samples(motion, np.zeros((len(motion), len(evidence.channels))))
-    rows = np.concatenate([each[:-1].copy() for each in evidence.fit.equations.rows(samples)], axis=-1)
-    return rows[:, len(evidence.channels) - len(evidence.fit.equations.torques) :].transpose(1, 2, 0)
-
-
 def _friction(evidence: Evidence, channels: Container[str]) -> Iterator[float]:
     """Yields the largest likely friction in each torque over its signal, or what is left of it if it was not fitted."""
     fit, samples = evidence.fit, evidence.logs[0].samples
-    samples = samples[:: -(-len(samples) // ENOUGH)]
-    columns = _columns(evidence, samples.motion)
-    at_most = {name: most for name, (most, _) in evidence.bounded.items()}
-    kinds = {DRIVE[kind] for kind in (*FRICTION, SLOW)}
-    most = [
-        at_most.get(name, abs(value) + INTERVAL * std) if name.partition("(")[0] in kinds else 0.0
-        for name, value, std in zip(fit.names, fit.values.tolist(), fit.std.tolist(), strict=True)
-    ]
-    signal = samples.measured[:, -len(columns) :].std(axis=0)
-    rubs = np.sqrt((columns**2).mean(axis=1)) @ most / np.maximum(signal, 1e-300)
-    for channel, share in zip(_torques(evidence), rubs.tolist(), strict=True):
+    axes, torques = fit.equations.axes, list(fit.equations.torques)
+    speed = np.sqrt((axes.moved(samples.motion.dq) ** 2).mean(axis=0))
+    rubs = np.zeros(len(speed))
+    for name, value, std in zip(fit.names, fit.values.tolist(), fit.std.tolist(), strict=True):
+        if name in fit.equations.drives and (place := column_place(name))[0] in (*FRICTION, SLOW):
+            most, axis = evidence.bounded.get(name, (abs(value) + INTERVAL * std,))[0], axes.names.index(place[1])
+            rubs[axis] += most * (speed[axis] if place[0] == FRICTION[0] else 1)
+    signal = np.maximum(samples.measured.T[-len(torques) :].std(axis=1), 1e-300)
+    shares = np.abs(axes.matrix[:, torques]).T @ rubs / signal
+    for channel, share in zip(_torques(evidence), shares.tolist(), strict=True):
         if channel in channels:
             yield max(share, np.sqrt(evidence.friction.get(channel, 0.0)) * evidence.ratios[channel])

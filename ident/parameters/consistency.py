@@ -144,7 +144,7 @@ class ConsistentParameters(Brief):
     @property
     def _in_short(self) -> dict[str, object]:
         rows = self.rows[::10]
-        masses = (f"{x.body} {x.value:.3g}{'' if x.determined else ' (not determined)'}" for x in rows)
+        masses = (f"{x.body} {x.estimate:.3g}{'' if x.determined else ' (not determined)'}" for x in rows)
         moved = f"{self.distance:.1f} standard deviations from the estimate, " + "not " * (not self.attainable)
         return {"masses (kg)": listed(masses), "base parameters": f"{moved}within its 95 % region"}
 

@@ -9,7 +9,7 @@ from ident.judgement.idle import idle_channels, not_predicted, still_channels
 from ident.mechanism.motion import Motion
 
 
-def idle(size, rough, ratio):
+def idle(size, rough, ratio, *, still=False):
     """Reasons of the arm's torques, whose first joint moves by a size, with rough or smooth residuals."""
     rng, t = np.random.default_rng(0), np.arange(1000) / 100
     q = np.sin(np.outer(t, [1.0, 1.3, 1.7])) * [size / 2, 1, 1]
@@ -23,12 +23,14 @@ def idle(size, rough, ratio):
         rms=np.sqrt((residual**2).mean(axis=0)),
         ratio=np.array(ratio),
     )
-    return idle_channels(held, SimpleNamespace(mechanism=driven_arm.mechanism(), frame=np.eye(4)))
+    recording = SimpleNamespace(still=still)
+    return idle_channels(held, SimpleNamespace(mechanism=driven_arm.mechanism(), frame=np.eye(4), recording=recording))
 
 
 def test_a_torque_of_a_joint_at_rest_and_one_of_noise_do_not_count():
     assert idle(1e-3, [False, False, True], [0.95, 0.95, 0.95]) == {"turn": "rest", "bend": "noise"}
     assert idle(1.0, [False, True, True], [0.95, 0.95, 0.4]) == {"lift": "noise"}
+    assert not idle(1.0, [False, True, True], [0.95, 0.95, 0.4], still=True)
 
 
 def test_a_component_that_the_model_does_not_change_is_of_a_wrench():

@@ -7,16 +7,16 @@ from ident.judgement.codes.row import Row, listed
 
 
 def _within(moved: Sequence[Mapping[str, Any]]) -> str:
-    return f"The updated model has the base parameters within their joint 95 % region: {_moves(moved)}."
+    return f"The updated model has the base parameters within their joint 95 % region. {_moves(moved)}"
 
 
 def _none_near(moved: Sequence[Mapping[str, Any]]) -> str:
-    return f"No physical bodies near the model's have these base parameters; of the updated model's, {_moves(moved)}."
+    return f"No physical bodies near the model's have these base parameters. {_moves(moved)}"
 
 
 def _moves(moved: Sequence[Mapping[str, Any]]) -> str:
     each = listed(f"{x['name']}{_of(x['body'])} by {x['z']:+.1f}" for x in moved)
-    return f"it moves {each} standard deviations" if moved else "it moves none of them"
+    return f"In standard deviations, the updated model moves {each}." if moved else "It moves none of them."
 
 
 def _of(body: str | None) -> str:
@@ -30,27 +30,24 @@ def _rotors_apart(rotors: Mapping[str, float]) -> str:
 
 def _masses(beginning: str, end: str = "") -> Row:
     def sentence(masses: Mapping[str, Mapping[str, float]], factor: float) -> str:
-        each = listed(f"{body} {_limits(**x)} (model: {_mass_or_none(x['model'])})" for body, x in masses.items())
+        each = listed(f"{body} {_mass(**x)}" for body, x in masses.items())
         return f"{beginning.format(factor=factor)}: {each}.{end}"
 
     return Row(sentence, doubt=False)
 
 
-def _limits(lower: float | None, upper: float | None, mass: float | None = None, model: float | None = None) -> str:
-    """Limits of a mass, or of a difference of masses, in words."""
+def _mass(mass: float, lower: float | None, upper: float | None, model: float) -> str:
     if lower is None:
-        return "without an interval" if upper is None else f"less than {upper:.3g} kg"
-    return f"more than {lower:.3g} kg" if upper is None else f"{lower:.3g} to {upper:.3g} kg"
-
-
-def _mass_or_none(mass: float) -> str:
-    return f"{mass:.3g} kg" if mass else "none"
+        limits = "no interval" if upper is None else f"less than {upper:.3g}"
+    else:
+        limits = f"more than {lower:.3g}" if upper is None else f"{lower:.3g} to {upper:.3g}"
+    return f"{mass:.3g} kg ({limits}; model: {f'{model:.3g} kg' if model else 'none'})"
 
 
 def _rotor(what: str) -> Row:
     def sentence(joints: Mapping[str, str]) -> str:
         each = listed(f"{body} (joint {joint})" for body, joint in joints.items())
-        return f"Rotor inertia may explain the masses of {each}: it turns with the joint and {what}."
+        return f"Rotor inertia may explain the masses of {each}. {what}"
 
     return Row(sentence, doubt=False)
 
@@ -67,15 +64,13 @@ BODIES = {
     ),
     "masses_limited": _masses(
         "Masses that no channel contains, limited only by what other parameters of a physical body allow",
-        " A hand or contact that is not measured and drives a joint has the same effect.",
+        " An unmeasured hand or contact that drives a joint has the same effect: leave such parts out.",
     ),
     "masses_hardly_shown": _masses(
         "Masses beyond a factor of {factor:g} of the model's in the updated model, which the data do not determine"
     ),
-    "rotor_not_fitted": _rotor("was not fitted beside the inertias of the links, which take it up (--drive rotor)"),
-    "rotor_inseparable": _rotor(
-        "cannot be told from the inertias of the links, which take it up, with or without --drive rotor"
-    ),
+    "rotor_not_fitted": _rotor("The links take it up, as it was not fitted: add --drive rotor."),
+    "rotor_inseparable": _rotor("The links take it up: this motion does not separate it, even with --drive rotor."),
     "heavier_last_link": Row(
         "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model, if that is right on the other "
         "bodies: a tool? `multicontact payload` identifies it.",

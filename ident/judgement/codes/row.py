@@ -44,7 +44,7 @@ def in_log(log: int | None) -> str:
 
 def percent(share: float, digits: int = 0) -> str:
     """A share in per cent."""
-    return f"{100 * share:.{digits}f} %"
+    return f"{round(100 * share, digits) + 0.0:.{digits}f} %"
 
 
 def number_of(number: int, noun: str) -> str:
