@@ -43,7 +43,7 @@ from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.regression.robust import spread
 from ident.setup import SETUP
-from ident.tolerances import UNEXPLAINED
+from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 from ident.trajectory.result import TrajectoryEstimate
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ class Estimate:
         bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
             the drive free.
         unmodelled: What the model may lack, the likeliest first.
+        undetermined: Base parameters that the motion does not determine, where joints rest.
     """
 
     logs: Sequence[Part[slice]]
@@ -90,6 +91,7 @@ class Estimate:
     filtered_values: np.ndarray | None = None
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unmodelled: Sequence[Unmodelled] = ()
+    undetermined: Sequence[str] = ()
 
     @property
     def prepared(self) -> Prepared:
@@ -148,7 +150,7 @@ class Estimate:
         groups = dict.fromkeys(each.body for each in self.parameters)
         return Groups({body: tuple(each for each in self.parameters if each.body == body) for body in groups})
 
-    @typed()
+    @typed("level")
     def interval(self, level: float = 0.95, *, setup: bool = True) -> np.ndarray:
         """Confidence intervals of the base parameters (r, 2).
 
@@ -259,8 +261,18 @@ class Estimate:
     @property
     def condition_number(self) -> float:
         """Condition number of the unit-norm, weighted columns, infinite if they are dependent."""
-        largest, smallest = self.singular_values[[0, -1]].tolist()
-        return largest / smallest if smallest else np.inf
+        return _condition(self.singular_values)
+
+    @property
+    def determined_condition(self) -> float:
+        """The condition number of `determined_values`."""
+        return _condition(self.determined_values)
+
+    @property
+    def determined_values(self) -> np.ndarray:
+        """The singular values without those of combinations that the motion does not determine, where joints rest."""
+        s = self.singular_values
+        return s[s > s[0] / CONDITION_LIMIT] if self.undetermined else s
 
     @cached_property
     def condition_numbers(self) -> dict[str, float]:
@@ -363,7 +375,7 @@ class Estimate:
         return Evidence(
             fit=self.fit,
             ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
-            part="held-out",
+            part=held.part,
             condition_number=self.condition_number,
             checks=self.checks,
             offsets=self.offsets,
@@ -470,3 +482,9 @@ class Estimate:
     def checks(self) -> Checks:
         """Checks of recording, set-up and fit."""
         return checked(self.prepared, self.fit, self.part)
+
+
+def _condition(singular_values: np.ndarray) -> float:
+    """Ratio of the largest to the smallest of sorted singular values, infinite if that is zero."""
+    largest, smallest = singular_values[[0, -1]].tolist()
+    return largest / smallest if smallest else np.inf

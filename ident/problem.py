@@ -90,6 +90,13 @@ class Problem:
         """True if each of the recordings is judged by, predicted from the others."""
         return not self.apart and len(self.fitted) > 2
 
+    @property
+    def judges_fitted(self) -> bool:
+        """True if nothing is held out, so that the fitted samples are judged by."""
+        return not (self.apart or self.leaves_out) and bool(
+            np.isin(self.judged[0].indices, self.fitted[0].indices).any()
+        )
+
     def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "Problem":
         """Problem of other versions of the recordings, divided into the same parts."""
         fitted = [part.of(log) for log, part in zip(logs, self.fitted, strict=True)]
@@ -100,7 +107,7 @@ class Problem:
         """Residuals of a fit on the samples to judge by, at the recorded motion."""
         samples = joined([part.used for part in self.judged])
         residual, none = fit.residual(samples), np.zeros(samples.measured.shape, int)
-        return HeldOut(*self.in_a_row, (samples,), none, fit, residual, none > 0)
+        return HeldOut(*self.in_a_row, (samples,), none, fit, residual, none > 0, fitted=self.judges_fitted)
 
     @property
     def in_a_row(self) -> tuple[np.ndarray, tuple[int, ...]]:
@@ -165,8 +172,8 @@ def problem_of(
     if sum(fitted) < needed or min(fitted) < least or judged < LEAST_HELD_OUT:
         raise InputError(
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
-            f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)} The fit needs "
-            f"{needed}, of each log at least {least}, and the judgement {LEAST_HELD_OUT}; there are "
+            f"{100 * holdout:.0f} % held out, are too few for {len(first.names)} parameters.{_lost(logs)} The fit "
+            f"needs {needed}, of each log at least {least}, and the judgement {LEAST_HELD_OUT}; there are "
             f"{' + '.join(map(str, fitted))} and {judged}.{POSES if 1 / logs[0].recording.rate >= SLOW else ''}"
         )
     to_fit = [Part(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
@@ -200,8 +207,9 @@ def _with_rests(log: Prepared, part: slice) -> Prepared:
     """Recording with notes on joints that rest in the fitted part and move later."""
     inside = {} if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
     always = repairs.rests(log.recording, log.mechanism.tree)
-    more = [f"In what is fitted, {repairs.rest_note(*each)}" for each in inside.items() if each[0] not in always]
-    return replace(log, notes=(*log.notes, *more)) if more else log
+    more = {joint: x for joint, x in inside.items() if joint not in always}
+    notes = [f"In what is fitted, {repairs.rest_note(*each)}" for each in more.items()]
+    return replace(log, notes=(*log.notes, *notes), resting=(*log.resting, *more)) if more else log
 
 
 def _lost(logs: Sequence[Prepared]) -> str:

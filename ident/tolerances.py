@@ -3,6 +3,9 @@
 HUGE = 1e8
 """Upper limit of every position, velocity, acceleration, force and torque in SI units."""
 
+TINY = 1e-100
+"""Size of a measured number below which it is zero: squares of squares stay numbers, and no sensor reads so little."""
+
 ZERO_COLUMN = 1e-11
 """Norm of a column, relative to the largest, below which it is zero up to rounding."""
 

@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from ident.annotations import typed
-from ident.arguments import checked_path
+from ident.annotations import WORDS
+from ident.arguments import check_type, checked_path
 from ident.display.html import PAGES
 from ident.errors import InputError
 from ident.estimate import Estimate
 
 
-@typed("folder", "formats")
 def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = ("png",)) -> Path:
     """Writes the tables, figures and page of an estimate, as `multicontact identify` does.
 
@@ -29,6 +28,7 @@ def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = (
         InputError: A format is unknown, the folder cannot be written, or another package is named `experiments`.
     """
     _check_neighbour()
+    check_type("estimate", estimate, Estimate, WORDS["Estimate"])
     path = checked_path("folder", folder, "the path of a folder")
     from experiments.document.provenance import provenance
     from experiments.document.writer import Output, written

@@ -75,7 +75,7 @@ CALLS = {
     "a channel by number": (lambda: LOG[3], "The recording has no channel '3'"),
     "a wrench by number": (lambda: LOG.wrench(3), "name needs a text"),
     "a folder for a recording": (lambda: LOG.save("."), "A recording is saved as .npz or .csv"),
-    "a recording from a folder": (lambda: mc.Recording.load("."), "a log is a .csv"),
+    "a recording from a folder": (lambda: mc.Recording.load("."), "the folder needs metadata.yaml"),
     # Sensors and wrenches.
     "a text for a sign": (lambda: mc.Sensor(applied_to_link="no"), "applied_to_link needs True or False; got 'no'"),
     "a sensor on a number": (lambda: mc.Sensor(body=3), "body needs a text or None"),
@@ -174,7 +174,7 @@ CALLS = {
         lambda: estimates.quick().compare(None),
         "other needs an Estimate, as of mc.identify",
     ),
-    "a level in a text": (lambda: estimates.quick().interval("x"), "level needs a finite number"),
+    "a level in a text": (lambda: estimates.quick().interval("x"), "level needs a number between 0 and 1"),
     "a text for the set-up": (lambda: estimates.quick().interval(setup="no"), "setup needs True or False"),
     "a parameter in a list": (lambda: estimates.quick()[["a"]], "The estimate has no parameter"),
     "a folder for an estimate": (lambda: estimates.quick().save("."), "path needs the path of a file to write"),
@@ -199,7 +199,7 @@ CALLS = {
     "a negative seed": (lambda: simulated(seed=-1), "A seed is a whole number from zero, got -1"),
     "half a seed": (lambda: simulated(seed=1.5), "seed needs a whole number"),
     "no seed": (lambda: simulated(seed=None), "seed needs a whole number"),
-    "noise in a text": (lambda: simulated(noise_scale="x"), "noise_scale needs a finite number"),
+    "noise in a text": (lambda: simulated(noise_scale="x"), "The noise scale must be from 0 to 1000"),
     "seeds by number": (
         lambda: mc.simulate_many(SPEC, DOUBLE_PENDULUM, seeds=3),
         "seeds needs a list of whole numbers",

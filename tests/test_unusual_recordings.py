@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 
+import driven_arm
 import numpy as np
 import pytest
 from persons import once
@@ -10,6 +11,7 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, 
 
 import ident
 from experiments.data.laboratory import Laboratory
+from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import humanoid, mistaken, recorded
 from ident.errors import ExcitationError
 from ident.estimation.preparation import LeftOut, prepared
@@ -107,3 +109,22 @@ def test_a_joint_that_rests_in_what_is_fitted_alone_is_noted():
     sentence = f"'{JOINTS[1]}' rests at 0.25."
     assert f"In what is fitted, {sentence}" in estimate.prepared.notes
     assert sentence not in estimate.prepared.notes
+
+
+def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condition():
+    """Of the first joint alone, its drive and the inertia about it are unknown; the rest is as if it was welded."""
+    rng = np.random.default_rng(0)
+    t, q, dq, ddq = driven_arm.motion(rng)
+    q[:, 0], dq[:, 0], ddq[:, 0] = 0.3, 0, 0
+    torque = driven_arm.torques(q, dq, ddq, **driven_arm.NONE) + 0.02 * rng.normal(size=q.shape)
+    q[:, 1:] += 1e-4 * rng.normal(size=(len(t), 2))
+    channels = {f"{joint}_position": x for joint, x in zip(driven_arm.JOINTS, q.T, strict=True)}
+    channels |= {f"{joint}_torque": x for joint, x in zip(driven_arm.JOINTS, torque.T, strict=True)}
+    log = ident.Recording(t, channels)
+    estimate = ident.identify(driven_arm.mechanism(**driven_arm.NONE), log, setup=dict.fromkeys(PRIORS, 0))
+    assert estimate.undetermined and estimate.condition_number > 1e10 > 1e4 > estimate.determined_condition
+    assert "Ia(turn), Fv(turn), Fc(turn) do not show in a joint that rests." in estimate.prepared.notes
+    rows = [row[0] for row in parameters_table(estimate).rows]
+    assert rows == [name for name in estimate.fit.names if name not in estimate.undetermined]
+    sentence = f"turn rests, so that the motion does not determine {', '.join(estimate.undetermined)}"
+    assert sentence in str(estimate.summary()) and sentence in " ".join(data_lines(estimate))

@@ -9,8 +9,9 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import ident
@@ -55,7 +56,7 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     interrupted = f"{parser.prog}: interrupted; every file is whole."
     with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
-            with _its_consequences(asked), style_of(options):
+            with _without_log(), _its_consequences(asked), style_of(options):
                 study(options)
         except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
@@ -75,6 +76,19 @@ def _request(command: str) -> str:
         "This is a fault of multicontact, not of what it was given: please report it in the project's issue tracker, "
         f"with all of the above, version {ident.__version__} and the command: {command}"
     )
+
+
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """Removes the file of MuJoCo's warnings from the working directory, unless it was there before the block."""
+    log = Path("MUJOCO_LOG.TXT").absolute()
+    before = log.exists()
+    try:
+        yield
+    finally:
+        if not before:
+            with suppress(OSError):
+                log.unlink(missing_ok=True)
 
 
 @contextmanager

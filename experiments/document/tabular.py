@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from experiments.document import escape, terminal
@@ -117,7 +117,15 @@ class Table:
         """The table with only the parameters that an author wants."""
         if not self.bodies:
             return self
-        kept = [k for k, row in enumerate(self.rows) if layout.shows(str(row[0]), self.bodies)]
+        return self._with_rows(lambda name: layout.shows(name, self.bodies))
+
+    def without(self, names: Collection[str], note: str) -> "Table":
+        """The table without the rows of some names, and with a note on them."""
+        left = self._with_rows(lambda name: name not in names)
+        return replace(left, notes=(*self.notes, note)) if names else self
+
+    def _with_rows(self, wanted: Callable[[str], bool]) -> "Table":
+        kept = [k for k, row in enumerate(self.rows) if wanted(str(row[0]))]
         units = tuple(self.units[k] for k in kept) if self.units else ()
         digits = {name: [decimals[k] for k in kept] for name, decimals in self.digits.items()}
         return replace(self, rows=tuple(self.rows[k] for k in kept), units=units, digits=digits)

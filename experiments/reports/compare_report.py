@@ -77,7 +77,8 @@ def prediction_table(results: Sequence[Result]) -> tabular.Table:
         for result in results
     ]
     columns = dict(zip(["channel", *(result.name for result in results)], [channels, *ratios], strict=True))
-    return tabular.Table("Residual over signal of each result's held-out part", *tabular.columns(**columns))
+    part = "held-out" if all(result.estimate.get("part", "held-out") == "held-out" for result in results) else "judged"
+    return tabular.Table(f"Residual over signal of each result's {part} part", *tabular.columns(**columns))
 
 
 def setup_table(results: Sequence[Result]) -> tabular.Table:

@@ -53,7 +53,7 @@ def held_out_figure(result: Estimate) -> Figure:
 
 def held_out_caption(result: Estimate) -> str:
     """Caption of the held-out figure."""
-    caption = "Measured and predicted channels on the held-out part."
+    caption = f"Measured and predicted channels on the {result.held_out.part} part."
     if not result.held_out.moving.all():
         caption += " Grey: joints so slow that friction makes their torques uncertain; not judged."
     if result.trajectory:

@@ -32,6 +32,7 @@ def replay(result: Estimate) -> Replay:
     predicted = {name: np.where(used, fit.predicted(motion), np.nan) for name, fit in fits.items()}
     included = result.trajectory is not None and bool(result.trajectory.known)
     known = {**KNOWN, **log.recording.known}
+    spans = [(time[part.stop], time[-1])] if part.stop < len(time) - log.edge else []
     return Replay(
         mechanism=arm,
         recording=log.recording,
@@ -41,8 +42,8 @@ def replay(result: Estimate) -> Replay:
         curves={"measured": samples.measured[drawn]} | predicted,
         estimate=result.consistent().phi,
         identified=parameters_identified(arm, result.base, result.covariance, known, included=included),
-        spans=[(time[part.stop], time[-1])] if part.stop < len(time) - log.edge else [],
-        shaded="held out, not fitted",
+        spans=spans,
+        shaded="held out, not fitted" if spans else "",
         remark="All predictions use the estimated set-up." + LEFT_OUT * (not used.all()),
         parameters=[_parameter(result, k) for k in range(len(result.fit.names))],
         findings=[place(finding, result) for finding in result.findings],

@@ -25,6 +25,7 @@ from experiments.reports.identify_figures import (
     spectra_figure,
 )
 from experiments.reports.identify_replay import replay
+from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit, unit_of
 from ident.geometry.inertia import PARAMETERS, with_bodies
@@ -70,7 +71,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
     if result.trajectory is not None and result.trajectory.known:
         moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.fit.names) - base.rank)]
         columns |= {"moved_from_model_std": moved}
-    return tabular.Table(
+    table = tabular.Table(
         "Base parameters, SI units",
         *tabular.columns(**columns),
         caption="Identified base parameters beside the model's own",
@@ -86,6 +87,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
     )
+    return table.without(result.undetermined, undetermined_sentence(result))
 
 
 def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
@@ -148,7 +150,7 @@ def quality_table(result: Estimate) -> tabular.Table:
         "ratio_model_as_it_came": "ratio, model as it came",
         "ratio_least_squares": "ratio, least squares",
     }
-    return tabular.Table("Prediction of the held-out part", columns, tuple(rows), units=tuple(units), heads=heads)
+    return tabular.Table(f"Prediction of the {held.part} part", columns, tuple(rows), units=tuple(units), heads=heads)
 
 
 def full_table(result: Estimate) -> tabular.Table:
@@ -171,7 +173,12 @@ def full_table(result: Estimate) -> tabular.Table:
 def data_lines(result: Estimate) -> list[str]:
     """Lines on the data: samples, structure, excitation and checks."""
     prepared, base, checks = result.prepared, result.base, result.checks
-    samples, singular, numbers = len(prepared.samples), result.singular_values, result.condition_numbers
+    samples, numbers = len(prepared.samples), result.condition_numbers
+    singular = result.determined_values
+    published = (
+        f"Condition numbers as often published: {numbers['raw']:.3g} of the columns in SI units, "
+        f"{numbers['unit_norm']:.3g} of unit norm."
+    )
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     if result.trajectory is not None:
         fit = result.trajectory.fit
@@ -180,16 +187,18 @@ def data_lines(result: Estimate) -> list[str]:
             f"trajectory by splines with knots {min(result.trajectory.steps):.2g} s apart, {noise} noise "
             f"in the weights, {fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
         )
+    held = result.held_out
+    judged = "which the fit is judged by" if held.fitted else f"{len(held.time)} held out"
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, "
-        f"{len(result.held_out.time)} held out.",
+        f"{judged}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
-        f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, each channel divided by "
-        "its signal.",
+        f"Excitation: condition number {result.determined_condition:.3g} of the unit-norm columns, each channel "
+        "divided by its signal.",
         f"Fit: {filtered}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
-        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. Condition numbers as often "
-        f"published: {numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm.",
+        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. "
+        f"{undetermined_sentence(result) or published}",
     ]
     if (weight := checks.weight) is not None:
         lines.append(

@@ -121,7 +121,7 @@ class PayloadReport:
         columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
         columns["model"] = [None] * 10 if model is None else model.tolist()
         columns["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
-        title = f"What '{self.payload.sensor}' carries, in the frame of '{self.payload.body}'"
+        title = f"{self.payload.title}, in the frame of '{self.payload.body}'"
         return tabular.Table(
             title, *tabular.columns(**columns), decimals=6, digits=_digits(body), deviations=DEVIATIONS
         )
@@ -146,14 +146,10 @@ class PayloadReport:
     def lines(self) -> list[str]:
         """Lines on the logs, the payload's bodies and the sensor's place."""
         result, payload = self.payload.estimate, self.payload
-        place = _listed(payload.place[:3, 3].round(6) + 0)
-        samples, joints = length(result.logs), ", ".join(result.prepared.mechanism.joints)
         return [
-            f"{len(result.logs)} log{'s' * (len(result.logs) > 1)}, {samples} samples fitted, "
+            f"{len(result.logs)} log{'s' * (len(result.logs) > 1)}, {length(result.logs)} samples fitted, "
             f"{len(result.held_out.time)} predicted; condition number {result.condition_number:.3g}.",
-            f"Carried: {', '.join(result.prepared.mechanism.bodies)}, "
-            f"{f'by joints {joints}' if joints else 'at the recorded poses'}; sensor at {place} m in the frame "
-            f"of '{payload.body}'.",
+            payload.carried,
             *payload.notes,
             *result.prepared.notes,
         ]
@@ -194,6 +190,7 @@ class PayloadReport:
         if model is not None and payload.robot.prior is not None:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
+        part = payload.estimate.held_out.part
         held_out = identify_figures.held_out_figure(payload.estimate)
         return Document(
             f"Payload of {model.name if model else payload.body}, identified from {', '.join(map(name_of, logs))}",
@@ -207,7 +204,7 @@ class PayloadReport:
                 **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
-            figures={"figure_held_out": (held_out, "Measured and predicted channels on the held-out part.")},
+            figures={"figure_held_out": (held_out, f"Measured and predicted channels on the {part} part.")},
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,

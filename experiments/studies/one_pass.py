@@ -90,8 +90,13 @@ class Statistics:
             if unit != "None" and UNITS[kind].get(unit) != 1:
                 raise LogError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
 
-    def add(self, recording: Recording, wrench: np.ndarray) -> None:
+    def add(self, recording: Recording, wrench: np.ndarray, before: int) -> None:
         """Adds samples and their total wrench (N, 6).
+
+        Args:
+            recording: The samples.
+            wrench: Their total wrench.
+            before: Number of samples before them in their file, for messages.
 
         Raises:
             LogError: A number is too large, or angles look like degrees.
@@ -104,7 +109,11 @@ class Statistics:
             low, high = x.min(axis=-1), x.max(axis=-1)
             if not (largest := max(-low.min(), high.max())) <= HUGE:
                 what = "the total wrench" if name == "wrench" else f"channel '{name}'"
-                raise LogError(f"{what} needs numbers below {HUGE:g}, got {largest:g}.")
+                at = int(np.abs(x).argmax()) % len(wrench)
+                raise LogError(
+                    f"{what} needs numbers below {HUGE:g}, got {largest:g} in sample {before + at} (counted from 0), "
+                    f"at {recording.time[at]:g} s."
+                )
             self.low[name] = np.minimum(self.low.get(name, low), low)
             self.high[name] = np.maximum(self.high.get(name, high), high)
         for name, kind in self.joints.items():

@@ -58,7 +58,7 @@ class Overview:
 
     def add(self, recording: Recording, total: np.ndarray) -> None:
         """Adds a piece and its total wrench (N, 6)."""
-        self.statistics.add(recording, total)
+        self.statistics.add(recording, total, self.statistics.samples - sum(self.samples))
         self.notes.extend(note for note in recording.notes if note not in self.notes)
 
 

@@ -79,10 +79,22 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Iterab
 
 def first_parameters(estimate: "Estimate") -> tuple[list[Parameter], str]:
     """The first parameters of each kind of an estimate, and a sentence on the others, "" for none."""
-    kinds = dict.fromkeys(each.kind for each in estimate.parameters)
-    out = [row for kind in kinds for row in [each for each in estimate.parameters if each.kind == kind][:SHOWN]]
+    every = [each for each in estimate.parameters if each.name not in estimate.undetermined]
+    kinds = dict.fromkeys(each.kind for each in every)
+    out = [row for kind in kinds for row in [each for each in every if each.kind == kind][:SHOWN]]
     left = len(estimate.parameters) - len(out)
     return out, f"… and {left} more; estimate.to_frame() has all" if left else ""
+
+
+def undetermined_sentence(estimate: "Estimate") -> str:
+    """Sentence on the parameters that the motion does not determine since joints rest; empty for none."""
+    if not estimate.undetermined:
+        return ""
+    resting = ", ".join(sorted({joint for part in estimate.logs for joint in part.log.resting}))
+    return (
+        f"{resting} rest{'' if ',' in resting else 's'}, so that the motion does not determine "
+        f"{', '.join(estimate.undetermined)}: left out here, as near the model's values."
+    )
 
 
 def _short(regrouping: str) -> str:
@@ -96,7 +108,8 @@ def estimate_summary(estimate: "Estimate") -> str:
     rows = [(*row[:-1], _short(row[-1])) for row in parameter_rows(parameters)]
     notes = [f"  {note}" for part in estimate.logs for note in part.log.notes]
     sentences = [
-        f"Residual over signal: {ratios(estimate)}; condition number {estimate.condition_number:.3g}.",
+        f"Residual over signal: {ratios(estimate)}; condition number {estimate.determined_condition:.3g}.",
+        undetermined_sentence(estimate),
         str(estimate.verdict()),
         *notes,
         *(finding.line for finding in estimate.findings),

@@ -17,12 +17,13 @@ from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
 from ident.files.table import BASE
-from ident.geometry.se3 import coAd, inverse
+from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Axes
 from ident.model.regressor import drive_kinds
+from ident.model.stated import column_place
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
@@ -72,6 +73,7 @@ class Prepared:
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
         drives: Names of the drives' columns before those that depend on others were left out.
         searches_stribeck: True if the data may add Stribeck friction to them.
+        resting: Joints that rest, which excite no friction.
     """
 
     mechanism: Mechanism
@@ -89,6 +91,7 @@ class Prepared:
     steps: Mapping[str, float] = field(default_factory=dict)
     drives: tuple[str, ...] = ()
     searches_stribeck: bool = False
+    resting: tuple[str, ...] = ()
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
@@ -154,11 +157,11 @@ def prepared(
     """
     mechanism = mechanism.following(recording.followers)
     tree = mechanism.tree
-    mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     mechanism, (recording,) = at_rest(mechanism, [recording])
+    mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
-    recording = repairs.without_channels(recording, tree, leave_out)
+    recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
     steps = repairs.steps(recording, tree)
     clipped, notes = tuple[Clipped, ...](), list[str]()
     if not recording.still:
@@ -170,7 +173,8 @@ def prepared(
     if mechanism.base_rpy_deg is not None:
         down = ", ".join(f"{x:.3g}" for x in mechanism.gravity)
         notes.append(f"The base's roll, pitch and yaw are {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
-    notes += [repairs.rest_note(*each) for each in repairs.rests(recording, tree).items()]
+    resting = repairs.rests(recording, tree)
+    notes += [repairs.rest_note(*each) for each in resting.items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
@@ -200,7 +204,10 @@ def prepared(
     equations, sensors = equations_of(mechanism, recording, frame, samples, tuple(measured), drives)
     notes += _hidden(equations, sensors)
     notes += [equations.parameters.remark] if equations.parameters.remark else []
-    if lost := [name for name in drives if name not in equations.drives]:
+    lost = [name for name in drives if name not in equations.drives]
+    if still := [name for name in lost if column_place(name)[1] in resting]:
+        notes.append(f"{', '.join(still)} do not show in a joint that rests.")
+    if lost := [name for name in lost if name not in still]:
         notes.append(absorbed_note(mechanism, lost, equations.mixed))
     return Prepared(
         *(mechanism, recording, equations, samples, sensors, frame, wrench, cutoff),
@@ -210,6 +217,7 @@ def prepared(
         steps=steps,
         drives=drives,
         searches_stribeck=drive is None,
+        resting=tuple(resting),
     )
 
 
@@ -243,7 +251,7 @@ def at_rest(mechanism: Mechanism, recordings: Sequence[Recording]) -> tuple[Mech
         streams = {name: stream for name, stream in each.streams.items() if name != BASE}
         notes = (*each.notes, "The base rests: its recorded pose is constant.")
         out.append(replace(each, base=None, held=held, streams=streams, notes=notes))
-    return replace(mechanism, gravity=bases[0][0, :3, :3].T @ mechanism.gravity), out
+    return mechanism.mounted(roll_pitch_yaw(bases[0][0, :3, :3])), out
 
 
 def _with_known_bodies(mechanism: Mechanism, recording: Recording) -> Mechanism:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.errors import LogError
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import KINDS
 from ident.mechanism.mechanism import Mechanism
@@ -16,6 +17,10 @@ from ident.recordings.recording import Recording
 from ident.recordings.resolution import at_rest, quantum
 from ident.recordings.sampled import Sampled
 from ident.recordings.wrench import GROUND
+from ident.tolerances import HUGE, TINY
+
+PHYSICAL = ("_position", "_velocity", "_acceleration", "_torque", "_command", "_force")
+"""Ends of the names of channels that a fit may use."""
 
 MOSTLY = 0.5
 """Share of clipped samples above which a whole channel is left out: the rest is one side of the signal only."""
@@ -54,6 +59,37 @@ class Stuck(NamedTuple):
     channel: str
     value: float
     in_fitted: bool
+
+
+def within_range(recording: Recording) -> Recording:
+    """Recording whose numbers below `TINY` are zero.
+
+    Raises:
+        LogError: A number of a joint, a wrench or a moving base is too large.
+    """
+    used = {name: x for name, x in recording.measured.items() if name.endswith(PHYSICAL)}
+    changed = {name: _without_tiny(x) for name, x in used.items() if _has_tiny(name, x)}
+    streams = {
+        name: Sampled(time, _without_tiny(x)) for name, (time, x) in recording.streams.items() if _has_tiny(name, x)
+    }
+    if recording.base is not None:
+        _has_tiny("the base's pose", recording.base)
+    if not (changed or streams):
+        return recording
+    return replace(recording, measured={**recording.measured, **changed}, streams={**recording.streams, **streams})
+
+
+def _has_tiny(name: str, x: np.ndarray) -> bool:
+    """True if a channel has numbers below `TINY` that are not zero, and none that is too large."""
+    size = np.abs(x)
+    if (size >= HUGE).any():
+        at = int(np.unravel_index(np.nanargmax(size), x.shape)[0])
+        raise LogError(f"channel '{name}' needs numbers below {HUGE:g}, sample {at} has {np.nanmax(size):.3g}.")
+    return bool(((size < TINY) & (size > 0)).any())
+
+
+def _without_tiny(x: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(x) < TINY, 0.0, x)
 
 
 def _components(recording: Recording, tree: Tree) -> Iterator[tuple[str, tuple[str, ...]]]:

@@ -128,7 +128,10 @@ class Predictions:
         resting = np.concatenate([self._resting(part, part.indices) for part in problem.judged])
         left_out = tuple(map(slice, ends[:-1], ends[1:])) if problem.leaves_out else ()
         return HeldOut(
-            *problem.in_a_row, own.versions, own.chosen, fit, own.residual, resting, rivals=rivals, left_out=left_out
+            *(*problem.in_a_row, own.versions, own.chosen, fit, own.residual, resting),
+            rivals=rivals,
+            left_out=left_out,
+            fitted=problem.judges_fitted,
         )
 
     def unmodelled(self, constant: float) -> tuple[Unmodelled, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from ident.errors import ExcitationError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
-from ident.estimation.excitation import excited, separable
+from ident.estimation.excitation import excited, separable, undetermined
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
 from ident.estimators.candidate import Candidate
@@ -94,6 +94,7 @@ def trajectory(problem: Problem) -> Estimate:
         widening=wider,
         bounded=result.bounds,
         unmodelled=predictions.unmodelled(usual) if asked else (),
+        undetermined=undetermined(equations, samples) if any(part.log.resting for part in problem.fitted) else (),
     )
 
 

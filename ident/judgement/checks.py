@@ -14,6 +14,7 @@ from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
 from ident.judgement.gravity import GravityCheck, recorded_gravity
+from ident.judgement.lateness import DelayCheck, delay_check
 from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
@@ -81,6 +82,7 @@ class Checks:
         unchecked: Checks that could not be made.
         total: Check of the total wrench's sign, None where each wrench's is checked.
         gravity: Comparison of directions of gravity, None where none can be compared.
+        delay: Delay of the channels that explains most, None where none can be tried.
         largest_force: Size of the largest components of the total force, N; None where units were checked before.
     """
 
@@ -93,6 +95,7 @@ class Checks:
     total: FrameCheck | None = None
     largest_force: float | None = None
     gravity: GravityCheck | None = None
+    delay: DelayCheck | None = None
 
 
 def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
@@ -106,7 +109,7 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     gravity = recorded_gravity(prepared)
     if gravity is not None and gravity.suspicious:
         return Checks(None, {}, None, None, None, (), gravity=gravity)
-    residual = fit.residual(prepared.samples[prepared.taken(part)])
+    delay, residual = delay_check(prepared), fit.residual(prepared.samples[prepared.taken(part)])
     unchecked: list[Unchecked] = []
 
     def attempt(name: str, check: Callable[[], Result]) -> Result | None:
@@ -123,7 +126,7 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     frames, base = wrench_checks(prepared)
     contact = attempt("contact", lambda: _contact(prepared, residual, part))
     torques = attempt("torques", lambda: torque_checks(prepared))
-    return Checks(weight, frames, base, contact, torques, tuple(unchecked), gravity=gravity)
+    return Checks(weight, frames, base, contact, torques, tuple(unchecked), gravity=gravity, delay=delay)
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:

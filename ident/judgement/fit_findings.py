@@ -58,6 +58,18 @@ def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
         yield Finding.of("gravity_direction", **own)
 
 
+def delay_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on the times of channels that are late by more than the estimate includes."""
+    check = evidence.checks.delay
+    if check is not None and check.suspicious:
+        # Checks are of the recording with the set-up of the estimate.
+        delay = check.delay + sum(
+            each.value for each in evidence.setup if each.kind == "delay" and check.of == "wrench"
+        )
+        values: dict[str, Any] = {key: getattr(check, key) for key in ("of", "std", "stated", "misfit")}
+        yield Finding.of("channels_late", delay=delay, **values)
+
+
 def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
     """Set-up errors, and a doubt where none explains the recording."""
     for each in evidence.setup:

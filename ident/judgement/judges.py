@@ -9,6 +9,7 @@ from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.fit_findings import (
     caveats,
     course_findings,
+    delay_findings,
     exact_setup_findings,
     gravity_findings,
     halves_findings,
@@ -46,6 +47,7 @@ from ident.judgement.wrench_findings import (
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     gravity_findings,
+    delay_findings,
     candidate_findings,
     frame_findings,
     base_findings,

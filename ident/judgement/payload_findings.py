@@ -30,6 +30,9 @@ FORCES = COMPONENTS[:3]
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Moments and products of inertia, in the order of the parameters."""
 
+SHOWN = 3.0
+"""Standard deviations of a load's mass above zero from which the recordings show it."""
+
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
@@ -71,6 +74,41 @@ def payload_findings(
     if unknown := _unknown(identifiable):
         on_fit.append(Finding.of("payload_inertia_unknown", quantities=unknown))
     return doubts_first(on_fit)
+
+
+def load_findings(
+    others: Sequence[Finding],
+    mass: float,
+    std: float,
+    weighed: tuple[float, float] | None,
+    robot: float,
+    identifiable: np.ndarray,
+    *,
+    rubs: bool,
+) -> list[Finding]:
+    """Findings on a load, the doubts first.
+
+    Args:
+        others: Findings on the estimates with and without it, of which doubts count.
+        mass: Its mass by the recordings, kg.
+        std: Standard deviation of the mass, kg.
+        weighed: Its mass by a scale with its standard deviation, kg; None if it was not stated.
+        robot: Mass of the robot, kg.
+        identifiable: Which of mass, centre of mass and inertias the data determine (10,).
+        rubs: True if friction is another with the load.
+    """
+    out = [*{finding.text: finding for finding in others if finding.doubt}.values()]
+    if weighed is None and mass < SHOWN * std:
+        out.append(Finding.of("load_not_shown", mass=mass, std=std))
+    if mass > robot:
+        out.append(Finding.of("payload_mass_unlikely", doubt=mass > TIMES * robot, mass=mass, robot=robot))
+    if not identifiable[1:4].all():
+        out.append(Finding.of("payload_mass_unknown"))
+    if unknown := _unknown(identifiable):
+        out.append(Finding.of("payload_inertia_unknown", quantities=unknown))
+    if rubs:
+        out.append(Finding.of("load_changes_friction"))
+    return doubts_first(out)
 
 
 def force_findings(evidence: Evidence) -> Iterator[Finding]:

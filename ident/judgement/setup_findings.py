@@ -94,8 +94,8 @@ def setup_sentence(
     """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
     text = sentence(_parameter(kind, of, axis, log), value, std)
     if together or alternatives:
-        others = ", or ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
-        text = f"{text} The data cannot tell it from this: {others}."
+        others = "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
+        text = f"{text} Other causes have the same effect: {others}."
     return text
 
 

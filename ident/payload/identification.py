@@ -64,8 +64,8 @@ def identify_payload(
         raise InputError("A payload needs at least one recording, got none.")
     for k, each in enumerate(recordings):
         check_type(f"recording[{k}]", each, Recording, "a Recording, as of mc.read_log")
-    robot = mounted(robot.following(recordings[0].followers), recordings[0])
-    robot, recordings = at_rest(robot, recordings)
+    robot, recordings = at_rest(robot.following(recordings[0].followers), recordings)
+    robot = mounted(robot, recordings[0])
     part = beyond(robot, recordings, body)
     if part.tree.joints:
         raise InputError(

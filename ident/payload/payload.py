@@ -96,11 +96,24 @@ class Payload(Brief):
         rows = zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True)
         known = [f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen]
         return {
-            "beyond": f"sensor '{self.sensor}' on '{self.body}'",
+            "of": self.title,
             "values": listed(known),
             "not identifiable": listed(np.array(QUANTITIES)[~identifiable].tolist()),
             "verdict": str(self.verdict()),
         }
+
+    @property
+    def title(self) -> str:
+        """The payload in words."""
+        return f"What '{self.sensor}' carries"
+
+    @property
+    def carried(self) -> str:
+        """Sentence on what is carried, and by what."""
+        mechanism = self.estimate.prepared.mechanism
+        joints, place = ", ".join(mechanism.joints), ", ".join(f"{x:.6g}" for x in self.place[:3, 3].round(6) + 0)
+        by = f"by joints {joints}" if joints else "at the recorded poses"
+        return f"Carried: {', '.join(mechanism.bodies)}, {by}; sensor at [{place}] m in the frame of '{self.body}'."
 
     def in_frame(self, T: np.ndarray | None = None) -> RigidBody:
         """The payload as one rigid, physically consistent body.
@@ -108,20 +121,28 @@ class Payload(Brief):
         Args:
             T: Pose of the frame in which it is expressed, in the frame of the body (4, 4); by default that frame.
         """
-        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self._whole.regroup(self.physical.phi)
+        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self._phi
         values, J = described(X @ psi), np.zeros((10, 10))
         for k, step in enumerate(1e-6 * psi[0] * np.repeat([1, SIZE, SIZE**2], [1, 3, 6])):
             ahead = step * X[:, k]
             J[:, k] = (described(X @ psi + ahead) - described(X @ psi - ahead)) / (2 * step)
-        rank = self.estimate.base.rank
-        seen = np.ix_(*2 * [[self._whole.kept.index(k) for k in self.estimate.base.kept]])
-        covariances = []
-        for known in (self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]):
-            covariances.append(np.diag(np.repeat(psi[0] * SIZE**2, 10)) ** 2)
-            covariances[-1][seen] = known
-        std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in covariances)
+        std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in self._covariances)
         size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
         return RigidBody(values, std, wider, wider < OPEN * size)
+
+    @property
+    def _phi(self) -> np.ndarray:
+        """φ of the payload as one body, in the body's frame (10,)."""
+        return self._whole.regroup(self.physical.phi)
+
+    @property
+    def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Covariances of φ of the payload as one body, from the noise and with that of the set-up (10, 10)."""
+        seen = np.ix_(*2 * [[self._whole.kept.index(k) for k in self.estimate.base.kept]])
+        rank, unknown = self.estimate.base.rank, np.diag(np.repeat(self._phi[0] * SIZE**2, 10)) ** 2
+        noise, wider = unknown.copy(), unknown
+        noise[seen], wider[seen] = self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]
+        return noise, wider
 
     @cached_property
     def _whole(self) -> BaseParameters:

@@ -42,6 +42,7 @@ class HeldOut:
         resting: Mask of the torques of joints that rub and are slower than their v0: not judged (M, C).
         rivals: Residuals of other candidates on the same samples, by name (M, C).
         left_out: Samples of each recording, if each is predicted from the others.
+        fitted: True if these are samples that were fitted, as nothing was held out.
     """
 
     time: np.ndarray
@@ -53,6 +54,12 @@ class HeldOut:
     resting: np.ndarray
     rivals: Mapping[str, np.ndarray] = field(default_factory=dict)
     left_out: tuple[slice, ...] = ()
+    fitted: bool = False
+
+    @property
+    def part(self) -> str:
+        """Samples that these are, in a word."""
+        return "fitted" if self.fitted else "held-out"
 
     @cached_property
     def samples(self) -> Samples:

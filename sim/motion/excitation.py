@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from ident.annotations import typed
+from ident.arguments import is_number
 from ident.errors import InputError
 
 NOISE_INTERVAL = 0.01
@@ -30,7 +31,7 @@ class DesiredMotion(Protocol):
         """The motion with noise scaled by a factor."""
 
 
-@typed()
+@typed("noise")
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """Accelerations `q̈ = Σ a sin(2πft + p) + noise`, integrated to velocities and positions.
@@ -65,7 +66,7 @@ class Excitation:
             raise InputError("An excitation needs finite numbers, got NaN or infinity.")
         if not (self.frequency > 0).all():
             raise InputError(f"An excitation needs positive frequencies, got {self.frequency.tolist()} Hz.")
-        if not (np.isfinite(self.noise) and self.noise >= 0):
+        if not (is_number(self.noise) and 0 <= self.noise < np.inf):
             raise InputError(f"Acceleration noise needs a standard deviation of zero or more, got {self.noise} rad/s².")
 
     @property

@@ -6,9 +6,11 @@ import mujoco
 import numpy as np
 
 from ident.annotations import typed
+from ident.arguments import described, is_number
 from ident.errors import InputError
 from sim.models.mujoco_model import mechanism_bodies
 from sim.models.names import body_name
+from sim.models.refusals import without_log
 from sim.simulation.rollout import steps_per_sample
 from sim.simulation.simulate import RATE
 
@@ -33,7 +35,8 @@ class Fall:
     contacts: dict[str, np.ndarray]
 
 
-@typed()
+@typed("seconds")
+@without_log()
 def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE) -> Fall:
     """Simulates a scene from its reference configuration with all controls at zero, and records motion and contacts.
 
@@ -47,8 +50,8 @@ def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE
         ModelError: The base does not exist, or the timestep does not divide the time between samples.
         InputError: The duration is too short for one sample.
     """
-    if not 1 <= seconds * rate < np.inf:
-        raise InputError(f"A fall needs at least one sample, got {seconds:g} s at {rate:g} Hz.")
+    if not (is_number(seconds) and 1 <= seconds * rate < np.inf):
+        raise InputError(f"A fall needs at least one sample, got {described(seconds)} s at {rate:g} Hz.")
     steps = steps_per_sample(model, rate)
     samples = round(seconds * rate)
     data = mujoco.MjData(model)

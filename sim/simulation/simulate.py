@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
-from ident.arguments import described
+from ident.arguments import described, is_number
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
@@ -44,7 +44,7 @@ TOGETHER = 4
 """Number of simulations per thread whose steps are in memory at a time, some 4 MB each."""
 
 
-@typed()
+@typed("noise_scale")
 def simulate(
     spec: mujoco.MjSpec,
     excitation: DesiredMotion,
@@ -77,7 +77,7 @@ def simulate(
     return simulate_many(spec, excitation, seeds=[seed], samples=samples, noise_scale=noise_scale, rate=rate)[0]
 
 
-@typed()
+@typed("noise_scale")
 def simulate_many(
     spec: mujoco.MjSpec,
     excitation: DesiredMotion,
@@ -108,8 +108,8 @@ def simulate_many(
     threads = (os.cpu_count() or 1) if threads is None else threads
     if not 1 <= samples <= LONGEST:
         raise InputError(f"A recording needs 1 to {LONGEST} samples, got {samples}.")
-    if not 0 <= noise_scale <= LOUDEST:
-        raise InputError(f"The noise scale must be from 0 to {LOUDEST:g}, got {noise_scale:.6g}.")
+    if not (is_number(noise_scale) and 0 <= noise_scale <= LOUDEST):
+        raise InputError(f"The noise scale must be from 0 to {LOUDEST:g}, got {described(noise_scale)}.")
     if wrong := [seed for seed in seeds if seed < 0]:
         raise InputError(f"A seed is a whole number from zero, got {wrong[0]}.")
     if threads < 1:

@@ -12,6 +12,7 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, 
 import ident
 import sim
 from ident.estimation.preparation import prepared
+from ident.judgement import unmeasured
 from ident.judgement.unmeasured import unmeasured_contacts
 
 FORCE = 10, 0, 60
@@ -55,6 +56,30 @@ def test_nothing_is_found_where_the_low_pass_ends(seed):
     """Errors of accelerations at the last samples can amount to a third of the weight."""
     recording = lifting.recorded(lifting.lifter(seed), lifting.STOOP, 0.4, 10 * seed + 1)
     assert not unmeasured_contacts(prepared(lifting.table(), recording))
+
+
+def test_spans_are_long_and_somewhere_above_the_limit():
+    tail = unmeasured.TAIL
+    missing = np.zeros(60)
+    missing[3:8], missing[5] = 1.1 * tail, 1.1
+    missing[20:24], missing[21] = 1.1 * tail, 1.1
+    missing[40:50] = 0.99
+    missing[57:], missing[58] = 1.1 * tail, 1.0
+    assert unmeasured._spans(missing, 1.0, 5) == [(3, 8)]
+    assert unmeasured._spans(missing, 1.0, 4) == [(3, 8), (20, 24)]
+    assert unmeasured._spans(missing, 0.98, 3) == [(3, 8), (20, 24), (40, 50), (57, 60)]
+    assert unmeasured._spans(10 * missing, 10.0, 5) == [(3, 8)]
+
+
+def test_the_limit_is_above_what_scatters_and_what_is_in_excess():
+    rng = np.random.default_rng(0)
+    quiet, excess = 1e-3 * rng.normal(size=400), np.zeros(400)
+    excess[7] = -5.0
+    assert unmeasured._limit(quiet, 1.0) == 1.0
+    assert unmeasured._limit(100 * quiet, 1e-9) == pytest.approx(unmeasured.ONE_SIDED * -100 * quiet.min())
+    assert unmeasured._limit(excess, 1.0) == 5 * unmeasured.ONE_SIDED
+    noisy = np.abs(rng.normal(size=400))
+    assert unmeasured._limit(noisy, 2.0) == pytest.approx(max(2.0, unmeasured.SPREAD * noisy[noisy < 2].std()))
 
 
 ENDS_IN_MOTION = [

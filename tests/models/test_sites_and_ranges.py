@@ -56,6 +56,18 @@ def test_sites_stay_in_place_where_welds_are_merged(path, base, fix):
         np.testing.assert_allclose(*places, atol=1e-12)
 
 
+def test_a_site_on_the_second_body_at_rest_moves_to_the_first():
+    text = """<mujoco><worldbody><body name="wall" pos="1 2 3" euler="0 0 30"><geom size=".1"/></body>
+    <body name="post" pos="-1 .5 0" euler="0 20 0"><geom size=".1"/><site name="top" pos="0 .2 .3"/>
+    <body name="arm"><joint name="turn"/><geom size=".1"/></body></body></worldbody></mujoco>"""
+    kept, merged = (mechanism(mujoco.MjSpec.from_string(text), merge_welds=merge) for merge in (False, True))
+    assert kept.site("top")[0] == "post" and merged.site("top")[0] == "wall"
+    poses = [
+        m.tree.poses(np.array([0.4]))[m.tree.names.index(m.site("top")[0])] @ m.site("top")[1] for m in (kept, merged)
+    ]
+    np.testing.assert_allclose(*poses, atol=1e-12)
+
+
 def test_a_site_is_where_mujoco_has_it(path):
     arm, model = mechanism(path, "base"), mujoco_model.compiled(path)
     data = mujoco.MjData(model)

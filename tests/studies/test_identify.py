@@ -168,10 +168,7 @@ def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, 
         identify.main([*arguments, "--cutoff", "3", "--estimator", "weighted", "--no-offsets", "--out", str(tmp_path)])
         == 0
     )
-    assert (
-        "Constant offsets are in the measurements and were not fitted (--offsets does): Fx 4.5"
-        in capsys.readouterr().out
-    )
+    assert "The measurements have constant offsets that were not fitted: Fx 4.5" in capsys.readouterr().out
 
 
 @needs_data
@@ -619,4 +616,4 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
     assert ("more remarks" in shown) == (remarks > 0)
     page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
-    assert page.count("Constant offsets were found and taken out") >= remarks
+    assert page.count("Constant offsets are taken out") >= remarks

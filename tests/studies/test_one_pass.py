@@ -132,6 +132,9 @@ def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):
     for name, what in (("joint1_velocity", "channel 'joint1_velocity'"), ("ground_force", "the total wrench")):
         message = refusal(stream.main, arguments(tmp_path, **{name: 1e300 * original[name]}), capsys)
         assert f"{what} needs numbers below 1e+08, got " in message
+    force = np.where(np.arange(943)[:, None] == 712, 1e30, original["ground_force"])
+    message = refusal(stream.main, [*arguments(tmp_path, ground_force=force), "--piece", "100"], capsys)
+    assert "the total wrench needs numbers below 1e+08, got 1e+30 in sample 712 (counted from 0), at 7.12 s." in message
     message = refusal(stream.main, arguments(tmp_path, units={"ground_force": "kN"}), capsys)
     assert "channel 'ground_force' is in kN, but a recording needs N." in message
     message = refusal(stream.main, arguments(tmp_path, units={"joint1_position": "furlong"}), capsys)

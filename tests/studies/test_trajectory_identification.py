@@ -91,7 +91,7 @@ def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
 def test_a_forgotten_base_is_named(tmp_path, capsys):
     estimate = by_command(tmp_path, [shortened(faulty(), 600)])
     assert estimate["outcome"] == "not" and "other_base" in {each["code"] for each in estimate["findings"]}
-    assert "--base is probably 'base', not what it is now" in " ".join(capsys.readouterr().out.split())
+    assert "Try --base base." in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.usefixtures("undrawn")

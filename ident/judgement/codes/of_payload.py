@@ -36,4 +36,9 @@ PAYLOAD = {
         doubt=True,
     ),
     "payload_inertia_unknown": Row(_inertias, doubt=False),
+    "load_not_shown": Row(
+        "The recordings show no load: {mass:.2g} ± {std:.1g} kg. Check which of them carry it, and move its body more.",
+        doubt=True,
+    ),
+    "load_changes_friction": Row("Friction is another with the load, and was fitted apart.", doubt=False),
 }

@@ -12,8 +12,8 @@ from ident.setup import SETUP as KINDS
 def _unexplained(changed: bool) -> str:
     taken = "nothing else of it was changed" if changed else "the set-up was taken as stated"
     return (
-        "No set-up near the one that was stated explains the recording, though something is wrong beyond noise. "
-        f"Look at contacts, frames, units and the model; {taken}."
+        f"No set-up near the stated one explains the recording, whose residuals are more than noise; {taken}. Check "
+        "contacts, frames, units and the model."
     )
 
 
@@ -27,7 +27,20 @@ def _gravity(rpy_deg: Sequence[float], stated: float, misfit: float, joint: str 
     )
 
 
+def _late(of: str, delay: float, std: float, stated: float, misfit: float) -> str:
+    how = "late behind" if delay > 0 else "early before"
+    cure = f"Write delay = {abs(delay):.2g} under [setup] in the columns file, so that the estimate includes it"
+    if of == "torques":
+        cure = f"Log them in a file of their own, with constant = {-delay:.2g} for its times in the columns file"
+    return (
+        f"The {of} {'looks' if of == 'wrench' else 'look'} {1e3 * abs(delay):.0f} ± {1e3 * std:.0f} ms {how} the joint "
+        f"angles. With that the model leaves {misfit:.2f} of the measurements unexplained, without it {stated:.2f}. "
+        f"{cure}."
+    )
+
+
 SETUP = {f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False) for kind in KINDS} | {
     "gravity_direction": Row(_gravity, doubt=True),
+    "channels_late": Row(_late, doubt=True),
     "setup_unexplained": Row(_unexplained, doubt=True),
 }

@@ -8,22 +8,22 @@ from ident.judgement.codes.row import Row, bracketed, followed, listed, percent
 
 def _opposite(joints: Sequence[str]) -> str:
     return (
-        f"The torques of {listed(joints)} look as if they had the opposite sign: with it they are far nearer to the "
-        "model's own prediction."
+        f"The torques of {listed(joints)} seem to have the opposite sign: with it they are far nearer to the model's "
+        "prediction. Turn the sign of their columns."
     )
 
 
 def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
-    or_load = "" if load is None else f", or '{load}' carries a heavy load that the model lacks"
+    or_load = "" if load is None else f" Or '{load}' carries a heavy load that the model lacks."
     return (
-        f"Torques are the model's own but for a factor, in brackets: {bracketed(gains)}. A unit, a gear ratio or a "
-        f"motor's constant may be missing{or_load}."
+        f"Torques equal the model's prediction but for a factor, in brackets: {bracketed(gains)}. Check their unit, "
+        f"gear ratio and motor constant.{or_load}"
     )
 
 
 def _friction(shares: Mapping[str, float], drives: Sequence[str]) -> str:
     return (
-        "Residuals follow the velocity or its sign, with the share of their variance that friction explains: "
+        "Friction is likely and was not fitted. It would explain these shares of the residuals' variance: "
         f"{listed(f'{joint} {percent(share)}' for joint, share in shares.items())}. Fit it: --drive {' '.join(drives)}."
     )
 
@@ -32,34 +32,36 @@ def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
     limits = listed(f"{most:.2g} {units[name]}" for name, most in at_most.items())
     return (
         f"{listed(at_most)} {'is at its' if len(at_most) == 1 else 'are at their'} bound of zero: at most {limits} "
-        "(95 %). What trades with it has the interval that it has with the drive free."
+        "(95 %). Intervals of other parameters are those with the drive free."
     )
 
 
 def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
     return (
-        "Friction at rest is anything up to breakaway: torques count less the slower a joint is. They are not judged "
-        f"below a velocity, in rad/s (m/s): {followed(velocities)}. Held-out residual over signal below it: "
+        f"Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
+        f"below, in rad/s (m/s): {followed(velocities)}. Residual over signal there: "
         f"{followed(at_rest) or 'there are no such samples'}."
     )
 
 
 def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
     return (
-        f"Coulomb friction does not jump but changes its sign over a velocity, in rad/s (m/s): {followed(velocities)}. "
-        "It is fitted and predicted as Fc tanh(q̇ / that)."
+        f"Coulomb friction changes its sign over a velocity v, in rad/s (m/s): {followed(velocities)}. It is fitted "
+        "and predicted as Fc tanh(q̇ / v)."
     )
 
 
 def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
-    fixed = " and ".join(fixed_by) or "the stated one alone: masses, friction and rotors are as uncertain as that"
-    return f"The scale of the torques of {listed(joints)} was estimated. It is fixed by {fixed}."
+    fixed = " and ".join(fixed_by)
+    return (
+        f"The scale of the torques of {listed(joints)} was estimated. It is fixed by "
+        f"{fixed or 'the stated one alone: masses, friction and rotors are as uncertain as that'}."
+    )
 
 
 def _low_velocity(values: Mapping[str, float]) -> str:
     return (
-        f"The recordings ask for friction that is higher at low velocity, in N m (N): {followed(values)}. It was "
-        "fitted (Stribeck friction, Fs)."
+        f"Friction is higher at low velocity, in N m (N): {followed(values)}. It was fitted as Stribeck friction, Fs."
     )
 
 
@@ -91,6 +93,13 @@ def _computed(joints: Sequence[str], largest: float) -> str:
     )
 
 
+def _not_carried(body: str, explained: float) -> str:
+    return (
+        f"Body '{body}' was probably not carried: without it {percent(explained)} of the torques' squared difference "
+        "from the model vanishes. Base parameters are not affected; take it out of the updated model."
+    )
+
+
 TORQUES = {
     "motion_not_by_torques": Row(_moved, doubt=True),
     "loop_left_out": Row(_loop, doubt=True),
@@ -99,8 +108,7 @@ TORQUES = {
     "torque_scale": Row(_scaled, doubt=True),
     "torque_scale_estimated": Row(_basis, doubt=False),
     "body_not_carried": Row(
-        "The torques look as if '{body}' was not carried: without it the squared difference from the model's own "
-        "prediction is {explained:.0%} smaller. Base parameters are not affected; take it out of the updated model.",
+        _not_carried,
         doubt=False,
     ),
     "friction_not_fitted": Row(_friction, doubt=None),
