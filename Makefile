@@ -58,7 +58,7 @@ $(INSTALLED)-docs: $(INSTALLED)
 	touch $@
 
 $(INSTALLED)-extras: $(INSTALLED)
-	$(PIP) -e ".[test,symbolic,peers,completion,formats,notebook,rerun,docs]"
+	$(PIP) -e ".[test,symbolic,peers,completion,formats,notebook,rerun,xacro,docs]"
 	$(PIP) --no-deps $(MODELS)
 	touch $@
 

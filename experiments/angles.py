@@ -85,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument(
         "--base",
-        help="body whose frame is {0}, by default the one with the model's only free joint, or the world",
+        help="body that is the base, by default the one with the model's only free joint, or the world",
     )
     options.add_fixed(out)
     out.add_argument(

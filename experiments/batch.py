@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import errno
+import gc
 import io
 import json
 import sys
@@ -23,6 +24,7 @@ from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.data.batch import Outcome
+    from experiments.data.log_agreement import LogAgreement
     from experiments.document.writer import Output
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
@@ -34,7 +36,7 @@ PROGRESS = "batch_outcomes.npz"
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 """Errors of the disk rather than of a log: they end the batch, which can be resumed once there is room."""
 
-MODEL = ("base", "ignore", "fix", "packages", "person", "columns")
+MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns")
 """Options that say how the model is read."""
 
 
@@ -55,8 +57,9 @@ def run(args: argparse.Namespace) -> None:
     with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(kept_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-        origin = provenance({**kept.identity, **out.choices})
-        write(batch_report.document(args.model, outcomes, origin), out, stale=batch_report.OUTPUTS)
+        origin, agreed = provenance({**kept.identity, **out.choices}), agreement_of(tasks, outcomes)
+        document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
+        write(document, out, stale=batch_report.OUTPUTS)
     if remarks := {each.remark: each.log for each in reversed(outcomes) if each.remark}:
         print("".join(f"{log}: {remark}\n" for remark, log in remarks.items()), end="", file=sys.stderr)
     if failed := [each for each in outcomes if each.error]:
@@ -67,10 +70,10 @@ def run(args: argparse.Namespace) -> None:
 
 def own_output(args: argparse.Namespace) -> "Output":
     """The folder and layout of the tables of all logs, without the captions and parameters meant for single logs."""
-    from experiments.reports.batch_report import TABLES
+    from experiments.reports.batch_report import SHOWN
 
     out = print_options.output_of(args)
-    captions = {name: text for name, text in out.layout.captions.items() if name in TABLES}
+    captions = {name: text for name, text in out.layout.captions.items() if name in SHOWN}
     return replace(out, layout=replace(out.layout, captions=captions, parameters=()), checked=True)
 
 
@@ -81,13 +84,13 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
             of a file of the batch's own.
     """
-    from experiments.reports.batch_report import TABLES
+    from experiments.reports.batch_report import SHOWN
 
     names = [own_model.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
-    shared = {"workers": 1, "caption": [each for each in args.caption if each[0] not in TABLES]}
+    shared = {"workers": 1, "caption": [each for each in args.caption if each[0] not in SHOWN]}
     tasks = [
         argparse.Namespace(**{**vars(args), **shared, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
@@ -142,6 +145,20 @@ class FullDiskError(InputError):
     """Results of no log can be written."""
 
 
+def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[Outcome]") -> "LogAgreement | None":
+    """Agreement of the logs that did not fail, None for fewer than two.
+
+    Raises:
+        InputError: The results of a log are damaged.
+    """
+    from experiments.data.log_agreement import agreement
+    from experiments.studies.result_files import covariance_of
+
+    fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
+    covariances = [covariance_of(folder, tuple(each.values)) for folder, each in fitted]
+    return agreement([each.values for _, each in fitted], covariances)
+
+
 def is_lost(task: argparse.Namespace, outcome: Mapping[str, Any]) -> bool:
     """True if the results of a log that did not fail are not as they were written."""
     folder = own_model.folder(task)
@@ -193,7 +210,10 @@ def check_shared(args: argparse.Namespace) -> "Mechanism":
 
 def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
     """Outcome of one log, whose results are written, as a batch of JSON texts."""
-    return [json.dumps(outcome_of(task).to_dict())]
+    texts = [json.dumps(outcome_of(task).to_dict())]
+    # Estimates and figures hold cycles, 24 MB of a log of three joints, which wait for a rare collection otherwise.
+    gc.collect()
+    return texts
 
 
 def outcome_of(task: argparse.Namespace) -> "Outcome":
@@ -228,8 +248,10 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         folder=folder.name,
         verdict=verdict.outcome.value,
         doubts=list(verdict.doubts),
+        predicted=list(verdict.predicted),
+        missed=list(verdict.missed),
         ratios=dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True)),
-        values={each.name: each.value for each in known},
+        values={each.name: each.estimate for each in known},
         std={each.name: each.std_setup for each in known},
         units={each.name: each.unit for each in known},
         seconds=time.process_time() - begun,

@@ -2,7 +2,6 @@
 
 import argparse
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.cli import options, running
@@ -13,6 +12,8 @@ def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
     from experiments.document.terminal import wrapped
     from experiments.guesses.guess import believed, is_complete, write_mapping
+    from experiments.guesses.markers import TRIAL
+    from experiments.guesses.wrenches import is_doubtful
     from experiments.guesses.written import table
     from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_files import files_of
@@ -22,30 +23,37 @@ def run(args: argparse.Namespace) -> None:
     out = args.out or files[0].with_name(files[0].name.partition(".")[0] + ".toml")
     if out.resolve() in {path.resolve() for path in (args.model, *files)}:
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
-    fix, ignore = options.fixed(args.fix), tuple(args.ignore)
-    arm = mechanism(args.model, args.base, ignore=ignore, fix=fix, packages=args.packages)
+    arm = mechanism(args.model, **options.of_model(args))
     log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)
     write_mapping(out, log, belief, arm.joints, force=args.force)
     lines = [*log.summary(), "", *table(log, belief)]
     lines += [""] * bool(belief.open or belief.notes)
     lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
-    lines += [f"Nothing was found for {', '.join(belief.unused)}."] if belief.unused else []
+    lines += [f"Columns that are not used: {', '.join(belief.unused)}."] if belief.unused else []
     print(wrapped("\n".join(lines)))
-    then = "then" if is_complete(belief, arm.joints) else "then, when every joint has a position"
-    sideways = channels_out_of_plane(arm) if belief.groups else ()
-    print(f"\nCorrect {out}; {then}:\n{_identify(args, out, sideways, gaps=log.has_gaps)}")
+    carried = next((group for group in belief.groups.values() if group.is_inner and not is_doubtful(group)), None)
+    complete = is_complete(belief, arm.joints)
+    command, given, end = "identify", [*map(str, args.logs), "--columns", str(out)], list[str]()
+    then = f"Correct {out}; {'then' if complete else 'then, when every joint has a position'}"
+    if log.markers and not complete:
+        command, given = "angles", [str(next((file for file in files if file.suffix.lower() == TRIAL), files[0]))]
+        then = "Angles come from the markers, by a command that also says how to go on"
+    elif carried is not None:
+        command, end = "payload", ["--body", str(carried.entries["body"].value), "--sensor", carried.name]
+    else:
+        sideways = channels_out_of_plane(arm) if belief.groups else ()
+        end = (["--leave-out", *sideways] if sideways else []) + (["--gaps"] if log.has_gaps else [])
+    print(f"\n{then}:\n{shlex.join(['multicontact', command, str(args.model), *given, *_model(args, command), *end])}")
 
 
-def _identify(args: argparse.Namespace, columns: Path, left_out: Sequence[str], *, gaps: bool) -> str:
-    """The command to run next."""
-    words = ["multicontact", "identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
-    words += ["--base", args.base] if args.base else []
-    words += ["--ignore", *args.ignore] if args.ignore else []
-    words += ["--packages", *map(str, args.packages)] if args.packages else []
-    for joint in args.fix:
-        words += ["--fix", *joint]
-    words += ["--leave-out", *left_out] if left_out else []
-    return shlex.join([*words, "--gaps"] if gaps else words)
+def _model(args: argparse.Namespace, command: str) -> list[str]:
+    """Options on the model for the next command."""
+    words = ["--base", args.base] if args.base else []
+    if command != "angles":
+        words += ["--base-rpy", *(f"{angle:g}" for angle in args.base_rpy)] if args.base_rpy else []
+        words += ["--ignore", *args.ignore] if args.ignore else []
+        words += ["--packages", *map(str, args.packages)] if args.packages else []
+    return words + [word for joint in args.fix for word in ("--fix", *joint)]
 
 
 def _rate(text: str) -> float:

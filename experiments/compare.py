@@ -27,11 +27,11 @@ def _compare_models(args: argparse.Namespace) -> None:
     from experiments.reports import compare_models_report
     from experiments.studies.model_files import compared_models
 
-    fix, ignore = options.fixed(args.fix), tuple(args.ignore)
-    compared = compared_models(args.results, args.base, ignore=ignore, fix=fix, packages=args.packages)
+    read = options.of_model(args)
+    compared = compared_models(args.results, **read)
     out = print_options.output_of(args)
-    read = {"base": args.base, "ignore": args.ignore, "fix": fix, "packages": list(map(str, args.packages))}
-    origin = provenance({"models": list(map(str, args.results)), **read, **out.choices})
+    own = {"models": list(map(str, args.results)), "packages": list(map(str, args.packages))}
+    origin = provenance({**read, **own, **out.choices})
     document = compare_models_report.document(compared, origin, out.layout)
     write(document, replace(out, checked=True), stale=compare_models_report.OUTPUTS, inputs=args.results)
 

@@ -34,7 +34,7 @@ def parser() -> argparse.ArgumentParser:
         "regrouped with gravity along -Z of the base frame."
     )
     out.add_argument("mechanism", help="table_1 or table_2 for the paper's double pendulum, or an MJCF or URDF file")
-    out.add_argument("--base", help="body whose frame is {0}; by default the world's frame is")
+    out.add_argument("--base", help="body that is the base, by default the world")
     out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     return out
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import scenes
 from experiments.cli import options, print_options, running
-from experiments.data.defaults import ACCELERATION, CRITERIA, NOISE, SECONDS, SENSORS, VELOCITY
+from experiments.data.defaults import ACCELERATION, CRITERIA, MARGIN, NOISE, SECONDS, SENSORS, VELOCITY
+from ident.errors import InputError
 from ident.tolerances import HUGE
 
 
@@ -23,14 +24,17 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies.designed_excitation import Bounds, designed, problem_of
 
     kinds = {key: getattr(args, key) for key in ("base", "joints", "sensors", "noise", "ignore", "packages")}
-    kinds |= {"drive": options.drives(args.drive)}
+    kinds |= {"drive": options.drives(args.drive), "fix": options.fixed(args.fix), "base_rpy_deg": args.base_rpy}
     search = {key: getattr(args, key) for key in ("seconds", "harmonics", "criterion", "starts", "iterations", "seed")}
-    search |= {"bounds": Bounds(args.position, args.velocity, args.acceleration)}
+    search |= {key: getattr(args, key) for key in ("floor", "log", "columns")}
+    search |= {"bounds": Bounds(args.position, args.margin, args.velocity, args.acceleration)}
     search |= {"clearance": None if args.collisions == "ignore" else args.clearance}
+    if args.floor is not None and args.collisions == "ignore":
+        raise InputError("--floor belongs to --collisions avoid; leave one of them out.")
     design = designed(problem_of(args.model, **kinds), args.model, **search)
     source = {"series": design.series, "base_parameters": list(design.names)}
     document = excite_report.document(design, args.model, provenance(options.as_text(args), source))
-    write(document, print_options.output_of(args), inputs=[Path(args.model)])
+    write(document, print_options.output_of(args), inputs=[Path(args.model), *filter(None, [args.log, args.columns])])
 
 
 def parser() -> argparse.ArgumentParser:
@@ -39,10 +43,13 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("model", help=f"an MJCF or URDF file, or a scene: {', '.join(scenes.NAMES)}")
     out.add_argument("--seconds", type=_positive, help=f"duration; {SECONDS:g} or the paper's if not given")
     out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
-    out.add_argument("--base", help="body whose frame is {0}; the scene's or the world's if not given")
+    out.add_argument("--base", help="body that is the base; the scene's or the world if not given")
+    options.add_base_rpy(out)
     out.add_argument(
         "--position", nargs=2, type=_number, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
     )
+    free = "share of the model's range that stays free at each stop"
+    out.add_argument("--margin", type=_share, default=MARGIN, help=free)
     options.add_drive(out, default="none")
     limits = "for every joint; {:g} or the peak of the paper's if not given"
     out.add_argument("--velocity", type=_positive, help=f"largest, rad/s or m/s, {limits.format(VELOCITY)}")
@@ -68,8 +75,13 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of the starts")
     out.add_argument("--collisions", choices=("avoid", "ignore"), default="avoid", help="what to do about them")
     out.add_argument("--clearance", type=_positive, default=0.005, help="distance in m that counts as a collision")
+    floor = "height of a table or a floor in the world's frame, m, which no moving body may touch"
+    out.add_argument("--floor", type=_number, metavar="Z", help=floor)
+    out.add_argument("--log", type=Path, help="your own recording, to compare the designed motion with")
+    out.add_argument("--columns", type=Path, help="TOML file that says which columns of the log hold what")
     out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     options.add_packages(out)
+    options.add_fixed(out)
     return out
 
 
@@ -81,6 +93,14 @@ def _number(text: str) -> float:
         value = math.nan
     if not abs(value) < HUGE:
         raise argparse.ArgumentTypeError(f"needs a number within ±{HUGE:g}, got '{text}'")
+    return value
+
+
+def _share(text: str) -> float:
+    """Type of an option: a share of a range at each of its ends, from 0 to below a half."""
+    value = _number(text)
+    if not 0 <= value < 0.5:
+        raise argparse.ArgumentTypeError(f"needs a number from 0 to below 0.5, got '{text}'")
     return value
 
 

@@ -76,16 +76,10 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(
             "Samples may be missing (--gaps) for the trajectory estimate only: a filter would invent them."
         )
-    read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
+    read = {**options.of_model(args), "columns": args.columns, "cutoff": args.cutoff}
     read |= {"filters": args.estimator != "trajectory"}
     read |= {"drive": options.drives(args.drive), "leave_out": tuple(args.leave_out)}
-    read |= {"ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    return read | {
-        "limit": options.size_limit(args),
-        "gaps": args.gaps,
-        "person": _person(args),
-        "packages": args.packages,
-    }
+    return read | {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args)}
 
 
 @contextmanager

@@ -1,9 +1,10 @@
-"""Mass, centre and inertia of what your robot carries beyond a wrist sensor, with the sensor's offsets and delay."""
+"""Mass, centre and inertia of what your robot carries: beyond a wrist sensor, or by logs with and without it."""
 
 import argparse
 from pathlib import Path
 
 from experiments.cli import options, own_model, print_options, running
+from ident.errors import InputError
 from ident.tolerances import HOLDOUT
 
 
@@ -11,21 +12,40 @@ def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
     from experiments.document.writer import write
     from experiments.reports import payload_report
-    from experiments.studies.identification import recorded
+    from ident.files.readers import is_log
+    from ident.mechanism.mechanism import Mechanism
     from ident.payload.identification import identify_payload
+    from ident.payload.load import identify_load
     from ident.payload.mounting import place_of
+    from ident.payload.payload import Payload
+    from ident.recordings.log import read_log
     from sim.models.mechanism import mechanism
 
-    folder, fix = own_model.folder(args), options.fixed(args.fix)
-    robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix, packages=args.packages)
+    if is_log(args.model):
+        args.model, args.logs = None, [args.model, *args.logs]
+    elif not args.logs:
+        raise InputError(f"payload needs a model and logs, or logs of a body alone; got '{args.model}', no log.")
+    if bool(args.loaded) is (args.sensor is not None):
+        raise InputError("payload needs either --sensor NAME, or --loaded LOG beside logs without the load.")
+    if args.mass is not None and not args.loaded:
+        raise InputError("--mass is the known mass of a load, which --loaded needs.")
+    folder = own_model.folder(args)
+    robot = mechanism(args.model, **options.of_model(args)) if args.model else Mechanism.lone_body(args.body)
     if args.flange:
         place_of(robot, args.body, args.flange)
-    read = {"columns": args.columns, "fix": fix, "limit": options.size_limit(args)}
-    logs = [recorded(robot, log, **read) for log in args.logs]
-    fitting = {"offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
-    payload = identify_payload(robot, logs, body=args.body, sensor=args.sensor, **fitting)
+    logs, loaded = (
+        [read_log(log, robot, args.columns, limit=options.size_limit(args)) for log in several]
+        for several in (args.logs, args.loaded)
+    )
+    fitting = {"body": args.body, "offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
+    payload: Payload
+    if loaded:
+        payload = identify_load(robot, logs, loaded, mass=args.mass, **fitting)
+    else:
+        payload = identify_payload(robot, logs, sensor=args.sensor, **fitting)
     report = payload_report.PayloadReport(payload, args.flange or args.body)
-    document = report.document(args.model, args.logs, own_model.provenance(args, payload.estimate.logs))
+    origin = own_model.provenance(args, payload.estimate.logs)
+    document = report.document(args.model, [*args.logs, *args.loaded], origin)
     out = print_options.output_of(args, folder)
     write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args))
 
@@ -34,12 +54,29 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.output_parser("payload", __doc__)
     out.set_defaults(out=Path("results"))
-    out.add_argument("model", type=Path, help="MJCF or URDF file of the robot")
     out.add_argument(
-        "logs", type=Path, nargs="+", metavar="log", help=f"joint angles and the sensor's readings: {options.LOGS}"
+        "model",
+        type=Path,
+        help="MJCF or URDF file of the robot; left out for a body alone, whose pose is [base] of the columns file",
     )
-    out.add_argument("--body", required=True, help="body that has, with all on it, what the sensor carries")
-    out.add_argument("--sensor", required=True, help="name of the wrench, as [wrenches.NAME] in the columns file")
+    out.add_argument(
+        "logs", type=Path, nargs="*", metavar="log", help=f"joint angles and the sensor's readings: {options.LOGS}"
+    )
+    out.add_argument(
+        "--body",
+        required=True,
+        help="body that has, with all on it, what the sensor carries, or to which the load is fixed",
+    )
+    out.add_argument("--sensor", help="name of the wrench, as [wrenches.NAME] in the columns file")
+    out.add_argument(
+        "--loaded",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="LOG",
+        help="logs with the load, where the others have none",
+    )
+    out.add_argument("--mass", type=float, help="mass of that load by a scale, kg; it fixes the scale of the torques")
     out.add_argument("--flange", help="body or site in whose frame controllers want the payload, by default --body")
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     options.add_mechanism(out)

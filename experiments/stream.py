@@ -27,9 +27,8 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies import stream, stream_progress
 
     inputs, out = _inputs(args), print_options.output_of(args, formats=())
-    settings = {key: getattr(args, key) for key in ("base", "ignore", "fix", "piece", "contact", "without", "offsets")}
-    read = {key: getattr(args, key) for key in ("packages", "columns")}
-    read |= settings | {"fix": options.fixed(args.fix), "limit": options.size_limit(args)}
+    settings = {key: getattr(args, key) for key in ("piece", "contact", "without", "offsets")}
+    read = {**settings, **options.of_model(args), "columns": args.columns, "limit": options.size_limit(args)}
     reading = stream.reading(args.model, args.recordings, **read)
     settings["model_as_read"] = own_model.model_sum(reading.equations.mechanism)
     identity = stream.identity(args.model, args.columns, args.recordings, settings)

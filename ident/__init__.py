@@ -2,6 +2,7 @@
 
     identify(mechanism, recording)                       base parameters from a recording, judged: an `Estimate`
     identify_payload(robot, recording, …)                parameters of a load beyond a wrist sensor
+    identify_load(robot, without, loaded, …)             parameters of a load by recordings with and without it
     Estimate                                             ψ and covariance; predict, compare, consistent, verdict
     Mechanism                                            a tree with gravity, prior φ, sites, ranges, drives
     Motion                                               joint states over time, and motion of the base
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from ident.parameters.consistency import consistent_parameters
     from ident.parameters.structure import Sensors
     from ident.payload.identification import identify_payload
+    from ident.payload.load import identify_load
     from ident.recordings.log import read_log
     from ident.recordings.recording import Recording
     from ident.recordings.wrench import Sensor, Wrench, total_wrench
@@ -86,6 +88,7 @@ __all__ = [
     "consistent_parameters",
     "find_base_parameters",
     "identify",
+    "identify_load",
     "identify_payload",
     "joint_torque_regressor",
     "least_squares",
@@ -118,6 +121,7 @@ _MODULES = {
     "consistent_parameters": "ident.parameters.consistency",
     "find_base_parameters": "ident.parameters.base_parameters",
     "identify": "ident.identification",
+    "identify_load": "ident.payload.load",
     "identify_payload": "ident.payload.identification",
     "joint_torque_regressor": "ident.model.regressor",
     "least_squares": "ident.regression.ordinary",

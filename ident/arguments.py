@@ -114,6 +114,43 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
     return tuple(dict.fromkeys(given))
 
 
+def checked_rpy(where: str, given: Any, error: type[InputError] = InputError) -> tuple[float, ...]:
+    """Roll, pitch and yaw, degrees; arguments as for `checked_deviations`.
+
+    Raises:
+        InputError: They are no three finite numbers.
+    """
+    numbers = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else []
+    if len(numbers) != 3 or not all(is_number(x) and abs(x) < HUGE for x in numbers):
+        raise error(f"{where} needs roll, pitch and yaw in degrees, three numbers; got {_short(given)}.")
+    return tuple(map(float, numbers))
+
+
+def rpy_text(rpy_deg: Iterable[float]) -> str:
+    """Roll, pitch and yaw as they stand in a columns file."""
+    return f"[{', '.join(f'{angle:.6g}' for angle in rpy_deg)}]"
+
+
+def checked_coordinates(where: str, given: Any) -> dict[str, list[float]]:
+    """Coordinates of joints by name, from numbers or lists by name; empty for joints that are only named.
+
+    Raises:
+        InputError: A joint has no name, or a coordinate is no number.
+    """
+    needed = f"{where} needs joints with where they stand, as {{'elbow': 0.5}}, or joints alone, as ['elbow']"
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{needed}; got {described(given)}.")
+    out = {}
+    for name in names:
+        stated: Any = given[name] if isinstance(given, Mapping) else ()
+        values = [stated] if is_number(stated) or not isinstance(stated, Iterable) else list(stated)
+        if not all(map(is_number, values)):
+            raise InputError(f"{needed}; '{name}' is given {described(stated)}.")
+        out[name] = [float(x) for x in values]
+    return out
+
+
 def check_holdout(value: Any) -> None:
     """Raises an InputError unless a fraction to hold out is a number from 0 to less than 1."""
     if not (is_number(value) and 0 <= value < 1):

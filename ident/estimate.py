@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.annotations import typed
-from ident.arguments import near
+from ident.arguments import check_type, near
 from ident.display.brief import listed, short
 from ident.display.frames import parameters_frame
 from ident.display.html import estimate_html
@@ -26,11 +26,12 @@ from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding
+from ident.judgement.idle import idle_channels
 from ident.judgement.judges import findings
 from ident.judgement.residuals import correlation_time, explained_by_motion
 from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.torque_checks import friction_shares
-from ident.judgement.verdict import Precision, Verdict
+from ident.judgement.verdict import Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.stated import column_place, with_values
@@ -42,7 +43,7 @@ from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.regression.robust import spread
 from ident.setup import SETUP
-from ident.tolerances import UNEXPLAINED
+from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 from ident.trajectory.result import TrajectoryEstimate
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ class Estimate:
         bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
             the drive free.
         unmodelled: What the model may lack, the likeliest first.
+        undetermined: Base parameters that the motion does not determine, where joints rest.
     """
 
     logs: Sequence[Part[slice]]
@@ -89,6 +91,7 @@ class Estimate:
     filtered_values: np.ndarray | None = None
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unmodelled: Sequence[Unmodelled] = ()
+    undetermined: Sequence[str] = ()
 
     @property
     def prepared(self) -> Prepared:
@@ -258,8 +261,18 @@ class Estimate:
     @property
     def condition_number(self) -> float:
         """Condition number of the unit-norm, weighted columns, infinite if they are dependent."""
-        largest, smallest = self.singular_values[[0, -1]].tolist()
-        return largest / smallest if smallest else np.inf
+        return _condition(self.singular_values)
+
+    @property
+    def determined_condition(self) -> float:
+        """The condition number of `determined_values`."""
+        return _condition(self.determined_values)
+
+    @property
+    def determined_values(self) -> np.ndarray:
+        """The singular values without those of combinations that the motion does not determine, where joints rest."""
+        s = self.singular_values
+        return s[s > s[0] / CONDITION_LIMIT] if self.undetermined else s
 
     @cached_property
     def condition_numbers(self) -> dict[str, float]:
@@ -324,6 +337,8 @@ class Estimate:
         Raises:
             InputError: The motion does not fit the mechanism.
         """
+        needed = "a Motion(q, dq, ddq); a recording is predicted by identify(..., held_out=recording)"
+        check_type("motion", motion, Motion, needed)
         return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
 
     @typed()
@@ -382,6 +397,7 @@ class Estimate:
             covariance_setup=self.covariance_setup,
             consistent=self.consistent(),
             unmodelled=self.unmodelled,
+            idle=idle_channels(held, self.prepared),
         )
 
     @cached_property
@@ -391,9 +407,7 @@ class Estimate:
 
     def verdict(self) -> Verdict:
         """Verdict on the estimate, with its reasons; sentences when printed."""
-        names, bodies = self.base.names, self.prepared.mechanism.bodies
-        precision = Precision.of(names, self.psi, self.std, self.std_setup, bodies)
-        return Verdict.of(self.evidence, self.findings, precision)
+        return Verdict.of(self.evidence, self.findings)
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
@@ -468,3 +482,9 @@ class Estimate:
     def checks(self) -> Checks:
         """Checks of recording, set-up and fit."""
         return checked(self.prepared, self.fit, self.part)
+
+
+def _condition(singular_values: np.ndarray) -> float:
+    """Ratio of the largest to the smallest of sorted singular values, infinite if that is zero."""
+    largest, smallest = singular_values[[0, -1]].tolist()
+    return largest / smallest if smallest else np.inf

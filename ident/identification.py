@@ -234,6 +234,8 @@ def identified(
         logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
         holdout = 0.0 if len(logs) > 2 and not judges else holdout
     recording = logs[0].recording
+    if recording.still and not ESTIMATORS[estimator].filters:
+        raise InputError("Poses at rest have no trajectory: fit them by estimator='weighted' (--estimator weighted).")
     problem = problem_of(
         logs,
         holdout,

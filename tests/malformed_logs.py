@@ -116,7 +116,7 @@ BAD_MAPPINGS = {
     "too long": ("time = " + "1" * 5000, "needs to be TOML"),
     "unknown entry": (
         "[joint.hip]",
-        "the mapping has no entry 'joint'; valid are time, rate, joints, motors, wr",
+        "the mapping has no entry 'joint'; valid are time, rate, poses, joints, motors, wr",
     ),
     "unknown joint": ('[joints.knee]\nposition = "a"', "[joints] has no entry 'knee'; valid are ankle, hip"),
     "unknown quantity": ('[joints.hip]\nangle = "a"', "[joints.hip] has no entry 'angle'; valid are position, vel"),

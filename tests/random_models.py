@@ -77,7 +77,7 @@ def random_model(rng, bodies, floating=False, drives=None):
         joints = "".join(joint(f"j{i}{'abc'[k]}", kind) for k, kind in enumerate(chain))
         if i == 0:
             joints = f'<joint type="free" name="root"{driven("free")}/>' if floating else '<site name="ground"/>'
-        principal = np.sort(rng.uniform(0.1, 1, 3))
+        principal = np.sort(rng.uniform(0.002, 0.02, 3))
         principal[2] = min(principal[2], 0.9 * (principal[0] + principal[1]))
         children = "".join(body(k) for k in range(1, bodies) if parents[k] == i)
         return (

@@ -37,7 +37,7 @@ WRONG += [(x, "needs standard deviations by name, out of mass, center, inertia; 
             {"held_out": None},
             r"^held_out needs a Recording, the path of a log, .* or a list; got None",
         ),
-        ({"held_out": ["run.csv"]}, r"^run\.csv: a log is a \.csv"),
+        ({"held_out": ["run.csv"]}, r"^run\.csv: there is no such file"),
     ],
 )
 @pytest.mark.parametrize("estimator", ["trajectory", "ordinary"])

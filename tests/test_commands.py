@@ -199,7 +199,7 @@ def scaled(joints, known):
     [
         (driven_arm.JOINTS, True, 0.12, "the model's bodies, as far as they are known"),
         (("bend",), False, 0.01, "the torques of turn, lift"),
-        (driven_arm.JOINTS, False, 0.15, "the stated one alone, so that masses"),
+        (driven_arm.JOINTS, False, 0.15, "the stated one alone: masses"),
     ],
 )
 def test_uncertain_gains_are_estimated_and_it_is_said_what_fixes_them(joints, known, std, fixed_by):

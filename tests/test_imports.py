@@ -57,6 +57,7 @@ EXTRAS = {
     "document": {"PIL", "rerun"},
     "files": {"ezc3d", "rosbags", "pyarrow"},
     "display": {"matplotlib", "pandas"},
+    "models": {"xacro", "xacrodoc"},
     "estimate.py": {"matplotlib", "pandas"},
     "recordings": {"matplotlib", "pandas"},
 }

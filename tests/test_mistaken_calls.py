@@ -75,7 +75,7 @@ CALLS = {
     "a channel by number": (lambda: LOG[3], "The recording has no channel '3'"),
     "a wrench by number": (lambda: LOG.wrench(3), "name needs a text"),
     "a folder for a recording": (lambda: LOG.save("."), "A recording is saved as .npz or .csv"),
-    "a recording from a folder": (lambda: mc.Recording.load("."), "a log is a .csv"),
+    "a recording from a folder": (lambda: mc.Recording.load("."), "the folder needs metadata.yaml"),
     # Sensors and wrenches.
     "a text for a sign": (lambda: mc.Sensor(applied_to_link="no"), "applied_to_link needs True or False; got 'no'"),
     "a sensor on a number": (lambda: mc.Sensor(body=3), "body needs a text or None"),

@@ -5,6 +5,7 @@ import sys
 
 import driven_arm
 import estimates
+import numpy as np
 import pytest
 
 import multicontact as mc
@@ -14,6 +15,24 @@ PENDULUM = mc.mechanism(mc.scenes.load("double_pendulum"), base="base")
 ESTIMATE = estimates.quick
 A_MECHANISM = r'needs a Mechanism, such as mc\.mechanism\("arm\.xml"\); got'
 A_PATH = "^path needs a path; got 3"
+
+
+def fixed(fix):
+    return mc.mechanism(mc.scenes.load("double_pendulum"), base="base", fix=fix)
+
+
+@pytest.mark.parametrize(
+    ("fix", "as_if"),
+    [
+        ({"joint2": -0.3}, {"joint2": [-0.3]}),
+        ({"joint2": np.float32(0.5)}, {"joint2": [0.5]}),
+        ("joint2", {"joint2": ()}),
+        (["joint2"], {"joint2": ()}),
+    ],
+)
+def test_a_joint_is_fixed_by_a_number_or_by_its_name_alone(fix, as_if):
+    assert fixed(fix).tree == fixed(as_if).tree
+    assert fixed(fix).tree.joints == ("joint1",)
 
 
 class DataFrame:
@@ -69,6 +88,12 @@ class DataFrame:
             "^excitation needs a desired motion, .*; got None",
         ),
         (lambda: mc.simulate("arm.xml", None), "^spec needs an MjSpec, such as .*; got 'arm.xml'"),
+        (lambda: ESTIMATE().predict(driven_arm.log(4.0, 50.0)), "^motion needs a Motion.*; got an object of type Rec"),
+        (lambda: ESTIMATE().predict(None), "^motion needs a Motion.*; got None"),
+        (lambda: fixed({"joint1": "here"}), "^fix needs joints .*; 'joint1' is given 'here'"),
+        (lambda: fixed({"joint1": None}), "^fix needs joints .*; 'joint1' is given None"),
+        (lambda: fixed({3: 0.1}), "^fix needs joints .*; got {3: 0.1}"),
+        (lambda: fixed(0.3), "^fix needs joints .*; got 0.3"),
     ],
 )
 def test_a_mistake_is_one_sentence(call, message):

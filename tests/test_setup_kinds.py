@@ -81,10 +81,10 @@ NEGATIVE = {
 @pytest.mark.parametrize("key", ROWS, ids=lambda key: key[0])
 def test_sentence_short_form_and_label_of_every_kind(key):
     each, (text, few, label) = SetupParameter(*key, std=0.1), ROWS[key]
-    assert sentence(each, 0.03, 1e-4) == f"{text}; the estimate includes this."
+    assert sentence(each, 0.03, 1e-4) == f"{text}. The estimate includes this."
     for word, other in NEGATIVE.items():
         text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
-    assert sentence(each, -0.03, 1e-4) == f"{text}; the estimate includes this."
+    assert sentence(each, -0.03, 1e-4) == f"{text}. The estimate includes this."
     assert short(each) == few and each.text(each.row.label) == label
 
 
@@ -126,7 +126,7 @@ def test_a_parameter_of_one_log_is_named_and_placed_there():
     assert finding.name == "delay(plate of log 7) of log 2" and finding.alternatives == ("delay(plate of log 7)",)
     assert finding.place == Place(wrenches=("plate of log 7",), log=1)
     assert finding.text.startswith(
-        "The wrench 'plate of log 7' is 30.00 ± 0.10 ms late in log 2; the estimate includes"
+        "The wrench 'plate of log 7' is 30.00 ± 0.10 ms late in log 2. The estimate includes"
     )
     assert own != shared and own == SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
 

@@ -144,7 +144,7 @@ print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 true, was = (estimate.base.regroup(phi) for phi in (truth.ravel(), model.known))
 inside = np.mean(np.abs(estimate.psi - true) < 1.96 * estimate.std_setup)
 bodies = estimate.consistent().phi.reshape(-1, 10)
-print(f"{inside:.0%} of the 95 % intervals contain the true value")
+print(f"{100 * inside:.0f} % of the 95 % intervals contain the true value")
 totals = [x.reshape(-1, 10)[:, 0].sum() for x in (model.known, bodies, truth)]
 print("person: {:.1f} kg in the model, {:.1f} kg identified, {:.1f} kg true".format(*totals))
 groups = {

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from experiments.runs.workers import Workers
 
 LOGS = (
-    "CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, ROS bag, LeRobot dataset with its episode, DATASET#3, or "
-    "FILE+FILE: angles in one, forces in another"
+    "CSV (also .gz), npz, mat, jsonl, mot, sto, parquet or C3D file, ROS bag, LeRobot dataset with its episode, "
+    "DATASET#3, or FILE+FILE: angles in one, forces in another"
 )
 """Help on the formats of a log."""
 
@@ -166,11 +166,29 @@ def add_rerun(parser: argparse.ArgumentParser) -> None:
 
 
 def add_mechanism(parser: argparse._ActionsContainer) -> None:
-    """Adds the options of a user's model."""
-    parser.add_argument("--base", help="body whose frame is {0}, by default the world")
+    """Adds the options of a user's model; `of_model` returns them."""
+    parser.add_argument("--base", help="body that is the base, by default the world")
+    add_base_rpy(parser)
     parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     add_packages(parser)
     add_fixed(parser)
+
+
+def add_base_rpy(parser: argparse._ActionsContainer) -> None:
+    """Adds the orientation of the base."""
+    parser.add_argument(
+        "--base-rpy",
+        type=float,
+        nargs=3,
+        metavar=("ROLL", "PITCH", "YAW"),
+        help="orientation of the base in the world in degrees, as 180 0 0 upside down; by default as in the model",
+    )
+
+
+def of_model(args: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of `sim.mechanism` by the options of `add_mechanism`."""
+    same = {"base": args.base, "ignore": tuple(args.ignore), "packages": args.packages}
+    return same | {"fix": fixed(args.fix), "base_rpy_deg": args.base_rpy}
 
 
 def add_packages(parser: argparse._ActionsContainer) -> None:

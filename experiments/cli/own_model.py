@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def folder(args: argparse.Namespace) -> Path:
     """Folder of the results; a folder that holds an input is refused, so that no file of the user's is replaced."""
-    name = args.name or f"{args.model.stem}-{log_name(args.logs[0])}"
+    name = args.name or f"{args.model.stem if args.model else args.body}-{log_name(args.logs[0])}"
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
         raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
     out: Path = args.out / name
@@ -47,7 +47,7 @@ def check_different(args: argparse.Namespace) -> None:
 def inputs(args: argparse.Namespace) -> list[Path]:
     """All input files."""
     logs = [file for log in (*args.logs, *_judges(args)) for file in _files(log)]
-    return [args.model, *logs, *([args.columns] if args.columns else [])]
+    return [*([args.model] if args.model else []), *logs, *([args.columns] if args.columns else [])]
 
 
 def _files(log: Path) -> tuple[Path, ...]:
@@ -95,7 +95,7 @@ def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[
         for path, (log, part) in zip(args.logs, logs, strict=True)
     ]
     judges = [file_entry(path) for path in _judges(args)]
-    files = {"model": file_entry(args.model), "logs": fitted, "held_out": judges}
+    files = {"model": args.model and file_entry(args.model), "logs": fitted, "held_out": judges}
     given = {key: as_text(value) for key, value in vars(args).items() if key != "workers"}
     return origin(given, files | ({"columns": file_entry(args.columns)} if args.columns else {}))
 

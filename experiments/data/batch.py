@@ -23,6 +23,8 @@ class Outcome:
         folder: Name of the folder with its results; empty if it failed.
         verdict: Outcome of the verdict, as of `ident.judgement.verdict.Outcome`; empty if it failed.
         doubts: Codes of the findings against the estimate.
+        predicted: Channels that it predicts.
+        missed: Channels that count and that it does not predict.
         ratios: Held-out residual over signal by channel.
         values: Base parameters and drives by name.
         std: Their standard deviations with the uncertainty of the set-up, by name.
@@ -37,6 +39,8 @@ class Outcome:
     folder: str = ""
     verdict: str = ""
     doubts: Sequence[str] = ()
+    predicted: Sequence[str] = ()
+    missed: Sequence[str] = ()
     ratios: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)

@@ -32,3 +32,9 @@ not contain them."""
 
 NOISE = 0.5, 0.05
 """Standard deviations of the noise on forces in N, and on moments and torques in N m, for sensors that state none."""
+
+MARGIN = 0.02
+"""Share of a joint's range that designs keep free at each stop: servos overshoot, and zeros are off by a degree."""
+
+RANDOM_START = "a random motion within the same limits"
+"""Motion that a design is compared with where there is no other."""

@@ -4,13 +4,14 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from experiments.document import escape, terminal
-from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations, of_numbers
+from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations
 from experiments.document.layout import Layout
 from experiments.document.regrouped import DAGGER, Regrouped
+from ident.display.text import decimals_beside, decimals_of
 from ident.estimation.units import unit_of
 from ident.geometry.inertia import body_of_parameter
 
@@ -116,7 +117,15 @@ class Table:
         """The table with only the parameters that an author wants."""
         if not self.bodies:
             return self
-        kept = [k for k, row in enumerate(self.rows) if layout.shows(str(row[0]), self.bodies)]
+        return self._with_rows(lambda name: layout.shows(name, self.bodies))
+
+    def without(self, names: Collection[str], note: str) -> "Table":
+        """The table without the rows of some names, and with a note on them."""
+        left = self._with_rows(lambda name: name not in names)
+        return replace(left, notes=(*self.notes, note)) if names else self
+
+    def _with_rows(self, wanted: Callable[[str], bool]) -> "Table":
+        kept = [k for k, row in enumerate(self.rows) if wanted(str(row[0]))]
         units = tuple(self.units[k] for k in kept) if self.units else ()
         digits = {name: [decimals[k] for k in kept] for name, decimals in self.digits.items()}
         return replace(self, rows=tuple(self.rows[k] for k in kept), units=units, digits=digits)
@@ -151,9 +160,11 @@ class Table:
         std = self.deviations.get(column, column)
         if std not in self.columns or std not in self.deviations.values():
             return None
-        cell = self.rows[row][self.columns.index(std)]
-        rule = of_deviations if std == column else of_numbers
-        return rule([cell if isinstance(cell, float) else None])[0]
+        own, cell = (self.rows[row][self.columns.index(name)] for name in (column, std))
+        deviation = cell if isinstance(cell, float) else None
+        if std == column:
+            return of_deviations([deviation])[0]
+        return decimals_beside(own, deviation) if isinstance(own, float) else decimals_of(deviation)
 
     def bracketed(self) -> dict[str, str]:
         """Columns of standard deviations by those of their estimates, of those pairs that the table has."""

@@ -23,6 +23,15 @@ def wrapped(text: str) -> str:
     return "\n".join(_broken(line) for line in text.split("\n"))
 
 
+def sentences(text: str) -> list[str]:
+    """Sentences of a text, split where a capital letter follows a full stop.
+
+    >>> sentences("At 0.5 s. Then (Eq. 3) more.")
+    ['At 0.5 s.', 'Then (Eq. 3) more.']
+    """
+    return re.split(r"(?<=[.!?]) (?=[A-Z])", text)
+
+
 def _broken(line: str) -> str:
     if len(line) <= WIDTH:
         return line

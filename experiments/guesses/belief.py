@@ -72,10 +72,16 @@ class Group:
     Attributes:
         name: Name of the wrench, of the joint, or `base`.
         entries: Lines of its table by key.
+        is_open: True for a wrench that may be the ground's, or of a sensor between two bodies.
+        is_inner: True for the wrench of a sensor between two bodies, which is none of the mechanism with others.
+        own_name: Name in the log, for a wrench that is open.
     """
 
     name: str
     entries: dict[str, Entry]
+    is_open: bool = False
+    is_inner: bool = False
+    own_name: str = ""
 
     @property
     def columns(self) -> list[str]:
@@ -113,6 +119,10 @@ class Belief:
     def of(self, kind: str) -> dict[str, Quantity]:
         """Quantities of one kind that are not doubtful, by joint."""
         return {x.joint: x for x in self.quantities.values() if x.kind == kind and x.column and x.sure != DOUBTFUL}
+
+    def add(self, quantity: Quantity) -> None:
+        """Adds a quantity, unless it is known."""
+        self.quantities.setdefault(quantity.key, quantity)
 
     @property
     def columns(self) -> list[str]:

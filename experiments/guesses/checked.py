@@ -1,16 +1,18 @@
 """Checks of beliefs on the log against the model: units, signs and axes of wrenches, and gains of torques."""
 
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from experiments.guesses.belief import DOUBTFUL, Belief, Entry
+from experiments.guesses.belief import DOUBTFUL, Belief
 from experiments.guesses.gains import set_gains
-from experiments.guesses.joints import is_current
 from experiments.guesses.log_contents import LogContents
+from experiments.guesses.sensors import set_turn, set_unit
+from experiments.guesses.units import is_current
 from experiments.guesses.words import words
+from experiments.guesses.wrenches import is_doubtful
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
@@ -25,9 +27,6 @@ from ident.recordings.wrench import GROUND
 FAR_OFF = 0.3
 """Relative error of a wrench against the model's prediction above which a note says so."""
 
-HALF_WAY = np.sqrt(1000)
-"""Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
-
 
 def check_wrenches_and_torques(
     belief: Belief, contents: LogContents, mechanism: Mechanism, limit: int, *, axes: bool
@@ -41,6 +40,11 @@ def check_wrenches_and_torques(
         limit: Bytes that an archive may take in memory.
         axes: True if signs and axes of wrenches are checked.
     """
+    # A sensor between bodies measures no contact.
+    outer = {name: group for name, group in belief.groups.items() if not (group.is_inner or is_doubtful(group))}
+    belief = replace(belief, groups=outer)
+    if not (belief.groups or belief.of("torque")):
+        return
     try:
         log = _tried(belief, contents, mechanism, limit)
         if belief.groups and np.isfinite(log.wrench).any():
@@ -74,29 +78,12 @@ def _set_units(belief: Belief, contents: LogContents, log: Prepared) -> bool:
     predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame)
     there = np.stack([predicted[c] for c in COMPONENTS], axis=1)
     changed = False
-    for key, kind, part, choices in (
-        ("unit", "force", slice(0, 3), {"N": 1.0, "kN": 1e-3}),
-        ("torque_unit", "torque", slice(3, 6), {"N m": 1.0, "N mm": 1e3, "kN m": 1e-3}),
-    ):
+    for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
         measured = log.wrench[:, part]
         measured, size = measured[:, np.isfinite(measured).all(axis=0)], float(np.sqrt((there[:, part] ** 2).mean()))
-        if not measured.size or size == 0:
-            continue
-        ratio = float(np.sqrt((measured**2).sum(axis=1).mean() / 3)) / size
-        unit = min(choices, key=lambda u: abs(np.log(max(ratio, 1e-12) / choices[u])))
-        if abs(np.log(max(ratio, 1e-12) / choices[unit])) > np.log(HALF_WAY):
-            belief.notes.append(
-                f"The {kind}s have {ratio:.2g} times the size in {next(iter(choices))} that the model predicts, "
-                "which no other unit explains."
-            )
-            continue
-        for group in belief.groups.values():
-            columns = [name for k in (kind, "free_moment") if k in group.entries for name in group.entries[k].value]
-            if key in group.entries or not any(columns) or any(name in contents.units for name in columns):
-                continue
-            why = f"in {unit} it has {ratio / choices[unit]:.2g} times the size that the model predicts"
-            group.entries[key] = Entry(unit, why)
-            changed = changed or choices[unit] != 1
+        if measured.size and size:
+            ratio = float(np.sqrt((measured**2).sum(axis=1).mean() / 3)) / size
+            changed |= set_unit(belief, contents, list(belief.groups.values()), kind, ratio)
     return changed
 
 
@@ -111,9 +98,6 @@ def _set_axes(belief: Belief, log: Prepared) -> None:
         return
     for name, check in checks.items():
         entries = belief.groups[name].entries if name in belief.groups else {}
-        error = (
-            f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {100 * check.error:.0f} %"
-        )
         if not entries or not check.suspicious:
             if entries and check.error > FAR_OFF:
                 belief.notes.append(
@@ -123,16 +107,6 @@ def _set_axes(belief: Belief, log: Prepared) -> None:
             elif first := entries.get("force") or entries.get("torque"):
                 first.why += f"; sign and axes as the model has them ({100 * check.error:.0f} % off)"
             continue
-        if check.sign < 0:
-            entries["applied_to_link"] = Entry(False, f"the opposite sign: {error}")
-        if not np.array_equal(check.rotation, np.eye(3)):
-            # A frame that is not turned states no angles; others are multiples of 90°.
-            angles = Rotation.from_matrix(check.rotation).as_euler("xyz", degrees=True).round(9) + 0.0
-            entries["rpy_deg"] = Entry(angles.tolist(), f"its axes in those of the {_frame(name)}: {error}")
-            if "frame" in entries:
-                entries["frame"] = Entry("plate", "axes other than the world's")
-                entries["position"] = Entry([0, 0, 0], "the world's origin")
-
-
-def _frame(name: str) -> str:
-    return "base" if name == GROUND else "body"
+        frame = "base" if name == GROUND else "body"
+        why = f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {100 * check.error:.0f} %"
+        set_turn(belief.groups[name], check.rotation, frame, why, opposite=check.sign < 0)

@@ -5,8 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from experiments.guesses.words import KINDS, Words, words
-from ident.files.column import CURRENT, UNITS
+from experiments.guesses.words import PARTS, Words, words
 
 ELSEWHERE = {"tcp", "ee", "tool", "cartesian", "pose", "temperature", "temp", "voltage", "mode", "status", "error"}
 """Words of families that are not of joints."""
@@ -57,22 +56,14 @@ class Family:
     @property
     def kind(self) -> str:
         """The quantity, a key of `words.KINDS`, by words or unit; "" if neither states it."""
-        stated = self.words
-        if stated.unit in CURRENT:
-            return "current"
-        if stated.unit in UNITS["hinge torque"]:
-            return "torque"
-        if stated.kind == "time":
-            # Among several columns, T1 and T2 are torques.
-            return "torque" if set(self._parts) & KINDS["time"] == {"t"} else "time"
-        # Gazebo calls the torque of a hinge a force.
-        implied = "position" if stated.unit in ("rad", "deg") else "torque" if "force" in self._parts else ""
-        return stated.kind or implied
+        # Gazebo calls the torque of a hinge a force; among several columns, T1 and T2 are torques.
+        kind = self.words.kind
+        return "torque" if kind == "force" or (kind == "time" and "t" in self._parts) else kind
 
     @property
     def is_of_joints(self) -> bool:
         """True if no word states a quantity of something else, or a commanded one."""
-        return not (set(self._parts) & ELSEWHERE) and not self.words.commanded and self.kind != "time"
+        return not (set(self._parts) & ELSEWHERE) and self.words.measured and self.kind != "time"
 
     @property
     def is_second(self) -> bool:
@@ -81,7 +72,7 @@ class Family:
 
     @property
     def _parts(self) -> list[str]:
-        return [part.lower() for part in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+", self.names[0])]
+        return [part.lower() for part in PARTS.findall(self.names[0])]
 
 
 def families(names: Iterable[str]) -> list[Family]:

@@ -5,14 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.guesses.belief import DOUBTFUL, Belief, Quantity
-from experiments.guesses.joints import is_current
 from experiments.guesses.log_contents import LogContents
+from experiments.guesses.units import is_current
 from experiments.guesses.words import unit_of, words
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared
+from ident.files.column import UNITS
 from ident.judgement.torque_checks import ALIKE, SCALE
-
-_FACTORS = {"N mm": 1e-3, "kN m": 1e3}
+from ident.recordings.columns.mapping import joint_kinds
 
 
 class Gain(NamedTuple):
@@ -36,15 +36,16 @@ def set_gains(belief: Belief, contents: LogContents, log: Prepared) -> None:
         return
     predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame, torques=True)
     whole = slice(log.edge, len(log.samples) - log.edge)
-    motion, gains = log.samples.motion, dict[str, Gain]()
+    motion, gains, kinds = log.samples.motion, dict[str, Gain](), joint_kinds(log.mechanism.tree)
     for column, k in enumerate(measured, start=len(log.equations.channels) - len(measured)):
         joint = log.mechanism.tree.freedoms[k]
         if joint in torques:
-            rates = motion.dq[whole, k], motion.ddq[whole, k]
+            # The mass on a slide moves like a rotor: only a hinge's rotor can be told from links.
+            rates = motion.dq[whole, k], motion.ddq[whole, k] * (kinds[joint] == "hinge")
             gains[joint] = _gain(log.samples.measured[whole, column], predicted[joint][whole], *rates)
     for joint in [joint for joint in gains if is_current(torques[joint])]:
         _set_motor_constant(torques[joint], gains.pop(joint))
-    _set_units({joint: torques[joint] for joint in gains}, gains, contents)
+    _set_units({joint: torques[joint] for joint in gains}, gains, contents, kinds)
 
 
 def _set_motor_constant(torque: Quantity, by_model: Gain) -> None:
@@ -60,29 +61,32 @@ def _set_motor_constant(torque: Quantity, by_model: Gain) -> None:
         torque.sure = DOUBTFUL
 
 
-def _set_units(torques: dict[str, Quantity], gains: dict[str, Gain], contents: LogContents) -> None:
+def _set_units(
+    torques: dict[str, Quantity], gains: dict[str, Gain], contents: LogContents, kinds: dict[str, str]
+) -> None:
     """Sets units and signs of torques, and gains where the unit is unknown and no torque has the model's size.
 
     The log was read in N m, unless the unit was known. A program writes all torques in one unit: if some have the
     model's size, one that has not is due to another body.
     """
-    stated = {
-        j: unit_of("hinge torque", words(x.column).unit) or contents.units.get(x.column, "") for j, x in torques.items()
-    }
+    units = {joint: UNITS[f"{kinds[joint]} torque"] for joint in torques}
+    own = {joint: unit_of(f"{kinds[joint]} torque", words(x.column).unit) for joint, x in torques.items()}
+    stated = {joint: own[joint] or contents.units.get(x.column, "") for joint, x in torques.items()}
     for joint, x in torques.items():
-        x.unit = "" if x.column in contents.units else stated[joint] or "N m"
+        x.unit = "" if x.column in contents.units else stated[joint] or next(iter(units[joint]))
         x.why.append(_explained(gains[joint]))
         if gains[joint].alike <= ALIKE:
             x.why.append("sign and gain cannot be determined")
     alike = [joint for joint in torques if gains[joint].alike > ALIKE]
-    ratios = {joint: gains[joint].gain / _FACTORS.get(torques[joint].unit, 1.0) for joint in alike}
+    scale = {joint: units[joint].get(torques[joint].unit, 1.0) for joint in alike}
+    ratios = {joint: gains[joint].gain / scale[joint] for joint in alike}
     free = [abs(ratios[joint]) for joint in alike if not stated[joint]]
     in_newton = any(_near(ratio) for ratio in free)
     in_millimetres = bool(free) and not in_newton and all(_near(1e3 * ratio) for ratio in free)
     for joint, ratio in ratios.items():
-        x, deviation = torques[joint], gains[joint].deviation / _FACTORS.get(torques[joint].unit, 1.0)
+        x, deviation = torques[joint], gains[joint].deviation / scale[joint]
         x.gain = float(np.sign(ratio))
-        if not stated[joint] and in_millimetres:
+        if not stated[joint] and in_millimetres and kinds[joint] == "hinge":
             x.unit = "N mm"
             x.why.append("N mm by its size")
         elif _near(abs(ratio)):

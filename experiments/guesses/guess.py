@@ -4,14 +4,18 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.guesses.aligned import add_aligned
 from experiments.guesses.belief import Belief, Entry, Group
 from experiments.guesses.checked import check_wrenches_and_torques
-from experiments.guesses.joints import add_named, add_numbered, is_named_after, set_rates, set_units
+from experiments.guesses.chosen import add_any, add_series
+from experiments.guesses.explained import Model
 from experiments.guesses.log_contents import LogContents, check_same_columns, log_contents
+from experiments.guesses.markers import without_markers
+from experiments.guesses.measured import add_measured
+from experiments.guesses.names import add_commands, add_named, add_only, is_named_after
 from experiments.guesses.orientations import BASE, add_orientations
+from experiments.guesses.sensors import place_wrenches
 from experiments.guesses.signs import check_positions
-from experiments.guesses.unnamed import add_unnamed
+from experiments.guesses.units import doubt_units, set_rates, set_units
 from experiments.guesses.wrenches import add_wrenches
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
@@ -43,33 +47,53 @@ def believed(
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
     flies = held and plane_normal(mechanism) is not None
-    log, belief = log_contents(logs[0], limit, rate), Belief()
+    log, belief = without_markers(log_contents(logs[0], limit, rate), mechanism.sites), Belief()
     balls, axes = ([joint for joint in kinds if (kinds[joint] == "ball") is ball] for ball in (True, False))
     add_orientations(belief, log, balls, base if held else None)
     usual = {pattern.format(joint) for joint in kinds for patterns in KINDS.values() for pattern in patterns}
     others = [name for name in log.names if name not in usual]
     components = [c for group in wrench_groups(others).values() if len(group) > 2 for c in group.values()]
-    components = [name for name in components if not is_named_after(name, axes)]
+    components = [name for name in components if not is_named_after(name, {joint: kinds[joint] for joint in axes})]
     add_named(belief, log, axes, components)
     add_wrenches(belief, log, mechanism, held, flies)
     # The model's predictions are used only if angles alone determine them.
     signs = not balls and not belief.poses
     if signs:
-        add_aligned(belief, log, mechanism, axes, held)
-    add_numbered(belief, log, axes, components)
+        add_series(belief, log, mechanism, axes, held)
+    add_named(belief, log, axes, components, numbered=True)
+    if len(kinds) == len(axes) == 1:
+        add_only(belief, log, axes[0], components)
+    if signs:
+        add_any(belief, log, mechanism, mechanism.joints, held)
     by_size = set_units(belief, log, kinds)
     if signs:
-        add_unnamed(belief, log, mechanism, mechanism.joints, held)
-        signs = check_positions(belief, log, mechanism, kinds, by_size)
+        add_measured(belief, log, mechanism, held)
+    moving = any(x.column in log.columns for x in belief.of("position").values())
+    if signs and moving and mechanism.prior is not None and not belief.undecided:
+        model = Model.of(belief, log, mechanism, [])
+        signs = check_positions(model, by_size)
+        if signs:
+            place_wrenches(model)
+    doubt_units(belief, by_size)
     set_rates(belief, log, kinds)
-    if flies and belief.groups and GROUND not in belief.groups:
+    if flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
         of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
     lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]
-    if absent := [joint for joint in lacking if joint not in belief.undecided]:
+    if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not log.markers:
         belief.open.append(_absent(absent))
     if not lacking and mechanism.prior is not None:
         check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
+    add_commands(belief, log, axes)
+    if not (
+        belief.groups
+        or belief.of("torque")
+        or belief.of("command")
+        or belief.undecided
+        or belief.torques_undecided
+        or log.markers
+    ):
+        belief.notes.append("The log has no wrench, torque or commanded position, of which `identify` needs one.")
     clock = {clock.column for clock in log.clocks}
     belief.unused = [name for name in log.names if name not in belief.columns]
     check_same_columns(log, logs[1:], {*belief.columns, *clock} - {""}, limit, rate)

@@ -17,9 +17,13 @@ from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.sampled import GAP, Sampled, interpolated
 from ident.recordings.several_files import files_of, name_of, read_files
+from ident.recordings.turns import unwrapped
 
 OWN_TIMES = Clock("time", "s", "the file knows its times")
 """Placeholder for the clock of a file that has several, beside other files."""
+
+WHOLE_TURNS = (2 * np.pi, 360.0)
+"""Jumps of wrapped angles, which are taken out as `read_log` does."""
 
 PREAMBLE = 40
 """Largest number of lines before a table."""
@@ -41,6 +45,8 @@ class LogContents:
         units: Units stated by the file, by column.
         holes: Number of time steps that are gaps.
         labels: Words of columns that hold one word throughout.
+        markers: Labels of markers, whose columns are left out.
+        jumps: Number of jumps by a whole turn that were taken out, by column.
     """
 
     path: Path
@@ -54,6 +60,8 @@ class LogContents:
     units: dict[str, str] = field(default_factory=dict)
     holes: int = 0
     labels: dict[str, str] = field(default_factory=dict)
+    markers: tuple[str, ...] = ()
+    jumps: dict[str, int] = field(default_factory=dict)
 
     @property
     def has_gaps(self) -> bool:
@@ -83,7 +91,10 @@ class LogContents:
         lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
         for name, x in self.columns.items():
             lost = f", {100 * self.missing[name]:.2g} % missing" if name in self.missing else ""
-            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}")
+            wraps = f", without {self.jumps[name]} jumps by a whole turn" if name in self.jumps else ""
+            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}{wraps}")
+        if self.markers:
+            lines.append(f"  positions of {len(self.markers)} markers: {', '.join(self.markers)}")
         if self.constant:
             lines.append(
                 f"  never changing: {', '.join(f'{name} ({value:g})' for name, value in self.constant.items())}"
@@ -105,40 +116,33 @@ def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogConten
     """
     try:
         files = files_of(path)
-        if len(files) > 1:
-            return _of_several_files(path, files, limit, rate)
-        if has_several_clocks(path):
+        if len(files) == 1 and has_several_clocks(path):
             return _at_common_times(path, None, read_clocks(path, limit=limit))
-        layout, clock, table = _of_one_clock(path, limit, rate)
-        return replace(_at_common_times(path, clock, [table]), layouts=(layout,), clocks=(clock,))
+        parts = [_file(file, limit, rate, alone=len(files) == 1) for file in files]
+        layouts, clocks = tuple(layout for layout, _, _ in parts), tuple(clock for _, clock, _ in parts)
+        tables, clock = [table for _, _, table in parts if table], clocks[0] if len(files) == 1 else None
+        if len(files) > 1:
+            mapping = ColumnMapping(layouts=layouts, clocks=tuple(each.columns for each in clocks))
+            tables = read_files(files, mapping, limit)
+        return replace(_at_common_times(path, clock, tables), layouts=layouts, clocks=clocks)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _of_one_clock(path: Path, limit: int, rate: float) -> tuple[Layout, Clock, Table]:
+def _file(path: Path, limit: int, rate: float, *, alone: bool) -> tuple[Layout, Clock, Table | None]:
     """Layout of a file, its column of times, and its first `ROWS` samples."""
-    layout = _layout(path, limit)
-    table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
-    if table is None:
-        raise LogError("it has no rows of numbers.")
-    clock = clock_of(_numbers(table, {}), rate)
+    if has_several_clocks(path):
+        return Layout(), OWN_TIMES, None
+    try:
+        layout = _layout(path, limit)
+        table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
+        if table is None:
+            raise LogError("it has no rows of numbers.")
+        clock = clock_of(_numbers(table, {}), rate)
+    except (LogError, OSError) as error:
+        raise error if alone else LogError(f"{path.name}: {error}") from None
     (table,) = counted([table], clock.columns)
     return layout, clock, table
-
-
-def _of_several_files(path: Path, files: Sequence[Path], limit: int, rate: float) -> LogContents:
-    """Reads a log in several files."""
-    layouts, clocks = list[Layout](), list[Clock]()
-    for file in files:
-        try:
-            known = has_several_clocks(file)
-            layout, clock, _ = (Layout(), OWN_TIMES, None) if known else _of_one_clock(file, limit, rate)
-        except (LogError, OSError) as error:
-            raise LogError(f"{file.name}: {error}") from None
-        layouts, clocks = [*layouts, layout], [*clocks, clock]
-    times = tuple(clock.columns for clock in clocks)
-    tables = read_files(files, ColumnMapping(layouts=tuple(layouts), clocks=times), limit)
-    return replace(_at_common_times(path, None, tables), layouts=tuple(layouts), clocks=tuple(clocks))
 
 
 def _layout(path: Path, limit: int) -> Layout:
@@ -192,7 +196,7 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     """Columns of all tables, interpolated at uniform times that all of them cover."""
     unread: dict[str, str] = {}
     sampled: dict[str, Sampled] = {}
-    units, labels = dict[str, str](), dict[str, str]()
+    units, labels, jumps = dict[str, str](), dict[str, str](), dict[str, int]()
     holes = 0
     for table in tables:
         numbers = _numbers(table, unread)
@@ -202,7 +206,10 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
             raise LogError(f"a log needs at least 10 samples, it has {len(own)}.")
         # If times repeat or go back, the first ones are kept.
         kept = np.flatnonzero(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
-        sampled |= {name: Sampled(own[kept] - (own[0] if clock else 0), x[kept]) for name, x in numbers.items()}
+        for name, x in numbers.items():
+            x, number = unwrapped(x[kept], WHOLE_TURNS)
+            sampled[name] = Sampled(own[kept] - (own[0] if clock else 0), x)
+            jumps |= {name: number} if number else {}
         units |= table.units
         steps = np.diff(own[kept])
         holes += int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum())
@@ -217,7 +224,9 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
     columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
     constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
-    return LogContents(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels)
+    return LogContents(
+        path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels, jumps=jumps
+    )
 
 
 def check_same_columns(

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from experiments.guesses.belief import LIKELY, SURE, Belief, Entry, Group
-from experiments.guesses.joints import LONG
 from experiments.guesses.log_contents import LogContents
+from experiments.guesses.units import LONG
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, without_unit, words
 
 TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"

@@ -5,64 +5,91 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 
-from ident.files.column import UNITS
+from ident.files.column import CURRENT, UNITS
+
+PARTS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+")
+"""Words and numbers in a name."""
 
 KINDS = {
-    "position": {"q", "pos", "position", "angle", "angles", "ang", "theta", "value", "encoder", "coordinate"},
-    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "speed", "omega", "rate"},
-    "acceleration": {"ddq", "qdd", "qddot", "acc", "accel", "acceleration"},
-    "torque": {"tau", "torque", "trq", "effort", "moment"},
-    "current": {"current", "cur", "amps", "i"},
+    "position": {
+        *("q", "pos", "position", "angle", "angles", "ang", "theta", "value", "encoder", "coordinate"),
+        *("winkel", "lage", "phi"),
+    },
+    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "speed", "omega", "rate", "geschwindigkeit"},
+    "acceleration": {"ddq", "qdd", "qddot", "acc", "accel", "acceleration", "beschleunigung"},
+    "torque": {"tau", "torque", "trq", "effort", "moment", "drehmoment"},
+    "force": {"force", "kraft"},
+    "current": {"current", "cur", "amps", "i", "strom"},
     "time": {"time", "t", "timestamp", "stamp", "clock"},
 }
 """Words of names by the quantity that the column holds."""
 
 COMMANDED = {
-    *("ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal", "action"),
-    *("ext", "external", "dtau", "residual"),
+    *("ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal", "action", "soll"),
 }
-"""Words of quantities that were commanded, or estimated, rather than measured at a joint."""
+"""Words of quantities that were commanded."""
 
-EMPTY = {"joint", "jnt", "j", "axis", "meas", "measured", "msr", "actual", "fb", "feedback", "jointset"}
+ESTIMATED = {"ext", "external", "dtau", "residual"}
+"""Words of quantities that were estimated, or that act from outside, rather than measured at a joint."""
+
+MEASURED = {"meas", "measured", "msr", "actual", "act", "fb", "feedback", "ist"}
+"""Words of quantities that were measured."""
+
+EMPTY = {"joint", "jnt", "j", "axis", "jointset", "gelenk", "achse", "observation", "state"} | MEASURED
 """Words that do not distinguish joints."""
 
-KINDS_AND_EMPTY = set[str]().union(*KINDS.values()) | EMPTY
+SPOKEN = set[str]().union(*KINDS.values()) | EMPTY
+
+GLUED = re.compile(rf"(joint|axis|motor)({'|'.join(w for those in KINDS.values() for w in those if len(w) > 2)})")
+"""Words that are written without a space, as `jointpos`."""
 
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
 SPELLED = {
-    "deg": "deg",
-    "degs": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "°": "deg",
-    "dps": "deg",
-    "rad": "rad",
-    "rads": "rad",
-    "radian": "rad",
-    "radians": "rad",
-    "rpm": "rpm",
-    "mm": "mm",
-    "cm": "cm",
+    **dict.fromkeys(("deg", "degs", "degree", "degrees", "°", "dps"), "deg"),
+    **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
+    **{unit: unit for unit in ("rpm", "mm", "cm", "ms", "us", "ns")},
     "kn": "kN",
     "nm": "N m",
     "nmm": "N mm",
+    "mnm": "N mm",
     "knm": "kN m",
     "ma": "mA",
     "amp": "A",
-    "ms": "ms",
     "msec": "ms",
-    "us": "us",
     "usec": "us",
-    "ns": "ns",
     "nsec": "ns",
     "sec": "s",
     "secs": "s",
 }
 """Units by their spelling in names, in lower case."""
 
+ANGLES = {spelling for spelling, unit in SPELLED.items() if unit in ("deg", "rad") and spelling.isalpha()}
+"""Spellings that count anywhere in a name, as in `kneeRad`; those of other units have other uses."""
+
+UNIT = re.compile(
+    rf"(?:^|(?<=[\W_]))({'|'.join(sorted(SPELLED, key=len, reverse=True))})"
+    r"((?:_per|p)?[_/]?s(?:ec)?\^?[2²]?)?(?=$|[\W_])",
+    re.IGNORECASE,
+)
+"""A unit between other words, perhaps with seconds below it: `deg`, `rad_per_s`, `deg_s2`."""
+
 BRACKETED = {"m": "m", "n": "N", "a": "A", "s": "s", "µs": "us", "n.m": "N m", "n*m": "N m", "n·m": "N m"}
 """Units that count only in brackets, as their letters have many other uses."""
+
+OF_UNIT = {
+    **dict.fromkeys(("N m", "N mm", "kN m"), "torque"),
+    **dict.fromkeys(CURRENT, "current"),
+    "rpm": "velocity",
+    "deg": "position",
+    "rad": "position",
+    "N": "force",
+    "kN": "force",
+}
+"""Quantities that a unit shows."""
+
+RATES = {"": "", "1": "velocity", "2": "acceleration"}
+"""Quantities of an angle by the power of the seconds below it."""
 
 LIKE = 0.6
 """Smallest likeness of names that may mean the same."""
@@ -79,13 +106,20 @@ class Words:
         core: The remaining words: the joint or body.
         kind: One of `KINDS`, or "".
         unit: One of the units of `SPELLED` and `BRACKETED`, without `/s`, or "".
-        commanded: True if the quantity was commanded or estimated, rather than measured.
+        commanded: True if the quantity was commanded.
+        estimated: True if it was estimated, or acts from outside.
     """
 
     core: tuple[str, ...]
     kind: str = ""
     unit: str = ""
     commanded: bool = False
+    estimated: bool = False
+
+    @property
+    def measured(self) -> bool:
+        """True if it was neither commanded nor estimated."""
+        return not (self.commanded or self.estimated)
 
     @property
     def numbers(self) -> set[str]:
@@ -100,30 +134,42 @@ class Words:
 
 def words(name: str) -> Words:
     """Words of the name of a column or a joint."""
-    name, unit = without_unit(name)
-    split = [part.lower() for part in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+", name)]
+    name, unit, per = without_unit(name)
+    split = [part for each in PARTS.findall(name) for part in GLUED.sub(r"\1 \2", each.lower()).split()]
     split = [str(int(part)) if part.isdigit() else part for part in split]
     kinds = [kind for part in split for kind, those in KINDS.items() if part in those]
     # In `motor_current_position` the last word is the quantity; `current` is one only without another.
     kind = next((kind for kind in reversed(kinds) if kind != "current" or set(kinds) == {"current"}), "")
-    spoken = KINDS_AND_EMPTY | COMMANDED
+    shown = RATES[per] if per and unit in ("deg", "rad") else OF_UNIT.get(unit, "")
+    # Among several columns, T1 [Nm] and T2 [Nm] are torques.
+    kind = shown if shown in ("torque", "current") else kind or shown
     # Franka's `q_d` and `tau_J_d` are desired values.
-    after = {k for k, part in enumerate(split) if part == "d" and k and split[k - 1] in KINDS_AND_EMPTY}
+    after = {k for k, part in enumerate(split) if part == "d" and k and split[k - 1] in SPOKEN}
+    spoken = SPOKEN | COMMANDED | ESTIMATED
     core = tuple(SIDES.get(part, part) for k, part in enumerate(split) if part not in spoken and k not in after)
-    return Words(core, kind, unit, bool(after) or any(part in COMMANDED for part in split))
+    commanded, estimated = bool(after) or not COMMANDED.isdisjoint(split), not ESTIMATED.isdisjoint(split)
+    return Words(core, kind, unit, commanded, estimated)
 
 
-def without_unit(name: str) -> tuple[str, str]:
-    """A name without its unit, and the unit."""
-    if match := re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$", name):
-        spelling = re.sub(r"\s|/\s*s(ec)?([\^]?2|²)?$", "", match[1].lower())
+def without_unit(name: str) -> tuple[str, str, str]:
+    """A name without its unit, the unit without seconds below it, and their power, "1", "2" or ""."""
+    for match in re.finditer(r"[\[(]([^\])]*)[\])]", name):
+        spelling, seconds, power = re.sub(r"\s", "", match[1].lower()).partition("/s")
         if unit := SPELLED.get(spelling) or BRACKETED.get(spelling):
-            return name[: match.start()], unit
-    pieces = re.split(r"([\W_]+)", name)
-    for k in range(len(pieces) - 1, -1, -1):
-        if k and (unit := SPELLED.get(pieces[k].lower())):
-            return "".join(pieces[:k]), unit
-    return name, ""
+            return name[: match.start()] + name[match.end() :], unit, _power(seconds + power)
+    for match in reversed(list(UNIT.finditer(name))):
+        spelling = match[1].lower()
+        if match.start() or spelling in ANGLES:
+            seconds = match[2] or "s" * (spelling == "dps")
+            return name[: match.start()] + name[match.end() :], SPELLED[spelling], _power(seconds)
+    for match in reversed(list(PARTS.finditer(name))):
+        if match[0].lower() in ANGLES:
+            return name[: match.start()] + name[match.end() :], SPELLED[match[0].lower()], ""
+    return name, "", ""
+
+
+def _power(seconds: str) -> str:
+    return "" if not seconds else "2" if re.search("[2²]", seconds) else "1"
 
 
 def likeness(column: Words, joint: Words) -> float:
@@ -139,7 +185,7 @@ def likeness(column: Words, joint: Words) -> float:
         like = 0.8 - 0.02 * len(asked - there)
     else:
         like = 0.85 * SequenceMatcher(None, "".join(column.core), "".join(joint.core)).ratio()
-    return like - (0.2 if column.commanded else 0.0)
+    return like - (0.0 if column.measured else 0.2)
 
 
 def shares_numbers_alone(column: Words, joint: Words) -> bool:

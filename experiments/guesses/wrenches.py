@@ -7,9 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
 from experiments.guesses.log_contents import LogContents
+from experiments.guesses.names import is_named_after
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
 from ident.files.column import CURRENT
 from ident.mechanism.mechanism import Mechanism
+from ident.recordings.columns.mapping import joint_kinds
 from ident.recordings.columns.plates import AUTO
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import Component, wrench_groups
@@ -40,8 +42,9 @@ def add_wrenches(belief: Belief, contents: LogContents, mechanism: Mechanism, he
         held: True if something holds the base.
         flies: True if the joints move a held base freely in a plane.
     """
-    names = [name for name in contents.names if name not in belief.columns]
-    bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and not words(n).commanded}
+    kinds = {joint: kind for joint, kind in joint_kinds(mechanism.tree).items() if kind != "ball"}
+    names = [name for name in contents.names if name not in belief.columns and not is_named_after(name, kinds)]
+    bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and words(n).measured}
     wrenches: list[tuple[str, Parts]] = []
     for rest, components in wrench_groups(list(bare)).items():
         parts = {key: bare[name] for key, name in components.items()}
@@ -58,7 +61,8 @@ def add_wrenches(belief: Belief, contents: LogContents, mechanism: Mechanism, he
         grounds = [j for j, (other, _) in enumerate(wrenches) if GROUNDS.search(other)]
         is_ground = held and not site and (len(wrenches) == 1 or grounds == [k])
         group = Group(GROUND if is_ground else site or (rest if rest not in ("", GROUND) else f"wrench{k + 1}"), {})
-        group.entries = _entries(contents, parts)
+        group.entries, group.is_open = _entries(contents, parts), is_ground and grounds != [k]
+        group.own_name = rest or "sensor"
         if site:
             _mount(group, mechanism)
         elif not is_ground:
@@ -107,20 +111,14 @@ def _entries(contents: LogContents, parts: Parts) -> dict[str, Entry]:
 
     there = {kind for kind, _ in parts}
     entries = {"force": Entry(listed("force"), "named so", SURE)} if "force" in there else {}
-    moment = "torque"
-    if {"point", "force", "torque"} <= there:
-        moment = "torque" if _is_about_origin(contents, parts) else "free_moment"
-        if moment == "free_moment":
-            why = "named so; what has no column is 0 m"
-            entries["point"] = Entry([name or 0.0 for name in listed("point")], why)
+    moment, about = "torque", "about the origin"
+    if {"point", "force", "torque"} <= there and not _is_about_origin(contents, parts):
+        moment, about = "free_moment", "about the point, since p × F does not explain it"
+        entries["point"] = Entry([name or 0.0 for name in listed("point")], "named so; what has no column is 0 m")
     if "torque" in there:
-        about = {"torque": "about the origin", "free_moment": "about the point, since p × F does not explain it"}
-        entries[moment] = Entry(listed("torque"), f"named so; {about[moment]}")
-    for key, kind, quantity in (
-        ("unit", "force", "force"),
-        ("torque_unit", "torque", "torque"),
-        ("point_unit", "point", "length"),
-    ):
+        entries[moment] = Entry(listed("torque"), f"named so; {about}")
+    quantities = (("unit", "force", "force"), ("torque_unit", "torque", "torque"), ("point_unit", "point", "length"))
+    for key, kind, quantity in quantities:
         if key == "point_unit" and "point" not in entries:
             continue
         columns = [name for name in listed(kind) if name]

@@ -116,7 +116,7 @@ def lines(angles: Angles) -> list[str]:
     base = "the world's frame" if angles.base is None else f"the frame of '{angles.base}'"
     sigma = f"{MM * postures.sigma:.2f} mm" if np.isfinite(postures.sigma) else "unknown, markers are too few"
     out = [
-        f"{M} markers in {N} frames; {{0}} is {base}. Noise of a coordinate of a marker: {sigma}.",
+        f"{M} markers in {N} frames; the base is {base}. Noise of a coordinate of a marker: {sigma}.",
         *([f"No site belongs to {', '.join(angles.unmatched)}; left out."] if angles.unmatched else []),
     ]
     for swap in angles.swaps:

@@ -1,36 +1,55 @@
-"""Report on identifications of many logs: one table of all, failures by name, and the parameters over the logs."""
+"""Report on identifications of many logs: one table of all, failures by name, and the logs that differ."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
 from experiments.data.batch import Outcome, spreads
-from experiments.document import tabular
+from experiments.data.errors import HALF_WIDTH
+from experiments.data.log_agreement import LogAgreement
+from experiments.document import styles, symbols, tabular
+from experiments.document.decimals import of_deviations
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from ident.display.brief import listed
+from ident.geometry.inertia import with_bodies
+from ident.judgement.verdict import Outcome as Verdict
 
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
 
-TABLES = "table_logs", "table_parameters"
-"""Its tables."""
+SHOWN = "table_logs", "table_parameters", "figure_logs"
+"""Its tables and its chart."""
+
+PANELS = 4
+"""Largest number of parameters in the chart over the logs."""
+
+APART = 2.0
+"""Differences between logs over those that their noise explains, from which this is a doubt."""
 
 
-def logs_table(outcomes: Sequence[Outcome]) -> tabular.Table:
-    """Verdict, doubts and residuals of every log, or the sentence with which it failed."""
+def logs_table(outcomes: Sequence[Outcome], differs: Sequence[str]) -> tabular.Table:
+    """Verdict, doubts and residuals of every log, what it differs in, or the sentence with which it failed."""
     return tabular.Table(
         "Logs, each identified by itself",
         *tabular.columns(
             log=[each.log for each in outcomes],
             verdict=[each.verdict or "failed" for each in outcomes],
+            predicted=["" if each.error else _predicted(each) for each in outcomes],
             doubts=[", ".join(each.doubts) for each in outcomes],
             least_ratio=[min(each.ratios.values(), default=float("nan")) for each in outcomes],
             largest_ratio=[max(each.ratios.values(), default=float("nan")) for each in outcomes],
+            differs_most_in=differs,
             cpu_s=[each.seconds for each in outcomes],
             results=[each.folder and f"{each.folder}/" for each in outcomes],
             error=[each.error for each in outcomes],
         ),
         heads={
+            "predicted": "channels predicted",
             "least_ratio": "residual over signal, least",
             "largest_ratio": "largest",
             "cpu_s": "CPU time (s)",
@@ -39,7 +58,12 @@ def logs_table(outcomes: Sequence[Outcome]) -> tabular.Table:
     )
 
 
-def parameters_table(outcomes: Sequence[Outcome]) -> tabular.Table:
+def _predicted(outcome: Outcome) -> str:
+    """Number of the channels that a log's estimate predicts, of those that count."""
+    return f"{len(outcome.predicted)} of {len(outcome.predicted) + len(outcome.missed)}"
+
+
+def parameters_table(outcomes: Sequence[Outcome], bodies: tuple[str, ...]) -> tabular.Table:
     """Parameters over the logs that did not fail: mean, spread, and agreement with the logs' own deviations."""
     rows = spreads(outcomes)
     return tabular.Table(
@@ -52,6 +76,10 @@ def parameters_table(outcomes: Sequence[Outcome]) -> tabular.Table:
             between_logs=[each.between for each in rows],
             rms_z=[each.rms_z for each in rows],
         ),
+        decimals=2,
+        deviations={"mean": "std_of_mean"},
+        digits={"between_logs": of_deviations(each.between for each in rows)},
+        bodies=bodies,
         units=tuple(each.unit for each in rows),
         heads={"std_of_mean": "s.d. of the mean", "between_logs": "s.d. between logs", "rms_z": "RMS z"},
         notes=(
@@ -62,23 +90,124 @@ def parameters_table(outcomes: Sequence[Outcome]) -> tabular.Table:
     )
 
 
-def document(model: Path, outcomes: Sequence[Outcome], provenance: dict[str, Any]) -> Document:
+def chart(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> Figure:
+    """The parameters that logs differ in most, over the rows of the logs, with intervals from the logs' noise."""
+    names, apart = [agreed.names[k] for k in agreed.most[:PANELS]], agreed.differ
+    numbers = np.array([k for k, each in enumerate(outcomes, start=1) if not each.error])
+    outcomes = [each for each in outcomes if not each.error]
+    with styles.paper_style():
+        figure = Figure(figsize=(styles.text_width(), 0.5 + 1.1 * len(names)))
+        panels = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
+        for name, ax in zip(names, panels, strict=True):
+            values = np.array([each.values[name] for each in outcomes])
+            half = HALF_WIDTH * agreed.std[:, agreed.names.index(name)]
+            for which, color, label in ((~apart, "C0", "Agrees, 95 %"), (apart, "C1", "Differs, 95 %")):
+                if which.any():
+                    dots = numbers[which], values[which], half[which]
+                    ax.errorbar(*dots, fmt="o", ms=2.5, lw=0.8, color=color, label=label)
+            ax.set_ylabel(f"{symbols.named_symbol(name, bodies)}\n({outcomes[0].units[name]})", labelpad=2)
+        panels[-1].set_xlabel("Log")
+        panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+        figure.align_ylabels(panels)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def differences(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> list[str]:
+    """For each log, what it differs from the others in most, with z; empty for one that agrees."""
+    most = np.abs(agreed.z).argmax(axis=1)
+    return [
+        f"{_range(agreed.names[k], outcomes, agreed.difference[row, [k]], agreed.z[row, [k]], bodies)}" * bool(differs)
+        for row, (k, differs) in enumerate(zip(most, agreed.differ, strict=True))
+    ]
+
+
+def _range(name: str, outcomes: Sequence[Outcome], by: np.ndarray, z: np.ndarray, bodies: tuple[str, ...]) -> str:
+    """A parameter with the least and largest difference of logs, and their z."""
+    parts = [_span(by, "+.3g"), _span(z, "+.1f")]
+    return f"{with_bodies([name], bodies)} by {parts[0]} {outcomes[0].units[name]} (z {parts[1]})"
+
+
+def _span(values: np.ndarray, form: str) -> str:
+    """Least and largest of some numbers, or the one that both are."""
+    return " to ".join(dict.fromkeys(f"{each:{form}}" for each in (values.min(), values.max())))
+
+
+def verdict(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> tuple[str, bool]:
+    """Sentences on the agreement of the logs, and True if it is a doubt."""
+    k, number, size = agreed.most[0], len(outcomes), len(agreed.names)
+    wide = f", and from each other by {agreed.spread:.1f} times their noise" if agreed.spread > APART else ""
+    if agreed.differ.any():
+        names = [each.log for each, differs in zip(outcomes, agreed.differ, strict=True) if differs]
+        by, z = agreed.difference[agreed.differ, k], agreed.z[agreed.differ, k]
+        differ, they = ("differs", "It differs") if len(names) == 1 else ("differ", "They differ")
+        return (
+            f"{len(names)} of {number} logs {differ} from the others{wide}: {listed(names)}. "
+            f"χ² is {_span(agreed.chi2[agreed.differ], '.0f')} of {size} parameters. "
+            f"{they} most in {_range(agreed.names[k], outcomes, by, z, bodies)}. "
+            "A load, a mounting or friction may have changed: identify these logs apart.",
+            True,
+        )
+    if wide:
+        return (
+            f"The logs differ from each other by {agreed.spread:.1f} times their noise, most in "
+            f"{with_bodies([agreed.names[k]], bodies)}. None stands out: the model may lack something, or the set-up "
+            "may change from log to log.",
+            True,
+        )
+    times = f"{agreed.spread:.1f} times " if agreed.spread > 1 else ""
+    return f"The {number} logs agree within {times}their noise.", False
+
+
+def document(
+    model: Path,
+    outcomes: Sequence[Outcome],
+    agreed: LogAgreement | None,
+    bodies: tuple[str, ...],
+    provenance: dict[str, Any],
+) -> Document:
     """Tables of all logs and of the parameters over them.
 
     Args:
         model: The model's file.
         outcomes: What became of each log.
+        agreed: Agreement of the logs that did not fail, if it can be judged.
+        bodies: Names of the model's bodies.
         provenance: Provenance of the results.
     """
-    failed = [each for each in outcomes if each.error]
-    usable = sum(each.verdict == "usable" for each in outcomes)
-    others = len(outcomes) - usable - len(failed)
+    failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
+    counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.value}" for word in Verdict]
+    sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
+    differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
+    caption = "The parameters that logs differ in most, with 95 % intervals of the logs' noise; logs by their row."
     return Document(
         f"{model.name}, identified from each of {len(outcomes)} logs",
-        findings=[(f"{each.log} failed: {each.error}", True) for each in failed],
-        lines=[f"{len(outcomes)} logs: {usable} usable, {others} not, {len(failed)} failed."],
+        findings=[
+            *([(sentence, True)] if doubt else []),
+            *((f"{each.log} failed: {each.error}", True) for each in failed),
+        ],
+        lines=[
+            *([sentence] if sentence and not doubt else []),
+            f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed.",
+        ],
         heading="The logs",
-        tables={TABLES[0]: logs_table(outcomes)}
-        | ({TABLES[1]: parameters_table(outcomes)} if len(failed) < len(outcomes) else {}),
-        numbers={"batch": {"logs": [each.to_dict() for each in outcomes]}, "provenance": provenance},
+        tables={SHOWN[0]: logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
+        | ({SHOWN[1]: parameters_table(outcomes, bodies)} if fitted else {}),
+        figures={} if agreed is None else {SHOWN[2]: (chart(outcomes, agreed, bodies), caption)},
+        numbers={
+            "batch": {"logs": [each.to_dict() for each in outcomes], "agreement": _numbers(fitted, agreed)},
+            "provenance": provenance,
+        },
     )
+
+
+def _numbers(outcomes: Sequence[Outcome], agreed: LogAgreement | None) -> dict[str, Any] | None:
+    """Agreement of the logs for scripts."""
+    if agreed is None:
+        return None
+    each = zip(
+        agreed.differ.tolist(), agreed.chi2.tolist(), agreed.difference.tolist(), agreed.std.tolist(), strict=True
+    )
+    keys = ("differs", "chi2", "difference", "std")
+    logs = {outcome.log: dict(zip(keys, row, strict=True)) for outcome, row in zip(outcomes, each, strict=True)}
+    return {"parameters": agreed.names, "spread": agreed.spread, "logs": logs}

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from experiments.data.model_comparison import ModelPair, Pair
 from experiments.document import escape, figures, row_panels, styles, tabular
+from experiments.document.decimals import LEAST
 from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout
 from experiments.document.result_folder import OUTPUTS as RESULTS
@@ -25,8 +26,8 @@ QUANTITIES = {
 }
 """Names of the kinds of drives in tables and figures."""
 
-DECIMALS = (5, 12)
-"""Least and largest number of decimals; between them small inertias keep three digits."""
+DIGITS = 4, 6
+"""Significant digits of a quantity, and as many as a small difference may add to show two of its own."""
 
 
 def words(row: Pair) -> str:
@@ -49,18 +50,20 @@ def table(pair: ModelPair, rows: Sequence[Pair], what: str) -> tabular.Table:
             difference=[row.difference for row in rows],
             percent=[row.percent for row in rows],
         ),
-        decimals=_decimals(rows),
+        decimals=1,
+        digits={name: list(map(_decimals, rows)) for name in ("first", "second", "difference")},
         heads={"of": "body" if what == "Bodies" else "joint", "percent": "% of first"},
         caption=f"{what} of two models and their difference",
         notes=(f"First: {first}. Second: {second}. % of first: of its {size}.",),
     )
 
 
-def _decimals(rows: Sequence[Pair]) -> int:
-    """Decimals that leave three digits of the smallest size; centres of mass are read in m, with the least."""
-    sizes = [row.size or abs(row.second) for row in rows if row.unit != "m"]
-    smallest = min(filter(None, sizes), default=1.0)
-    return int(np.clip(2 - floor(log10(smallest)), *DECIMALS))
+def _decimals(row: Pair) -> int:
+    """Decimals that leave `DIGITS` of a quantity's size, and two of the difference if that needs more."""
+    size = row.size or abs(row.second)
+    places = [1 - floor(log10(abs(row.difference)))] if row.differs else []
+    least, most = (digits - 1 - floor(log10(size)) for digits in DIGITS) if size else (0, LEAST)
+    return min(max([least, *places]), most)
 
 
 def figure(pair: ModelPair) -> Figure | None:

@@ -24,9 +24,6 @@ OUTPUTS = (*RESULTS, "comparison.json")
 LINEAR = 10.0
 """Difference in standard deviations up to which the figure's abscissa is linear; it is logarithmic beyond."""
 
-UNLIKELY = 0.01
-"""p-value of χ² below which a difference is called more than noise."""
-
 
 def differences_table(difference: Difference) -> tabular.Table:
     """Parameters of both, and their difference, with its interval if the logs are independent."""
@@ -66,6 +63,7 @@ def _digits(difference: Difference) -> dict[str, Decimals]:
         "first": of_numbers(difference.first.at(names)[2]),
         "second": of_numbers(difference.second.at(names)[2]),
         "difference": of_numbers(wide),
+        "z": [1] * len(names),
         "interval_95": of_deviations(HALF_WIDTH * std),
         "interval_setup_95": of_deviations(HALF_WIDTH * wide),
     }
@@ -99,22 +97,29 @@ def settings_table(results: Sequence[Result]) -> tabular.Table:
     return tabular.Table("Settings that differ", ("setting", *(result.name for result in results)), kept)
 
 
+def headline(difference: Difference) -> str:
+    """A sentence on whether two results agree."""
+    names = f"'{difference.first.name}' and '{difference.second.name}'"
+    if difference.shared:
+        return f"{names} share logs and cannot be compared."
+    return f"{names} {'differ by more than' if difference.comparison.differs else 'agree within'} noise."
+
+
 def agreement(difference: Difference) -> str:
-    """A sentence on the agreement of two results."""
+    """Sentences on the agreement of two results."""
     names = f"'{difference.first.name}' and '{difference.second.name}'"
     if difference.shared:
         return (
-            f"{names} were both fitted to {', '.join(difference.shared)}: noise that they share does not show in their "
-            "difference, so that neither interval nor χ² can be given; compare results of logs of their own."
+            f"{names} were both fitted to {', '.join(difference.shared)}. Their difference does not show the noise "
+            "that they share, and has no interval. Compare results of logs of their own."
         )
     either = (*difference.first.regrouping, *difference.second.regrouping)
     left_out = [name for name in either if name not in difference.names]
     others = ", ".join(dict.fromkeys(left_out))
     but = f" Not compared, because they are regrouped differently: {others}." if others else ""
-    differ = "agree within noise" if difference.comparison.p_value > UNLIKELY else "differ by more than noise"
     within = np.abs(difference.comparison.difference) <= HALF_WIDTH * difference.std_setup
-    setup = f"; {int(within.sum())} of {len(within)} differences lie within the intervals of noise and set-up"
-    return f"{names} {differ}, if their logs are independent: {difference.comparison}"[:-1] + f"{setup}.{but}"
+    setup = f"{int(within.sum())} of {len(within)} differences lie within the 95 % intervals of noise and set-up."
+    return f"{names}, if their logs are independent: {difference.comparison} {setup}{but}"
 
 
 def figure(difference: Difference, layout: Layout = PAPER) -> Figure:
@@ -165,7 +170,11 @@ def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Lay
     sentences = [agreement(pair) for pair in pairs]
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
-        verdict=" ".join(sentences),
+        verdict=" ".join(map(headline, pairs)),
+        findings=[
+            (sentence, bool(pair.shared) or pair.comparison.differs)
+            for sentence, pair in zip(sentences, pairs, strict=True)
+        ],
         lines=[
             f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
             for result in compared
@@ -174,7 +183,7 @@ def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Lay
         tables=tables,
         figures=drawn,
         numbers={"comparison": numbers(pairs), "provenance": provenance},
-        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *sentences])),
+        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *map(headline, pairs), *sentences])),
     )
 
 

@@ -9,12 +9,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from experiments.data.defaults import RANDOM_START
 from experiments.data.outcomes import Design, geometric_mean
 from experiments.document import escape, figures, styles, tabular
 from experiments.document.decimals import of_deviations
 from experiments.document.document import Document
 from ident.geometry.inertia import with_bodies
 from ident.recordings.recording import STATES
+
+ALIKE = 0.1
+"""Relative difference of durations from which deviations are compared for an equal one as well."""
+
+FASTER = 1.05
+"""Velocity or acceleration before over the design's limit above which it is said."""
 
 PER = ("", "/s", "/s²")
 """Suffixes of units for position, velocity and acceleration."""
@@ -67,19 +74,16 @@ def figure(design: Design) -> Figure:
         (-limits.velocity, limits.velocity),
         (-limits.acceleration, limits.acceleration),
     )
-    ratio = after.mean_deviation / before.mean_deviation
-    first, last = (each.quality["condition_number"] for each in (before, after))
-    labels = (
-        f"designed: condition number {last:.1f}, s.d. {ratio:.2f} of those before",
-        f"before: {first:.1f}",
-        "limits",
-    )
+    first, last = (f"{each.quality['condition_number']:.3g}" for each in (before, after))
+    labels = (f"designed: condition number {last}", f"before: {first}", "limits")
     with styles.paper_style():
         drawing = Figure(figsize=(styles.text_width(), 0.55 + 1.15 * len(design.joints)))
         axes = drawing.subplots(len(design.joints), 3, sharex=True, squeeze=False)
         for (k, column), ax in np.ndenumerate(axes):
             joint, (low, high) = design.joints[k], bounds[column]
             old, new = (each.motion.states[column][:, k] for each in (before, after))
+            # A longer motion before is drawn as long as the designed one.
+            old = old[: len(design.time)]
             lines = _panel(ax, design.time, old, new, (float(low[k]), float(high[k])))
             name = f"{escape.label(joint)}\n" if column == 0 else ""
             ax.set_ylabel(f"{name}{STATES[column]} ({design.units[joint]}{PER[column]})", labelpad=2)
@@ -95,7 +99,7 @@ def _panel(
 ) -> list[Line2D]:
     """Draws one quantity of one joint, and returns the lines of the design, of the motion before, and of the limits."""
     bounds = [ax.axhline(limit, color="C1", lw=0.7, ls="--", label="_limit") for limit in limits]
-    (old,) = ax.plot(time, before, color="0.6", label="_before")
+    (old,) = ax.plot(time[: len(before)], before, color="0.6", label="_before")
     (new,) = ax.plot(time, after, color="C0", lw=1.0, label="_designed")
     room = 0.08 * (limits[1] - limits[0])
     ax.set_ylim(limits[0] - room, limits[1] + room)
@@ -109,14 +113,40 @@ def lines(design: Design) -> list[str]:
     """Sentences for the terminal and the page, besides the tables."""
     before, after = design.before.mean_deviation, design.after.mean_deviation
     first, last = (each.quality["condition_number"] for each in (design.before, design.after))
+    smaller = "" if design.start == RANDOM_START else f", {_change(after / before)}"
+    long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
+    seconds = [design.time[1] * count for count in (long, short)]
+    equal = _change(after / before * np.sqrt(short / long))
     return [
         f"{len(design.names)} base parameters: {with_bodies(design.names, design.bodies)}.",
         *([f"{len(design.drives)} drives: {', '.join(design.drives)}."] if design.drives else []),
         f"Predicted standard deviations (SI units), geometric mean before, {design.start}: {before:.2e}; after: "
-        f"{after:.2e}, {after / before - 1:+.0%}.",
-        f"Condition number before: {first:.1f}; after: {last:.1f}.",
+        f"{after:.2e}{smaller}.",
+        *(
+            [f"Before lasts {seconds[0]:.3g} s, after {seconds[1]:.3g} s; of one duration they differ by {equal}."]
+            if smaller and abs(short / long - 1) > ALIKE
+            else []
+            if smaller
+            else ["--log LOG compares the design with your own recording."]
+        ),
+        *_beyond(design),
+        f"Condition number before: {first:.3g}; after: {last:.3g}.",
         f"Collisions: {design.collisions}.",
     ]
+
+
+def _beyond(design: Design) -> list[str]:
+    """A sentence on the joints that moved faster before than the design may."""
+    motion, limits = design.before.motion, design.limits
+    fast = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
+    fast |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
+    names = ", ".join(name for name, beyond in zip(design.joints, fast, strict=True) if beyond)
+    return [f"Before, {names} went faster than --velocity or --acceleration let the design go."] if names else []
+
+
+def _change(ratio: float) -> str:
+    """A ratio as a change in %."""
+    return f"{100 * (ratio - 1):+.0f} %"
 
 
 def document(design: Design, model: str, provenance: dict[str, Any]) -> Document:

@@ -160,7 +160,7 @@ def document(study: Study, feet_alone: Study, provenance: dict[str, Any]) -> Doc
     estimate, determined = study.estimate, study.determined
     line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
     if determined.any():
-        line += f"; {study.coverage:.0%} of their 95 % intervals contain the true value"
+        line += f"; {100 * study.coverage:.0f} % of their 95 % intervals contain the true value"
     return Document(
         "A person on two force plates, at a rail",
         f"{ABOUT} {measured(study.laboratory)}",

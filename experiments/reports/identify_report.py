@@ -16,7 +16,7 @@ from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout
 from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.terminal import wrapped
+from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import (
     held_out_caption,
     held_out_figure,
@@ -25,9 +25,13 @@ from experiments.reports.identify_figures import (
     spectra_figure,
 )
 from experiments.reports.identify_replay import replay
+from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit, unit_of
 from ident.geometry.inertia import PARAMETERS, with_bodies
+from ident.judgement.candidates import ESTIMATE
+from ident.judgement.finding import line_of
+from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
 from ident.parameters.base_parameters import separating_sensors
@@ -38,6 +42,9 @@ from sim.models.mechanism import Origin
 from sim.models.model_update import write_model
 from sim.models.opensim.mechanism import OpenSimOrigin
 from sim.models.urdf import parsed
+
+REMARKS, CHANNELS = 8, 12
+"""Largest numbers of remarks and of channels in the terminal: with them an arm takes 40 lines."""
 
 OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
 """Patterns of the files that it writes."""
@@ -64,7 +71,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
     if result.trajectory is not None and result.trajectory.known:
         moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.fit.names) - base.rank)]
         columns |= {"moved_from_model_std": moved}
-    return tabular.Table(
+    table = tabular.Table(
         "Base parameters, SI units",
         *tabular.columns(**columns),
         caption="Identified base parameters beside the model's own",
@@ -80,6 +87,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
     )
+    return table.without(result.undetermined, undetermined_sentence(result))
 
 
 def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
@@ -125,8 +133,10 @@ def quality_table(result: Estimate) -> tabular.Table:
     own, *others = (nan if x is None else held.ratio_at_rest(x) for x in (held.residual, *rivals))
     resting = held.signal, own * held.signal, own, nan, *others, nan, nan
     rows, units = list[tuple[tabular.Cell, ...]](), list[str]()
+    notes = dict.fromkeys(result.unexplained, "not explained by this motion")
+    notes |= {channel: f"not counted: {IDLE[why]}" for channel, why in result.verdict().idle.items()}
     for k, channel in enumerate(result.channels):
-        note = "not explained by this motion" if channel in result.unexplained else ""
+        note = notes.get(channel, "")
         lines = [(channel, moving, note)]
         if np.isfinite(own[k]):
             lines.append((f"{channel}, at rest", resting, "not judged: friction is anything up to breakaway"))
@@ -163,7 +173,12 @@ def full_table(result: Estimate) -> tabular.Table:
 def data_lines(result: Estimate) -> list[str]:
     """Lines on the data: samples, structure, excitation and checks."""
     prepared, base, checks = result.prepared, result.base, result.checks
-    samples, singular, numbers = len(prepared.samples), result.singular_values, result.condition_numbers
+    samples, numbers = len(prepared.samples), result.condition_numbers
+    singular = result.determined_values
+    published = (
+        f"Condition numbers as often published: {numbers['raw']:.3g} of the columns in SI units, "
+        f"{numbers['unit_norm']:.3g} of unit norm."
+    )
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     if result.trajectory is not None:
         fit = result.trajectory.fit
@@ -175,13 +190,15 @@ def data_lines(result: Estimate) -> list[str]:
     held = result.held_out
     judged = "which the fit is judged by" if held.fitted else f"{len(held.time)} held out"
     lines = [
-        f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
-        f"{result.part.stop - result.part.start} fitted, {judged}.",
-        f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
+        f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, "
+        f"{judged}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
-        f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, each channel divided by "
-        f"its signal, with singular values {singular[0]:.2g} to {singular[-1]:.2g}; as often published, "
-        f"{numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm.",
+        f"Excitation: condition number {result.determined_condition:.3g} of the unit-norm columns, each channel "
+        "divided by its signal.",
+        f"Fit: {filtered}.",
+        f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
+        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. "
+        f"{undetermined_sentence(result) or published}",
     ]
     if (weight := checks.weight) is not None:
         lines.append(
@@ -197,20 +214,41 @@ def data_lines(result: Estimate) -> list[str]:
     return [*lines, *prepared.notes]
 
 
-def text(result: Estimate, following: Following | None = None) -> str:
-    """Text for the terminal."""
+def screen(made: Document, result: Estimate) -> str:
+    """Text for the terminal: verdict, doubts, the main remarks and numbers; the page and the tables have the rest."""
+    doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
+    notes = result.prepared.notes
+    hidden = {"remarks": len(remarks) - REMARKS, "notes on the recording": len(notes) - REMARKS}
+    left = [f"{count} more {what}" for what, count in hidden.items() if count > 0]
+    tables = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
     lines = [
-        "The recording",
-        *(f"  {line}" for line in data_lines(result)),
+        f"Verdict: {made.verdict}",
+        *(each.line for each in doubts),
+        *(line_of(sentences(each.text)[0], doubt=False) for each in remarks[:REMARKS]),
         "",
-        parameters_table(result).text(),
-        quality_table(result).text(),
-        *([scales_table(result).text()] if result.scales else []),
-        *([] if following is None else [following_table(following).text(), *following_lines(following), ""]),
-        f"Verdict: {result.verdict()}",
-        *(finding.line for finding in result.findings),
+        *made.lines[:3],
+        *(line_of(sentences(note)[0], doubt=False) for note in notes[:REMARKS]),
+        "",
+        *_ratios(result),
+        f"The page has {', '.join([*left, 'all details'])}.",
+        f"Tables, also as .csv and .tex: {tables}.",
     ]
     return wrapped("\n".join(lines))
+
+
+def _ratios(result: Estimate) -> list[str]:
+    """Table of the residuals of the held-out part over the signal, or a sentence if there are many channels."""
+    held, channels = result.held_out, result.channels
+    if len(channels) > CHANNELS:
+        worst = int(np.argmax(held.ratio))
+        return [
+            f"Held-out residual over signal: {np.median(held.ratio):.2f} in the median of {len(channels)} channels, "
+            f"largest {held.ratio[worst]:.2f} in {channels[worst]}."
+        ]
+    ratios = {name.replace(" ", "_"): ratio for name, ratio in {ESTIMATE: held.ratio, **result.rivals}.items()}
+    heads = {"model": "model as it came"}
+    title = "Residual of the held-out part over its signal"
+    return [tabular.Table(title, *tabular.columns(channel=channels, **ratios), heads=heads).text()]
 
 
 def document(
@@ -250,8 +288,8 @@ def document(
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
         files={updated: partial(_write_updated, result)} if updated else {},
-        screen=text(result, following),
     )
+    made = replace(made, screen=screen(made, result))
     chosen, _ = made.chosen(layout)
     return replace(made, figures=_figures(result, chosen)) if chosen.parameters else made
 

@@ -121,7 +121,7 @@ class PayloadReport:
         columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
         columns["model"] = [None] * 10 if model is None else model.tolist()
         columns["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
-        title = f"What '{self.payload.sensor}' carries, in the frame of '{self.payload.body}'"
+        title = f"{self.payload.title}, in the frame of '{self.payload.body}'"
         return tabular.Table(
             title, *tabular.columns(**columns), decimals=6, digits=_digits(body), deviations=DEVIATIONS
         )
@@ -146,14 +146,10 @@ class PayloadReport:
     def lines(self) -> list[str]:
         """Lines on the logs, the payload's bodies and the sensor's place."""
         result, payload = self.payload.estimate, self.payload
-        place = _listed(payload.place[:3, 3].round(6) + 0)
-        samples = length(result.logs)
         return [
-            f"{len(result.logs)} log{'s' * (len(result.logs) > 1)}, {samples} samples fitted, "
+            f"{len(result.logs)} log{'s' * (len(result.logs) > 1)}, {length(result.logs)} samples fitted, "
             f"{len(result.held_out.time)} predicted; condition number {result.condition_number:.3g}.",
-            f"Carried: {', '.join(result.prepared.mechanism.bodies)}, by joints "
-            f"{', '.join(result.prepared.mechanism.joints)}; sensor at {place} m in the frame "
-            f"of '{payload.body}'.",
+            payload.carried,
             *payload.notes,
             *result.prepared.notes,
         ]
@@ -163,8 +159,7 @@ class PayloadReport:
         payload = self.payload
         frames = {payload.body: payload.in_frame(), self.flange: self.at_flange}
         return {
-            "verdict": str(payload.verdict()),
-            "outcome": payload.verdict().outcome.value,
+            **payload.verdict().to_dict(),
             "findings": [finding.to_dict() for finding in payload.findings],
             "quantities": list(QUANTITIES),
             "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},
@@ -175,30 +170,30 @@ class PayloadReport:
     def text(self) -> str:
         """Text for the terminal."""
         payload = self.payload
-        tables = [self.table().text(), self.sensor_table().text()]
+        tables = [self.table().text(), *([self.sensor_table().text()] if payload.sensor_parameters else [])]
         verdict = [f"Verdict: {payload.verdict()}", *(finding.line for finding in payload.findings)]
         # Forms are for copying: they are not wrapped.
         return "\n".join([wrapped("\n".join([*self.lines(), "", *tables])), self.forms_text(), *map(wrapped, verdict)])
 
-    def document(self, model: Path, logs: Sequence[Path], provenance: dict[str, Any]) -> Document:
+    def document(self, model: Path | None, logs: Sequence[Path], provenance: dict[str, Any]) -> Document:
         """Tables, a figure, the forms, numbers for scripts, and the updated model file if it has masses.
 
         Args:
-            model: The model file.
+            model: The model file, None without one.
             logs: The logs.
             provenance: Provenance of the results.
         """
         payload = self.payload
-        updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
         files: dict[str, Callable[[Path], object]] = {
             "payload.txt": lambda path: path.write_text(self.forms_text(), encoding="utf-8")
         }
-        if payload.robot.prior is not None:
+        if model is not None and payload.robot.prior is not None:
+            updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
         part = payload.estimate.held_out.part
         held_out = identify_figures.held_out_figure(payload.estimate)
         return Document(
-            f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
+            f"Payload of {model.name if model else payload.body}, identified from {', '.join(map(name_of, logs))}",
             verdict=str(payload.verdict()),
             findings=[(finding.text, finding.doubt) for finding in payload.findings],
             lines=self.lines(),
@@ -206,7 +201,7 @@ class PayloadReport:
             tables={
                 "table_payload": self.table(),
                 "table_flange": self.flange_table(),
-                "table_sensor": self.sensor_table(),
+                **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
             figures={"figure_held_out": (held_out, f"Measured and predicted channels on the {part} part.")},

@@ -28,8 +28,8 @@ def lines(study: Study) -> list[str]:
     if study.touching:
         numbers = touches(study)
         shown.append(
-            f"All contacts touch in {numbers['fraction_all_touch']:.0%} of the samples, "
-            f"none in {numbers['fraction_none_touches']:.0%}"
+            f"All contacts touch in {100 * numbers['fraction_all_touch']:.0f} % of the samples, "
+            f"none in {100 * numbers['fraction_none_touches']:.0f} %"
         )
     return shown
 

@@ -44,7 +44,7 @@ def overview_lines(study: Study) -> list[str]:
     best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
-        f"{alike} it is worse by at most {WORSE - 1:.0%} than the best other candidate, and in "
+        f"{alike} it is worse by at most {100 * (WORSE - 1):.0f} % than the best other candidate, and in "
         f"{int((ratio > WORSE).sum())} by more.",
     ]
     if len(z):
@@ -62,8 +62,8 @@ def worse_lines(study: Study) -> list[str]:
     if lost:
         counts = ", ".join(f"{title} ({k} of {of})" for title, (k, of) in lost.items())
         out.append(
-            f"Another candidate predicts better by more than {WORSE - 1:.0%} in {sum(k for k, _ in lost.values())} of "
-            f"{len(study.against_best)} channels: {counts}."
+            f"Another candidate predicts better by more than {100 * (WORSE - 1):.0f} % in "
+            f"{sum(k for k, _ in lost.values())} of {len(study.against_best)} channels: {counts}."
         )
     published = [each for each in study if each.entry.published]
     if published:

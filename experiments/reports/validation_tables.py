@@ -28,7 +28,7 @@ def table_recordings(study: Study) -> tabular.Table:
         "held_out": "held out",
         "channels": "explained channels",
         "best": "estimate best",
-        "worse": f"worse by over {WORSE - 1:.0%}",
+        "worse": f"worse by over {100 * (WORSE - 1):.0f} %",
         "halves": "halves, RMS z",
         "halves_inside": "halves inside 95 %",
         "trials_inside": "trials inside 95 %",
@@ -85,7 +85,7 @@ def _judged(validation: Validation, k: int) -> str:
     if not validation.explained[k]:
         return "not explained by this motion"
     ratio = validation.ratios[ESTIMATE][k] / validation.best_other[k]
-    return "best" if ratio <= 1 else "as good" if ratio <= WORSE else f"worse by {ratio - 1:.0%}"
+    return "best" if ratio <= 1 else "as good" if ratio <= WORSE else f"worse by {100 * (ratio - 1):.0f} %"
 
 
 def table_published(study: Study) -> tabular.Table:
@@ -107,12 +107,19 @@ def table_published(study: Study) -> tabular.Table:
 def table_worse(study: Study) -> tabular.Table:
     """Channels in which another candidate predicts better by more than 5 %."""
     rows = [
-        (each.entry.title, loss.channel, loss.own, CANDIDATES[loss.other], loss.best, f"{loss.own / loss.best - 1:.0%}")
+        (
+            each.entry.title,
+            loss.channel,
+            loss.own,
+            CANDIDATES[loss.other],
+            loss.best,
+            f"{100 * (loss.own / loss.best - 1):.0f} %",
+        )
         for each in study
         for loss in each.losses
     ]
     heads = {"other": "best other candidate", "best": "its residual", "excess": "worse by"}
-    title = f"Channels in which another candidate predicts better by more than {WORSE - 1:.0%}"
+    title = f"Channels in which another candidate predicts better by more than {100 * (WORSE - 1):.0f} %"
     return tabular.Table(
         title, ("recording", "channel", "estimate", "other", "best", "excess"), tuple(rows), heads=heads
     )

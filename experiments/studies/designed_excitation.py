@@ -9,13 +9,16 @@ import numpy as np
 
 import scenes
 from experiments.data import paper
-from experiments.data.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
+from experiments.data.defaults import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
 from experiments.data.outcomes import Design, Excited
 from experiments.studies import criteria, excitation
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
+from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.mechanism.motion import Motion
+from ident.recordings.log import read_log
 from ident.recordings.recording import STATES, Recording
+from ident.recordings.smoothing import settling
 from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -33,11 +36,13 @@ class Bounds:
 
     Attributes:
         position: Lowest and highest position, rad or m.
+        margin: Share of the model's range that is kept free at each stop.
         velocity: Largest velocity, rad/s or m/s.
         acceleration: Largest acceleration, rad/s² or m/s².
     """
 
     position: Sequence[float] | None = None
+    margin: float = MARGIN
     velocity: float | None = None
     acceleration: float | None = None
 
@@ -64,13 +69,13 @@ def joint_limits(bounds: Bounds, problem: Problem, reference: Motion | None) -> 
         InputError: A joint has no range and none is given, or the ranges leave no room.
     """
     if reference is None:
-        low, high = _ranges(problem, bounds.position)
+        low, high = _ranges(problem, bounds)
         velocity, acceleration = (np.full(len(low), limit) for limit in (VELOCITY, ACCELERATION))
     else:
         low, high = reference.q.min(axis=0), reference.q.max(axis=0)
         velocity, acceleration = abs(reference.dq).max(axis=0), abs(reference.ddq).max(axis=0)
         if bounds.position is not None:
-            low, high = _ranges(problem, bounds.position)
+            low, high = _ranges(problem, bounds)
     if bounds.velocity is not None:
         velocity = np.full(len(low), bounds.velocity)
     if bounds.acceleration is not None:
@@ -78,9 +83,9 @@ def joint_limits(bounds: Bounds, problem: Problem, reference: Motion | None) -> 
     return Limits(low, high, velocity, acceleration)
 
 
-def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray]:
-    """The part of the given range that the model allows for each joint: lower and upper limits (n,)."""
-    limits = []
+def _ranges(problem: Problem, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+    """The part of the given range that the model allows for each joint, off its stops: lower and upper limits (n,)."""
+    limits, given = [], bounds.position
     for joint in problem.joints:
         allowed, unit = problem.mechanism.ranges.get(joint), problem.units[joint]
         if given is None and allowed is None:
@@ -89,6 +94,8 @@ def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray
             )
         low, high = given if given is not None else (-np.inf, np.inf)
         inner, outer = allowed if allowed is not None else (-np.inf, np.inf)
+        if allowed is not None:
+            inner, outer = inner + bounds.margin * (outer - inner), outer - bounds.margin * (outer - inner)
         if not max(low, inner) < min(high, outer):
             raise InputError(
                 f"Joint '{joint}' needs a range with a lower limit below the upper one, got {low:g} to {high:g} "
@@ -107,8 +114,10 @@ def problem_of(
     sensors: str = "wrench",
     noise: tuple[float, float] | None = None,
     ignore: Sequence[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
     packages: Sequence[Path] = (),
     drive: Sequence[str] | None = (),
+    base_rpy_deg: Sequence[float] | None = None,
 ) -> Problem:
     """Problem of exciting a model or a scene.
 
@@ -116,12 +125,15 @@ def problem_of(
         model: Model file, or name of a scene.
         base: Body whose frame is {0}, by default the scene's or the world's.
         joints: As for `excitation.problem`, also `sensors`, `noise`, `ignore` and `drive`.
+        fix: Joints that do not move, with their coordinates, as for `sim.mechanism`.
         packages: Folders of ROS packages, for meshes.
+        base_rpy_deg: As for `sim.mechanism`.
     """
     scene = model in scenes.NAMES
     base = base or scenes.BASES.get(model) if scene else base
-    arm = mechanism(scenes.load(model) if scene else model, base, ignore=ignore, packages=packages)
-    return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore, drive=drive)
+    source = scenes.load(model) if scene else model
+    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages, base_rpy_deg=base_rpy_deg)
+    return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore, fix=fix, drive=drive)
 
 
 def designed(
@@ -136,6 +148,9 @@ def designed(
     iterations: int,
     seed: int,
     clearance: float | None,
+    floor: float | None = None,
+    log: Path | None = None,
+    columns: Path | None = None,
 ) -> Design:
     """A motion for a problem.
 
@@ -150,6 +165,9 @@ def designed(
         iterations: Largest number of iterations from each.
         seed: Seed of the starts.
         clearance: Distance that counts as a collision, m; None for no checks.
+        floor: Height in the world's frame above which all moving bodies stay, m; None for none.
+        log: Recording to compare with; by default the paper's excitation or the first start.
+        columns: Mapping of the log's columns.
 
     Raises:
         InputError: A joint has no range, the motion is too short or too long, or all motions collide.
@@ -159,10 +177,14 @@ def designed(
     time = sample_times(duration if seconds is None else seconds, harmonics)
     reference = Motion(*DOUBLE_PENDULUM.trajectory(time)) if published else None
     limits = joint_limits(bounds, problem, reference)
-    collisions = None if clearance is None else Collisions(problem.mechanism.source.model, problem.joints, clearance)
+    own = None if log is None else recorded(problem, log, columns)
+    model_of, still = problem.mechanism.source.model, problem.still
+    collisions = None if clearance is None else Collisions(model_of, problem.joints, clearance, still, floor)
+    if collisions is not None and floor is not None and not collisions.checks_floor:
+        raise InputError("--floor needs moving bodies with geoms that can collide; this model has none.")
     rest = np.array([problem.rest[joint] for joint in problem.joints])
     motions = excitation.start_motions(limits, rest, float(time[-1]), harmonics, starts, seed)
-    before = Motion(*motions[0].states(time)) if reference is None else reference
+    before = own or reference or Motion(*motions[0].states(time))
     if reference is not None:
         motions[0] = FourierTrajectory.closest(float(time[-1]), harmonics, time, reference.q)
     value = criteria.cost(problem, criterion, len(time))
@@ -178,13 +200,29 @@ def designed(
         known=known,
         limits=limits,
         time=time,
-        start="the paper's excitation" if published else "the first random start",
+        start=str(log) if log else "the paper's excitation" if published else RANDOM_START,
         before=_excited(problem, before),
         after=_excited(problem, after),
         series=series,
         recording=recording(problem, time, after, {"designed": model, "criterion": criterion, "series": series}),
         collisions=_checked(collisions),
     )
+
+
+def recorded(problem: Problem, log: Path, columns: Path | None = None) -> Motion:
+    """Motion of a log's joints, of those that the problem moves, at the rate of designed motions.
+
+    Raises:
+        InputError: The log lacks a joint, or does not fit the mechanism.
+    """
+    recording = read_log(log, problem.whole, columns)
+    joints = problem.joints
+    cutoff = motion_cutoff(recording, joints, None, filters=True)
+    motion, own = recorded_motion(problem.mechanism, recording, cutoff), recording.time
+    edge = 0 if cutoff is None else min(settling(recording.rate, cutoff), len(own) // 4)
+    time = np.arange(own[edge], own[-1 - edge], 1 / RATE)
+    q, dq, ddq = (np.stack([np.interp(time, own, column) for column in x.T], axis=1) for x in motion.states)
+    return Motion(q, dq, ddq)
 
 
 def _series(trajectory: FourierTrajectory, joints: Sequence[str]) -> dict[str, Any]:
@@ -216,6 +254,9 @@ def _checked(collisions: Collisions | None) -> str:
     if collisions is None:
         return "not checked"
     pairs = collisions.pairs()
-    if pairs == 0:
+    on_floor = (
+        "" if collisions.floor is None else f"; all geoms stay that far above the floor at {collisions.floor:g} m"
+    )
+    if pairs == 0 and not on_floor:
         return "not checked, because the model has no geoms that could collide with one another"
-    return f"none; of {pairs} pairs of geoms none comes closer than {collisions.clearance:g} m"
+    return f"none; of {pairs} pairs of geoms none comes closer than {collisions.clearance:g} m{on_floor}"

@@ -34,7 +34,9 @@ class Problem:
 
     Attributes:
         mechanism: The mechanism of the joints that move; all others are locked at rest.
+        whole: The mechanism of all joints.
         rest: Rest position of each hinge and slide, moved or not, rad or m.
+        still: Coordinates of joints that are not part of the mechanism, where they are not as the model draws them.
         units: Their units, `rad` or `m`.
         sensors: One of `defaults.SENSORS`.
         whitening: W that makes the noise on the rows of a sample white and of unit size, 1/N and 1/(N m) (rows, rows).
@@ -43,7 +45,9 @@ class Problem:
     """
 
     mechanism: Mechanism
+    whole: Mechanism
     rest: Mapping[str, float]
+    still: Mapping[str, Sequence[float]]
     units: Mapping[str, str]
     sensors: str
     whitening: np.ndarray
@@ -87,6 +91,7 @@ def problem(
     sensors: str,
     noise: tuple[float, float] | None = None,
     ignore: Sequence[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
     drive: Sequence[str] | None = (),
 ) -> Problem:
     """Problem of exciting some joints of a mechanism on a fixed base.
@@ -98,6 +103,7 @@ def problem(
         noise: Standard deviations of the noise on forces in N, and on moments and torques in N m; by default those
             that the model's sensors state, and `NOISE` for channels without.
         ignore: Names of equality constraints and tendons to leave out.
+        fix: Coordinates of the joints that the mechanism was read without.
         drive: Drives to determine as well, as for `ident.identify`; they need torques.
 
     Raises:
@@ -113,9 +119,9 @@ def problem(
     moving = _chosen(joints, mechanism.tree, names)
     check_torques(model, mechanism_bodies(model, base), ignore, moving)
     rest = rest_coordinates(model, base)
-    locked = mechanism.fixed({name: q for name, q in rest.items() if name not in moving})
+    locked = mechanism.fixed({name: rest[name] for name in mechanism.tree.joints if name not in moving})
     gravity = mechanism.gravity
-    if base is not None:
+    if base is not None and mechanism.base_rpy_deg is None:
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))
         gravity = still.T[0, :3, :3].T @ gravity_of(model)
     locked = replace(locked, gravity=gravity)
@@ -124,7 +130,9 @@ def problem(
     parameters = find_base_parameters(locked, sensors=Sensors(base_wrench=wrench, joint_torques=not wrench))
     return Problem(
         locked,
+        mechanism,
         {joint: float(rest[joint][0]) for joint in joints},
+        {joint: q for joint, q in (fix or {}).items() if len(q)},
         units,
         sensors,
         _whitening(model, base, {} if wrench else {joint: units[joint] for joint in moving}, noise),

@@ -1,18 +1,17 @@
 """Reading and preparation of a user's model and log."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from experiments.studies.marker_logs import with_angles
 from ident.estimation.preparation import Prepared, prepared
-from ident.files.column import KINDS
 from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
 from ident.recordings.columns.segments import read_segments
 from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 from sim.models.couplings import check_torques
 from sim.models.mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
@@ -22,82 +21,56 @@ def prepare(
     source: Path,
     log_path: Path,
     *,
-    base: str | None = None,
     columns: Path | None = None,
     cutoff: str | float | None = None,
     filters: bool = True,
     drive: Sequence[str] | None = None,
     leave_out: Sequence[str] = (),
-    ignore: Sequence[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
     limit: int = LIMIT,
     gaps: bool = False,
-    packages: Sequence[Path] = (),
     person: Person | None = None,
+    **model: Any,
 ) -> Prepared:
     """Reads a model and a log.
 
     Args:
         source: MJCF, URDF or OpenSim file.
         log_path: A file that `read_log` reads; markers of a .trc file become angles first.
-        base: Body whose frame is {0}, by default the world.
         columns: Mapping of the log's columns.
         cutoff: As for `prepared`, also `filters` and `leave_out`.
         drive: As for `prepared`.
-        ignore: Equality constraints and tendons to leave out.
-        fix: Joints that do not move and are not in the log, as for `tree_from_model`.
         limit: Bytes that an archive may take in memory.
         gaps: True if samples may be missing.
-        packages: Folders of ROS packages, for the meshes of a URDF file.
         person: Person whose bodies these are, from a table instead of the model; `columns` assigns the segments.
+        model: Further arguments of `sim.mechanism`; joints that `fix` holds are not in the log.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    arm = read_mechanism(source, base=base, ignore=ignore, fix=fix, packages=packages, person=person, columns=columns)
+    base, fix = model.get("base"), model.get("fix")
+    arm = read_mechanism(source, person=person, columns=columns, **model)
     with with_angles(source, log_path, base, fix) as (angles_path, notes):
-        log = recorded(arm, angles_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
+        log = read_log(angles_path, arm, columns, gaps=gaps, limit=limit)
     log = replace(log, notes=(*notes, *log.notes))
     if person is not None:
         log = replace(log, notes=(*log.notes, _of_person(arm, person)))
     ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, leave_out=leave_out, name=str(log_path))
-    felt = [arm.tree.joints[k] for k in ready.equations.torques]
+    tree = ready.mechanism.tree
+    moved = [tree.bodies[i] for i in tree.moving]
+    owners = [body.joint for body in moved for _ in range(body.freedoms)]
+    felt = [owners[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
-        check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
+        members = mechanism_bodies(arm.source.model, base)
+        check_torques(arm.source.model, members, model.get("ignore", ()), felt, ready.recording.followers)
     return ready
 
 
 def read_mechanism(
-    source: Path,
-    *,
-    base: str | None = None,
-    ignore: Sequence[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
-    packages: Sequence[Path] = (),
-    person: Person | None = None,
-    columns: Path | None = None,
+    source: Path, *, person: Person | None = None, columns: Path | None = None, **model: Any
 ) -> Mechanism:
     """Reads a model, arguments as for `prepare`."""
-    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages)
+    arm = mechanism(source, **model)
     return arm if person is None else with_person(arm, person, read_segments(columns) if columns else None)
-
-
-def recorded(
-    arm: Mechanism,
-    log_path: Path,
-    *,
-    columns: Path | None = None,
-    fix: Mapping[str, Sequence[float]] | None = None,
-    gaps: bool = False,
-    limit: int = LIMIT,
-) -> Recording:
-    """Reads a log of a mechanism, arguments as for `prepare`."""
-    log = read_log(log_path, arm, columns, gaps=gaps, limit=limit)
-    still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
-    if unread := [name for name in log.unused if name in still]:
-        sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."
-        log = replace(log, notes=(*log.notes, sentence))
-    return log
 
 
 def _of_person(arm: Mechanism, person: Person) -> str:

@@ -1,13 +1,14 @@
 """Model files to compare."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from experiments.data.model_comparison import ModelPair, pairs
 from ident.errors import InputError
 from sim.models.mechanism import mechanism
 
-MODELS = (".xml", ".mjcf", ".urdf", ".osim")
+MODELS = (".xml", ".mjcf", ".urdf", ".xacro", ".osim")
 """Endings of model files."""
 
 
@@ -16,22 +17,12 @@ def is_model(path: Path) -> bool:
     return path.is_file() or (path.suffix.lower() in MODELS and not path.is_dir())
 
 
-def compared_models(
-    files: Sequence[Path],
-    base: str | None = None,
-    *,
-    ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
-    packages: Sequence[Path] = (),
-) -> list[ModelPair]:
+def compared_models(files: Sequence[Path], **model: Any) -> list[ModelPair]:
     """The first of several MJCF, URDF or OpenSim files with each of the others.
 
     Args:
         files: The files.
-        base: Body whose frame is {0}, by default the world; this and all that follows as for `sim.mechanism`.
-        ignore: Names of equality constraints and tendons to leave out.
-        fix: Names of joints that do not move, with their coordinates.
-        packages: Folders of ROS packages.
+        model: As for `sim.mechanism`.
 
     Raises:
         InputError: There is one file only, a file cannot be read, or two models have no body in common.
@@ -40,7 +31,7 @@ def compared_models(
         raise InputError("A comparison needs two or more different model files.")
     names = [file.name for file in files]
     names = names if len(set(names)) == len(names) else list(map(str, files))
-    compared = pairs(names, [mechanism(file, base, ignore=ignore, fix=fix, packages=packages) for file in files])
+    compared = pairs(names, [mechanism(file, **model) for file in files])
     for pair in compared:
         if not pair.bodies:
             raise InputError(f"{' and '.join(pair.names)} have no body in common; bodies are compared by name.")

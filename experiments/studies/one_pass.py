@@ -17,6 +17,7 @@ from ident.files.column import UNITS
 from ident.judgement.checks import Checks, Unchecked, Weight
 from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.evidence import Evidence
+from ident.judgement.idle import not_predicted, still_channels
 from ident.judgement.judges import findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -206,6 +207,7 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
     constant = ~(statistics.extent("wrench") > 0)
     differs = straight > np.maximum(STUCK**2 * predicted, ROUNDING**2 * predicted.max())
     offsets = fit.offsets
+    idle = still_channels(dict(zip(COMPONENTS, np.sqrt(predicted).tolist(), strict=True)))
     evidence = Evidence(
         fit=fit,
         ratios=ratios,
@@ -216,6 +218,7 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
         inseparable=tuple(channel for channel in COMPONENTS if offsets and channel not in offsets),
         scale=dict(zip(COMPONENTS, (fit.residual_norms / np.sqrt(fit.samples)).tolist(), strict=True)),
         constant=(*statistics.resting(), *np.array(COMPONENTS)[constant & differs].tolist()),
+        idle=not_predicted(idle, ratios),
     )
     return Judged(evidence, findings(evidence))
 

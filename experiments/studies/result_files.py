@@ -45,6 +45,13 @@ def estimate_of(folder: Path) -> Content:
     return _read(folder / "estimate.json", _check_estimate)
 
 
+def covariance_of(folder: Path, names: Sequence[str]) -> np.ndarray:
+    """Covariance of some parameters from the noise, of the `estimate.json` in a folder; raises as `estimate_of`."""
+    estimate = estimate_of(folder)
+    where = [estimate["columns"].index(name) for name in names]
+    return np.array(estimate["covariance"], float)[np.ix_(where, where)]
+
+
 def provenance_of(folder: Path) -> Content:
     """Content of `provenance.json`; raises as `estimate_of`."""
     return _read(folder / "provenance.json", _check_provenance)

@@ -29,6 +29,7 @@ from ident.estimation.samples import Samples
 from ident.files import limits
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
+from ident.recordings.columns.mapping import read_mapping
 from ident.recordings.log import read_log_pieces
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, Sensor
@@ -214,35 +215,34 @@ def reading(
     model: Path,
     recordings: Sequence[Path],
     *,
-    base: str | None = None,
-    ignore: Sequence[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
-    packages: Sequence[Path] = (),
     contact: Sequence[str] = (),
     without: Sequence[str] = (),
     columns: Path | None = None,
     offsets: bool = True,
     piece: int | None = None,
     limit: int = limits.LIMIT,
+    **stated: Any,
 ) -> Reading:
     """Reading of recordings of a model.
 
     Args:
         model: Model file.
         recordings: Recordings in order.
-        base: As for `sim.mechanism`, also `ignore`, `fix` and `packages`.
         contact: Wrenches at the sites of the same names.
         without: Wrenches to leave out.
         columns: As for `Reading`, also `limit`.
         offsets: True to fit constant offsets.
         piece: Samples read at a time.
+        stated: Further arguments of `sim.mechanism`.
 
     Raises:
         InputError: The model cannot be read, or lacks a site.
     """
     if GROUND in contact:
         raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
-    arm = mechanism(model, base, ignore=ignore, fix=fix, packages=packages)
+    arm = mechanism(model, **stated)
+    if columns is not None and (rpy := read_mapping(columns, arm.tree).base_rpy_deg) is not None:
+        arm = arm.mounted(rpy)
     sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in contact}
     Statistics.of(arm.tree)  # Refuses what one pass does not support.
     equations = Equations.of_wrench(arm)

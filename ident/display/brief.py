@@ -27,6 +27,16 @@ def properties(kind: str, lines: Mapping[str, object]) -> str:
     return f"<div><strong>{escape(kind)}</strong><table><tbody>{body}</tbody></table></div>"
 
 
+class Worded:
+    """Base of classes that are printed as their sentences; data classes need `repr=False`."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(str(self))}</p>"
+
+
 class Brief:
     """Base of classes whose `repr` is a few properties; data classes need `repr=False`."""
 

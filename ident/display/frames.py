@@ -25,7 +25,7 @@ def parameters_frame(parameters: Sequence["Parameter"]) -> "pd.DataFrame":
     """
     pd = _pandas()
     intervals = np.array([each.interval() for each in parameters]).reshape(-1, 2)
-    columns = ("kind", "body", "value", "std", "std_setup", "unit", "model", "expression")
+    columns = ("kind", "body", "estimate", "std", "std_setup", "unit", "model", "expression")
     out: dict[str, Any] = {key: [getattr(each, key) for each in parameters] for key in columns}
     out["model"] = np.array([np.nan if x is None else x for x in out["model"]])
     out |= {"lower": intervals[:, 0], "upper": intervals[:, 1]}

@@ -1,4 +1,4 @@
-"""Estimated coefficients one by one: value, interval, unit, body."""
+"""Estimated coefficients one by one: estimate, interval, unit, body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import numpy as np
 from scipy import special
 
 from ident.arguments import is_number, near
+from ident.display.brief import Worded
 from ident.errors import InputError
 from ident.estimation.units import coefficient_unit
 from ident.geometry.inertia import body_of_parameter
@@ -16,15 +17,15 @@ if TYPE_CHECKING:
     from ident.estimate import Estimate
 
 
-@dataclass(frozen=True)
-class Parameter:
+@dataclass(frozen=True, repr=False)
+class Parameter(Worded):
     """An estimated coefficient.
 
     Attributes:
         name: Its name, such as `m2rz2`, `Fv(knee)`, `offset(Fx)` or `scale(knee)`.
         kind: `base` for a base parameter, `drive` for friction, a rotor or a spring, `offset` of a channel, or
             `scale` of a joint's torque, true over stated.
-        value: Its estimate in its unit.
+        estimate: Its estimate in its unit.
         std: Standard deviation from the noise.
         std_setup: Standard deviation with the uncertainty of the set-up.
         unit: SI unit, "" for a scale.
@@ -36,7 +37,7 @@ class Parameter:
 
     name: str
     kind: str
-    value: float
+    estimate: float
     std: float
     std_setup: float
     unit: str
@@ -44,6 +45,11 @@ class Parameter:
     model: float | None = None
     expression: str = ""
     at_bound: bool = False
+
+    @property
+    def value(self) -> float:
+        """The estimate, by its name of version 1.0."""
+        return self.estimate
 
     def interval(self, level: float = 0.95, *, setup: bool = True) -> tuple[float, float]:
         """Confidence interval, from zero for a drive.
@@ -55,13 +61,13 @@ class Parameter:
         Raises:
             InputError: The level is not between 0 and 1.
         """
-        low, high = intervals([self.value], [self.std_setup if setup else self.std], level)[0].tolist()
+        low, high = intervals([self.estimate], [self.std_setup if setup else self.std], level)[0].tolist()
         return (max(low, 0.0) if self.kind == "drive" else low), high
 
     def __str__(self) -> str:
         low, high = self.interval()
         model = "" if self.model is None else f", model {self.model:.4g}"
-        return f"{self.name} = {self.value:.4g} {self.unit}, 95 % interval {low:.4g} to {high:.4g}{model}".strip()
+        return f"{self.name} = {self.estimate:.4g} {self.unit}, 95 % interval {low:.4g} to {high:.4g}{model}".strip()
 
 
 class Groups(dict[str, tuple[Parameter, ...]]):

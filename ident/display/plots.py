@@ -1,7 +1,8 @@
 """Plots of estimates and recordings as matplotlib figures, in the style that matplotlib is set to."""
 
+import sys
 from collections import ChainMap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import mlab
@@ -116,14 +117,38 @@ def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarr
     return np.asarray(frequency), np.sqrt(power)
 
 
+class _CellFigure(Figure):
+    """A figure that a notebook shows once at the end of its cell, whether or not it is the cell's last value."""
+
+    def _ipython_display_(self) -> None:
+        """Counts the figure as shown, and leaves the showing to others."""
+        if self in _UNSHOWN:
+            _UNSHOWN.remove(self)
+        raise NotImplementedError
+
+
+_UNSHOWN: list[Figure] = []
+"""Figures of the notebook's running cell that are not shown yet."""
+
+
 def _figure(width: float, height: float) -> Figure:
     """A figure of pyplot's, so that notebooks know how to show it, but not among those that they show themselves."""
     # Commands, which use the spectra alone, start without it.
     from matplotlib import pyplot
 
-    figure = pyplot.figure(figsize=(width, height), layout="constrained")
+    figure = pyplot.figure(figsize=(width, height), layout="constrained", FigureClass=_CellFigure)
     pyplot.close(figure)
+    shell: Any = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if hasattr(shell, "kernel"):
+        _UNSHOWN.append(figure)
+        shell.events.register("post_execute", _show)
     return figure
+
+
+def _show() -> None:
+    """Shows the figures that the cell has not shown."""
+    for figure in list(_UNSHOWN):
+        sys.modules["IPython"].display.display(figure)
 
 
 def _panels(estimate: "Estimate", xlabel: str, per: str) -> tuple[Figure, list[Axes]]:

@@ -29,19 +29,32 @@ def decimals_of(std: float | None) -> int | None:
     return 1 - int(f"{std:.1e}".partition("e")[2]) if std and math.isfinite(std) else None
 
 
+def decimals_beside(value: float, std: float | None) -> int | None:
+    """Decimals of an estimate: those of its standard deviation, or more where it would be printed as zero.
+
+    >>> [decimals_beside(*each) for each in ((2.5, 0.031), (-0.0002, 0.031), (0.0, 0.031), (0.3, 740.0), (2.5, None))]
+    [3, 4, 3, 1, None]
+    """
+    decimals = decimals_of(std)
+    if decimals is None or not value or not math.isfinite(value) or round(value, decimals):
+        return decimals
+    return -int(f"{value:.0e}".partition("e")[2])
+
+
 def rounded(value: float, std: float) -> tuple[str, str]:
     """A value and its standard deviation, with two significant digits of the latter."""
     if (decimals := decimals_of(std)) is None:
         return f"{value:.4g}", f"{std:.2g}"
-    return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}", f"{round(std, decimals):.{max(decimals, 0)}f}"
+    own = decimals_beside(value, std) or 0
+    return f"{round(value, own) + 0.0:.{max(own, 0)}f}", f"{round(std, decimals):.{max(decimals, 0)}f}"
 
 
 def parameter_rows(parameters: Iterable[Parameter]) -> list[tuple[str, ...]]:
     """Cells of a table of parameters: name, body, estimate, both standard deviations, unit, model, regrouping."""
     rows: list[tuple[str, ...]] = []
     for each in parameters:
-        value, std = rounded(each.value, each.std)
-        wider = rounded(each.value, each.std_setup)[1]
+        value, std = rounded(each.estimate, each.std)
+        wider = rounded(each.estimate, each.std_setup)[1]
         model = "" if each.model is None else rounded(each.model, each.std)[0]
         regrouping = "" if each.expression == each.name else each.expression
         rows.append((each.name, each.body, value, std, wider, each.unit, model, regrouping))
@@ -66,10 +79,22 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Iterab
 
 def first_parameters(estimate: "Estimate") -> tuple[list[Parameter], str]:
     """The first parameters of each kind of an estimate, and a sentence on the others, "" for none."""
-    kinds = dict.fromkeys(each.kind for each in estimate.parameters)
-    out = [row for kind in kinds for row in [each for each in estimate.parameters if each.kind == kind][:SHOWN]]
+    every = [each for each in estimate.parameters if each.name not in estimate.undetermined]
+    kinds = dict.fromkeys(each.kind for each in every)
+    out = [row for kind in kinds for row in [each for each in every if each.kind == kind][:SHOWN]]
     left = len(estimate.parameters) - len(out)
     return out, f"… and {left} more; estimate.to_frame() has all" if left else ""
+
+
+def undetermined_sentence(estimate: "Estimate") -> str:
+    """Sentence on the parameters that the motion does not determine since joints rest; empty for none."""
+    if not estimate.undetermined:
+        return ""
+    resting = ", ".join(sorted({joint for part in estimate.logs for joint in part.log.resting}))
+    return (
+        f"{resting} rest{'' if ',' in resting else 's'}, so that the motion does not determine "
+        f"{', '.join(estimate.undetermined)}: left out here, as near the model's values."
+    )
 
 
 def _short(regrouping: str) -> str:
@@ -83,7 +108,8 @@ def estimate_summary(estimate: "Estimate") -> str:
     rows = [(*row[:-1], _short(row[-1])) for row in parameter_rows(parameters)]
     notes = [f"  {note}" for part in estimate.logs for note in part.log.notes]
     sentences = [
-        f"Residual over signal: {ratios(estimate)}; condition number {estimate.condition_number:.3g}.",
+        f"Residual over signal: {ratios(estimate)}; condition number {estimate.determined_condition:.3g}.",
+        undetermined_sentence(estimate),
         str(estimate.verdict()),
         *notes,
         *(finding.line for finding in estimate.findings),

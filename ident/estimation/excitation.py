@@ -26,6 +26,9 @@ INDEPENDENT = 1e-6
 MIXED = 1e-3
 """Coefficient of a unit-norm column in another from which the one takes up the other."""
 
+MOSTLY = 0.5
+"""Share of a parameter in combinations that the motion does not separate from which it is not determined."""
+
 
 def noise_rows(
     equations: Equations, samples: Samples, state_noise: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -98,12 +101,7 @@ def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, Excitat
 
     The error names the parameters in combinations that the motion does not separate.
     """
-    scales = channel_scales([samples.measured], equations.channels)
-    weights = np.broadcast_to(1 / scales, samples.measured.shape)
-    columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
-    norms = np.linalg.norm(columns, axis=0)
-    # A decomposition of the triangle is faster than one of all rows, and less likely to fail to converge.
-    _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
+    s, directions = _decomposed(equations, samples)
     hidden = directions[s <= s[0] / CONDITION_LIMIT]
     if not len(hidden):
         return s, None
@@ -114,6 +112,24 @@ def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, Excitat
         "designs a motion), measure more, or put in what the model knows (--prior on).",
         names,
     )
+
+
+def undetermined(equations: Equations, samples: Samples) -> tuple[str, ...]:
+    """Names of the base parameters that lie mostly in combinations which the motion does not separate."""
+    s, directions = _decomposed(equations, samples)
+    hidden = (directions[s <= s[0] / CONDITION_LIMIT] ** 2).sum(axis=0)[: equations.parameters.rank]
+    return tuple(name for name, share in zip(equations.names, hidden, strict=False) if share > MOSTLY)
+
+
+def _decomposed(equations: Equations, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values and right singular vectors of the unit-norm columns, each channel divided by its scale."""
+    scales = channel_scales([samples.measured], equations.channels)
+    weights = np.broadcast_to(1 / scales, samples.measured.shape)
+    columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
+    norms = np.linalg.norm(columns, axis=0)
+    # A decomposition of the triangle is faster than one of all rows, and less likely to fail to converge.
+    _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
+    return s, directions
 
 
 def contributing(hidden: np.ndarray, names: Sequence[str]) -> list[str]:

@@ -7,8 +7,8 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from ident.arguments import checked_names
-from ident.errors import LogError
+from ident.arguments import checked_names, rpy_text
+from ident.errors import InputError, LogError
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.excitation import separable
@@ -17,12 +17,13 @@ from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
 from ident.files.table import BASE
-from ident.geometry.se3 import coAd, inverse
+from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Axes
 from ident.model.regressor import drive_kinds
+from ident.model.stated import column_place
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
@@ -72,6 +73,7 @@ class Prepared:
         steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
         drives: Names of the drives' columns before those that depend on others were left out.
         searches_stribeck: True if the data may add Stribeck friction to them.
+        resting: Joints that rest, which excite no friction.
     """
 
     mechanism: Mechanism
@@ -89,6 +91,7 @@ class Prepared:
     steps: Mapping[str, float] = field(default_factory=dict)
     drives: tuple[str, ...] = ()
     searches_stribeck: bool = False
+    resting: tuple[str, ...] = ()
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Mask of the times at which samples are not left out (N,)."""
@@ -152,18 +155,26 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
+    mechanism = mechanism.following(recording.followers)
     tree = mechanism.tree
-    mechanism = _with_known_bodies(mechanism, recording)
+    mechanism, (recording,) = at_rest(mechanism, [recording])
+    mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
     steps = repairs.steps(recording, tree)
-    recording, clipped = repairs.without_clipped(recording, mechanism)
-    recording, notes = repairs.without_spikes(recording, mechanism.joints)
+    clipped, notes = tuple[Clipped, ...](), list[str]()
+    if not recording.still:
+        recording, clipped = repairs.without_clipped(recording, mechanism)
+        recording, notes = repairs.without_spikes(recording, mechanism.joints)
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
-    notes += [repairs.rest_note(*each) for each in repairs.rests(recording, tree).items()]
+    if mechanism.base_rpy_deg is not None:
+        down = ", ".join(f"{x:.3g}" for x in mechanism.gravity)
+        notes.append(f"The base's roll, pitch and yaw are {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
+    resting = repairs.rests(recording, tree)
+    notes += [repairs.rest_note(*each) for each in resting.items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
     motion = recorded_motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
@@ -193,7 +204,10 @@ def prepared(
     equations, sensors = equations_of(mechanism, recording, frame, samples, tuple(measured), drives)
     notes += _hidden(equations, sensors)
     notes += [equations.parameters.remark] if equations.parameters.remark else []
-    if lost := [name for name in drives if name not in equations.drives]:
+    lost = [name for name in drives if name not in equations.drives]
+    if still := [name for name in lost if column_place(name)[1] in resting]:
+        notes.append(f"{', '.join(still)} do not show in a joint that rests.")
+    if lost := [name for name in lost if name not in still]:
         notes.append(absorbed_note(mechanism, lost, equations.mixed))
     return Prepared(
         *(mechanism, recording, equations, samples, sensors, frame, wrench, cutoff),
@@ -203,7 +217,41 @@ def prepared(
         steps=steps,
         drives=drives,
         searches_stribeck=drive is None,
+        resting=tuple(resting),
     )
+
+
+def mounted(mechanism: Mechanism, recording: Recording) -> Mechanism:
+    """Mechanism with the orientation of its base that a recording states.
+
+    Raises:
+        InputError: The base moves, or another orientation was stated before.
+    """
+    if recording.base_rpy_deg is not None:
+        mechanism = mechanism.mounted(recording.base_rpy_deg)
+    if recording.base is not None and mechanism.base_rpy_deg is not None:
+        raise InputError("The recording has poses of a base that moves; base_rpy_deg (--base-rpy) is for one at rest.")
+    return mechanism
+
+
+def at_rest(mechanism: Mechanism, recordings: Sequence[Recording]) -> tuple[Mechanism, list[Recording]]:
+    """Mechanism and recordings with a base at rest, if the recorded poses of the base have one constant rotation.
+
+    Gravity is then in the axes of the base frame, and fewer parameters show than on a base that moves. What rests in
+    the world beside the mechanism needs the poses.
+    """
+    bases = [each.base for each in recordings if each.base is not None]
+    in_world = any(sensor.frame == "world" for each in recordings for sensor in each.sensors.values())
+    moving = any(np.ptp(T, axis=0).any() or (T[0] != bases[0][0])[:3, :3].any() for T in bases)
+    if in_world or moving or not 0 < len(bases) == len(recordings):
+        return mechanism, list(recordings)
+    out = []
+    for each in recordings:
+        held = bool(not each.wrenches or GROUND in each.wrenches) if each.held is None else each.held
+        streams = {name: stream for name, stream in each.streams.items() if name != BASE}
+        notes = (*each.notes, "The base rests: its recorded pose is constant.")
+        out.append(replace(each, base=None, held=held, streams=streams, notes=notes))
+    return mechanism.mounted(roll_pitch_yaw(bases[0][0, :3, :3])), out
 
 
 def _with_known_bodies(mechanism: Mechanism, recording: Recording) -> Mechanism:
@@ -239,7 +287,7 @@ def equations_of(
     rows = coAd(inverse(frame))[known] if known else None
     servos = [recording.servos.get(freedoms[k]) for k in torques] if recording.servos else []
     gains = np.array([(each.kp, each.kv) if each else (0.0, 0.0) for each in servos]).T
-    sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows)
+    sensors = Sensors(bool(known), bool(torques), samples.motion.base is not None, rows, recording.still)
     parameters = structural_base_parameters(mechanism, sensors=sensors)
     equations = Equations(
         *(mechanism, parameters, rows, torques, channels, drives if torques else ()),
@@ -267,7 +315,7 @@ def _wrench(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose of the ground sensor's frame and total wrench in it (Eq. 17), of contacts alone if the base is not held."""
     wrenches = recording.wrenches
-    if not wrenches and recording.base is None:
+    if not wrenches and (recording.base is None or recording.held):
         return np.eye(4), np.full((len(motion), 6), np.nan)
     if GROUND not in wrenches and recording.is_held(tree):
         raise LogError(

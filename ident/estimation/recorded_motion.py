@@ -48,22 +48,29 @@ def base_motion_from_poses(
         cutoff: Cut-off, Hz; None for `chosen_cutoff` of the positions and quaternions.
         smoother: Function that smooths, by default a low-pass.
     """
-    x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
+    x = base_coordinates(T)
     return base_motion(np.stack(smoother(x, rate, cutoff or chosen_cutoff(x, rate))))
+
+
+def base_coordinates(T: np.ndarray) -> np.ndarray:
+    """Positions and quaternions without jumps of sign (N, 7) of poses (N, 4, 4)."""
+    return np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
 
 
 _CHOSEN = WeakKeyDictionary[Recording, dict[tuple[str, ...], float]]()
 
 
 def usual_cutoff(recording: Recording, joints: Sequence[str]) -> float:
-    """`chosen_cutoff` of the joints' coordinates, Hz, computed once for each recording.
+    """`chosen_cutoff` of the joints' coordinates, or those of a base alone, Hz, computed once for each recording.
 
     Raises:
         InputError: None can be chosen.
     """
     chosen, key = _CHOSEN.setdefault(recording, {}), tuple(joints)
     if key not in chosen:
-        chosen[key] = chosen_cutoff(coordinates(recording, joints), recording.rate)
+        moving = recording.base if not joints else None
+        states = coordinates(recording, joints) if moving is None else base_coordinates(moving)
+        chosen[key] = chosen_cutoff(states, recording.rate)
     return chosen[key]
 
 
@@ -83,10 +90,10 @@ def motion_cutoff(
     """
     # A recording has velocities and accelerations of all joints or of none.
     rates = any({f"{joint}_velocity", f"{joint}_acceleration"} <= recording.measured.keys() for joint in joints)
-    if cutoff is None and rates:
+    if recording.still or (cutoff is None and rates):
         return None
     if cutoff is None or cutoff == "auto":
-        if not joints:
+        if not joints and recording.base is None:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
         try:
             return usual_cutoff(recording, joints)
@@ -114,11 +121,17 @@ def recorded_motion(
     """Motion of the joints, and of a base on a carrier or tracked, smoothed by a low-pass or another function."""
 
     def states(tree: Tree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if recording.still:
+            none = np.zeros((len(recording.time), len(tree.freedoms)))
+            return coordinates(recording, tree.joints), none, none
         if cutoff is None:
             return recording.joint_states(tree.joints)
         return joint_states(tree, np.stack(smoother(coordinates(recording, tree.joints), recording.rate, cutoff)))
 
-    base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff, smoother)
+    base, none = None, np.zeros((len(recording.time), 6))
+    if recording.base is not None:
+        T, rate = recording.base, recording.rate
+        base = BaseMotion(T, none, none) if recording.still else base_motion_from_poses(T, rate, cutoff, smoother)
     if mechanism.carrier is not None:
         base = mechanism.carrier.motion(*states(mechanism.carrier.tree))
     return Motion(*states(mechanism.tree), base)

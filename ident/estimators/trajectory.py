@@ -9,7 +9,7 @@ import numpy as np
 from ident.errors import ExcitationError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
-from ident.estimation.excitation import excited, separable
+from ident.estimation.excitation import excited, separable, undetermined
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
 from ident.estimators.candidate import Candidate
@@ -17,6 +17,7 @@ from ident.estimators.predictions import Predictions
 from ident.judgement.candidates import LEAST_SQUARES, MODEL
 from ident.judgement.checks import wrench_checks
 from ident.judgement.fit_findings import beyond_fast_noise
+from ident.judgement.gravity import recorded_gravity
 from ident.judgement.halves import disagreement, disagreements, widening, without
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
@@ -93,6 +94,7 @@ def trajectory(problem: Problem) -> Estimate:
         widening=wider,
         bounded=result.bounds,
         unmodelled=predictions.unmodelled(usual) if asked else (),
+        undetermined=undetermined(equations, samples) if any(part.log.resting for part in problem.fitted) else (),
     )
 
 
@@ -110,8 +112,12 @@ def _grossly_wrong(log: Prepared) -> bool:
     """True if a wrench or torque is so wrong that a search for small set-up errors is pointless."""
     frames, base = wrench_checks(log)
     torques = torque_checks(log)
-    wrench = any(check.suspicious for check in frames.values()) or (base is not None and base.suspicious)
-    return wrench or (torques is not None and torques.grossly_wrong)
+    wrench = any(check.suspicious or check.mirrored for check in frames.values()) or (
+        base is not None and base.suspicious
+    )
+    gravity = recorded_gravity(log)
+    turned = gravity is not None and gravity.suspicious
+    return turned or wrench or (torques is not None and torques.grossly_wrong)
 
 
 def _known_enough(

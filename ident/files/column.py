@@ -1,6 +1,6 @@
 """Units of columns, and quantities computed from columns by gains, constants and the matrices of coupled motors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +60,7 @@ SINGULAR = 1e6
 
 @dataclass(frozen=True)
 class Sum:
-    """A column computed from others: Σ weight · column + constant.
+    """A column computed from others: Σ weight · column + constant, or a constant alone.
 
     Attributes:
         columns: Names of the columns in the sum, each once.
@@ -77,11 +77,13 @@ class Sum:
         """Name in messages and in a mapping, such as `0.5*qm5 + 0.5*qm6 - 3`."""
         terms = [f"{w:+.9g}*{name}" for w, name in zip(self.weights, self.columns, strict=True)]
         terms += [f"{self.constant:+.9g}"] if self.constant else []
-        return " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ")
+        text = " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ")
+        return text if self.columns else f"constant {self.constant:.9g}"
 
-    def of(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+    def of(self, columns: Sequence[np.ndarray], samples: int) -> np.ndarray:
         """Values of the sum from those of its columns (N,), NaN where one of them is missing (N,)."""
-        return np.asarray(np.tensordot(self.weights, np.stack(columns), axes=1) + self.constant)
+        constant = np.full(samples, self.constant)
+        return np.tensordot(self.weights, np.stack(columns), axes=1) + constant if columns else constant
 
 
 @dataclass(frozen=True)
@@ -108,9 +110,15 @@ class Columns:
 
     @property
     def alone(self) -> tuple[str, ...]:
-        """Names of the columns; a sum of one column counts as that column, a sum of several by its own name."""
-        single = {each.name: each.columns[0] for each in self.sums if len(each.columns) == 1}
-        return tuple(single.get(name, name) for name in filter(None, self.names))
+        """Names of the columns, no constants; a sum of one column counts as that column, of several by its own name."""
+        single = {each.name: each.columns for each in self.sums if len(each.columns) < 2}
+        return tuple(own for name in filter(None, self.names) for own in single.get(name, (name,)))
+
+    @property
+    def line(self) -> tuple[float, float]:
+        """Factor and constant of a single quantity from one column, in SI units."""
+        (term,) = self.sums or (Sum(self.names, (1.0,)),)
+        return self.factor * term.weights[0], self.factor * term.constant
 
 
 def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns]) -> list[Columns]:
@@ -131,11 +139,11 @@ def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns
         raise LogError(f"needs a matrix that can be inverted, got {matrix.tolist()}.")
     weights = matrix.T if kind == "torque" else np.linalg.inv(matrix)
     weights[np.abs(weights) < np.finfo(float).eps * np.abs(weights).max() * len(weights)] = 0
-    return [_combined(row, motors) for row in weights]
+    return [combined(row, motors) for row in weights]
 
 
-def _combined(weights: np.ndarray, motors: Sequence[Columns]) -> Columns:
-    """Σ weight · motor, with motors that may be sums themselves expanded into one sum of columns."""
+def combined(weights: Iterable[float], motors: Sequence[Columns]) -> Columns:
+    """Σ weight · motor in SI units, with motors that may be sums themselves expanded into one sum of columns."""
     terms: dict[str, float] = {}
     constant = 0.0
     for weight, motor in zip(weights, motors, strict=True):

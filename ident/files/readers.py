@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.atomic import replacing
 from ident.files.csv_file import Layout, csv_pieces, write_csv
-from ident.files.formats import bag, c3d, lerobot, mat, opensim, parquet, trc
+from ident.files.formats import bag, c3d, json_lines, lerobot, mat, opensim, parquet, trc
 from ident.files.limits import LIMIT
 from ident.files.npz_file import npz_pieces, write_npz
 from ident.files.table import Table, in_pieces
@@ -24,6 +24,7 @@ ONE_CLOCK: Mapping[str, Callable[[Path, int], list[Table]]] = {
     ".trc": trc.tables,
     ".parquet": parquet.tables,
     ".mat": mat.tables,
+    **dict.fromkeys(json_lines.SUFFIX, json_lines.tables),
 }
 """Readers of files that are one table, by suffix, given the path and the bytes it may take in memory."""
 
@@ -54,8 +55,8 @@ def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Map
 
 def is_log(path: Path) -> bool:
     """True if a file can be read by its suffix, or is a bag's folder or an episode of a dataset."""
-    known = path.suffix.lower() in (".npz", *ONE_CLOCK, *SEVERAL_CLOCKS)
-    return known or path.name.lower().endswith(TEXT) or is_bag(path) or lerobot.is_dataset(path)
+    known = path.name.lower().endswith((".npz", *TEXT, *ONE_CLOCK, *SEVERAL_CLOCKS))
+    return known or is_bag(path) or lerobot.is_dataset(path)
 
 
 def is_bag(path: Path) -> bool:
@@ -91,7 +92,7 @@ def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
         InputError: The library that reads it is not installed.
     """
     if not (path.is_file() or (path / BAG_FOLDER).is_file()):
-        raise LogError(_needed())
+        raise _refusal(path)
     return SEVERAL_CLOCKS.get(path.suffix.lower(), bag.tables)(path, limit)
 
 
@@ -107,8 +108,8 @@ def read_tables(
     """Reads a file that is one table piece by piece, so that text or an archive may be larger than memory.
 
     Args:
-        path: A text file or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet` or `.mat` file, or the folder of a LeRobot
-            dataset, `DATASET#3` for its episode 3.
+        path: A text file or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet`, `.mat` or `.jsonl` file, or the folder of a
+            LeRobot dataset, `DATASET#3` for its episode 3.
         samples: Samples of each piece; the last one may have fewer.
         overlap: Samples that each piece repeats from the one before, in addition.
         truth: True to read an archive's true values as well.
@@ -142,12 +143,15 @@ def _kind(path: Path) -> str:
     suffixes = (suffix for suffix in (*TEXT, ".npz", *ONE_CLOCK) if path.name.lower().endswith(suffix))
     if path.is_file() and (suffix := next(suffixes, "")):
         return suffix
-    raise LogError(_needed())
+    raise _refusal(path)
 
 
-def _needed() -> str:
-    return (
-        "a log is a .csv, .tsv, .txt or .npz file that exists, text perhaps packed as .gz, or one that ends in "
-        f"{', '.join((*ONE_CLOCK, *SEVERAL_CLOCKS))}, or the folder of a ROS 2 bag or of a LeRobot dataset, which has "
-        f"{lerobot.INFO}."
-    )
+def _refusal(path: Path) -> LogError:
+    """Error for a path that is no log."""
+    if not path.exists():
+        return LogError("there is no such file; check its path and its name.")
+    if path.is_dir():
+        return LogError(f"the folder needs {BAG_FOLDER} of a ROS 2 bag or {lerobot.INFO} of a LeRobot dataset.")
+    one_clock = [suffix for suffix in ONE_CLOCK if suffix not in json_lines.SUFFIX[1:]]
+    ends = ", ".join((*TEXT[:3], ".npz", *one_clock, *SEVERAL_CLOCKS))
+    return LogError(f"logs end in {ends}, or are ROS 2 or LeRobot folders.")

@@ -20,7 +20,7 @@ BASE = "base:pose"
 
 METADATA = {
     **dict.fromkeys(("units", "noise", "provenance", "sensors", "setup", "known", "known_bodies"), dict),
-    **dict.fromkeys(("servos", "scales", "couplings", "stated"), dict),
+    **dict.fromkeys(("servos", "scales", "couplings", "followers", "stated"), dict),
     **dict.fromkeys(("notes", "unused"), list),
 }
 """Metadata of a file and their JSON types, by name."""
@@ -38,11 +38,13 @@ class Memory:
         missing: True for columns read so far that are empty throughout, by name.
         separators: One column with each decimal separator found so far, by separator.
         marks: Decimal separators in the cells of text columns that have been parsed, by name.
+        turned: Whole turns taken off columns up to the end of the last piece, in their unit, by name.
     """
 
     missing: dict[str, bool] = field(default_factory=dict)
     separators: dict[str, str] = field(default_factory=dict)
     marks: dict[str, set[str]] = field(default_factory=dict)
+    turned: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,8 @@ class Table:
     def _numbers(self, name: str) -> np.ndarray:
         """Numbers of a column, from the file or computed (N,)."""
         if name in self.sums:
-            return self.sums[name].of([self.column(part, FAR, gaps=True) for part in self.sums[name].columns])
+            parts = [self.column(part, FAR, gaps=True) for part in self.sums[name].columns]
+            return self.sums[name].of(parts, len(self.rows))
         cells = self.cells[name]
         if self.decimal_comma:
             self._check_separators(name, cells)

@@ -3,7 +3,10 @@
 Every function takes any number of leading dimensions. Twists are `[v; ω]`, wrenches `[F; τ]`.
 """
 
+import warnings
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 
 def hat(x: np.ndarray) -> np.ndarray:
@@ -132,3 +135,10 @@ def coAd(T: np.ndarray) -> np.ndarray:
         Matrices `[[R, 0], [p̂R, R]]` (…, 6, 6).
     """
     return np.swapaxes(Ad(inverse(T)), -1, -2)
+
+
+def roll_pitch_yaw(R: np.ndarray) -> tuple[float, ...]:
+    """Roll, pitch and yaw of a rotation (3, 3), degrees, as in URDF; without yaw at a pitch of 90°."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return tuple(Rotation.from_matrix(R).as_euler("xyz", degrees=True).tolist())

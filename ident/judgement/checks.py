@@ -13,6 +13,8 @@ from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
+from ident.judgement.gravity import GravityCheck, recorded_gravity
+from ident.judgement.lateness import DelayCheck, delay_check
 from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
@@ -79,6 +81,8 @@ class Checks:
         torques: Checks of the joint torques, None where there are none.
         unchecked: Checks that could not be made.
         total: Check of the total wrench's sign, None where each wrench's is checked.
+        gravity: Comparison of directions of gravity, None where none can be compared.
+        delay: Delay of the channels that explains most, None where none can be tried.
         largest_force: Size of the largest components of the total force, N; None where units were checked before.
     """
 
@@ -90,17 +94,22 @@ class Checks:
     unchecked: tuple[Unchecked, ...]
     total: FrameCheck | None = None
     largest_force: float | None = None
+    gravity: GravityCheck | None = None
+    delay: DelayCheck | None = None
 
 
 def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
-    """Makes all checks that can be made.
+    """Makes all checks that can be made; those against the model's weight only if gravity is as stated.
 
     Args:
         prepared: The recording.
         fit: What was fitted to a part of it.
         part: That part.
     """
-    residual = fit.residual(prepared.samples[prepared.taken(part)])
+    gravity = recorded_gravity(prepared)
+    if gravity is not None and gravity.suspicious:
+        return Checks(None, {}, None, None, None, (), gravity=gravity)
+    delay, residual = delay_check(prepared), fit.residual(prepared.samples[prepared.taken(part)])
     unchecked: list[Unchecked] = []
 
     def attempt(name: str, check: Callable[[], Result]) -> Result | None:
@@ -117,7 +126,7 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     frames, base = wrench_checks(prepared)
     contact = attempt("contact", lambda: _contact(prepared, residual, part))
     torques = attempt("torques", lambda: torque_checks(prepared))
-    return Checks(weight, frames, base, contact, torques, tuple(unchecked))
+    return Checks(weight, frames, base, contact, torques, tuple(unchecked), gravity=gravity, delay=delay)
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:

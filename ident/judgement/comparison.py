@@ -1,17 +1,29 @@
 """Agreement of two estimates of one mechanism."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 from scipy import special
 
+from ident.display.brief import Worded
+from ident.display.html import table
+from ident.display.text import rounded
 from ident.errors import InputError
+from ident.estimation.units import unit_of
 from ident.geometry.inertia import with_bodies
 from ident.regression.ordinary import Fit
 
+UNLIKELY = 0.01
+"""p-value of χ² below which a difference is called more than noise."""
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+MOST = 5
+"""Number of parameters that a sentence names."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Worded):
     """The difference between two estimates from recordings of their own.
 
     Attributes:
@@ -41,12 +53,38 @@ class Comparison:
         """Chance of a distance at least as large, if nothing but noise differs."""
         return float(special.chdtrc(len(self.names), self.chi2))
 
+    @property
+    def order(self) -> np.ndarray:
+        """Parameters in descending order of |z| (r,)."""
+        return np.argsort(-np.abs(self.z), kind="stable")
+
+    @property
+    def differs(self) -> bool:
+        """True if the difference is more than noise."""
+        return self.p_value < UNLIKELY
+
     def __str__(self) -> str:
-        order = np.argsort(-np.abs(self.z), kind="stable")[:5]
-        named = (with_bodies([self.names[k]], self.bodies) for k in order)
-        differ = (f"by {self.difference[k]:+.3g} (z {self.z[k]:+.1f})" for k in order)
-        largest = ", ".join(f"{name} {how}" for name, how in zip(named, differ, strict=True))
-        return f"χ² {self.chi2:.1f} of {len(self.names)} parameters (p {self.p_value:.2g}); most differ {largest}."
+        largest = "; ".join(f"{name} by {by} ± {std} {unit} (z {z})" for name, by, std, unit, z in self._rows(MOST))
+        p = f"p {self.p_value:.2g}" if self.p_value else "p below 1e-300"
+        how = "more" if self.differs else "no more"
+        return (
+            f"χ² is {self.chi2:.1f} of {len(self.names)} parameters ({p}), {how} than noise explains. "
+            f"The largest differences, ± one standard deviation: {largest}."
+        )
+
+    def _rows(self, most: int | None = None) -> Iterator[tuple[str, ...]]:
+        """Parameter, difference, its standard deviation, unit and z, the largest first."""
+        for k in self.order[:most]:
+            by, std = rounded(self.difference[k], float(np.sqrt(self.covariance[k, k])))
+            by = by if by.startswith("-") else f"+{by}"
+            unit = unit_of(self.names[k]) or ""
+            yield with_bodies([self.names[k]], self.bodies), by, std, unit, f"{self.z[k]:+.1f}"
+
+    def _repr_html_(self) -> str:
+        heads = ("parameter", "difference", "s.d.", "unit", "z")
+        return (
+            f"<div><p>{escape(str(self).partition(' The largest')[0])}</p>{table(heads, self._rows(), (1, 2, 4))}</div>"
+        )
 
 
 def compared(first: Fit, second: Fit) -> Comparison:

@@ -1,13 +1,14 @@
 """Diagnoses of a recording or a model from wrenches measured and predicted."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
 from scipy import linalg
 
 from ident.estimation.accumulator import triangle_of
+from ident.estimation.equations import COMPONENTS
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.tree import Tree
 
@@ -24,18 +25,20 @@ class FrameCheck:
         rotation: The rotation, by multiples of 90° or of a transposed frame (3, 3).
         error: Relative error of the wrench as it is, over that of the prediction.
         error_turned: The same with sign and rotation.
+        mirrored: Components with the opposite sign, which no sign or rotation of the whole explains.
     """
 
     sign: int
     rotation: np.ndarray
     error: float
     error_turned: float
+    mirrored: tuple[str, ...] = ()
 
     @property
     def suspicious(self) -> bool:
         """True if another sign or other axes fit far better."""
         turned = self.sign < 0 or not np.array_equal(self.rotation, np.eye(3))
-        return bool(turned and self.error_turned < 0.5 * self.error)
+        return bool(turned and self.error_turned < 0.5 * self.error and not self.mirrored)
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,10 @@ class BaseCheck:
         """True if that fits far better."""
         return self.error_there < 0.5 * self.error
 
+
+MIRRORED, NOTABLE = 0.4, 0.1
+"""Error of a component with the opposite sign, over that as it is, below which it is mirrored; and size of its
+prediction over that of its force or moment from which that can be said."""
 
 CLOSE = 0.2
 """Weight of the distance of a point of contact from the body's joints, beside that of the forces from the point."""
@@ -99,11 +106,30 @@ def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarra
         rotation: Rotation of the sensor's frame in the frame that it is mounted on (3, 3).
     """
     known = np.isfinite(measured).all(axis=0)
-    check = _best_turn(np.where(known, measured, 0), predicted, known, rotation)
-    if check.suspicious or not known[:3].all():
+    whole = np.where(known, measured, 0)
+    check = _best_turn(whole, predicted, known, rotation)
+    if not check.suspicious and known[:3].all():
+        forces = _best_turn(whole, predicted, known & (np.arange(6) < 3), rotation)
+        check = forces if forces.suspicious else check
+    mirrored = _mirrored(whole, predicted, known)
+    turned = whole @ (check.sign * linalg.block_diag(check.rotation, check.rotation)).T
+    if check.suspicious and len(_mirrored(turned, predicted, known)) < len(mirrored):
         return check
-    forces = _best_turn(np.where(known, measured, 0), predicted, known & (np.arange(6) < 3), rotation)
-    return forces if forces.suspicious else check
+    return replace(check, mirrored=tuple(np.array(COMPONENTS)[mirrored].tolist()))
+
+
+def _mirrored(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray) -> list[int]:
+    """Components that are far nearer to their predictions with the opposite sign, among those with a notable one."""
+    out = []
+    for k in np.flatnonzero(known).tolist():
+        kind, signs = slice(3 * (k // 3), 3 * (k // 3) + 3), []
+        # Offsets may be large, and motions small beside the weight.
+        for x, y in ((measured, predicted), (measured - measured.mean(axis=0), predicted - predicted.mean(axis=0))):
+            as_is, opposite = (np.linalg.norm(x[:, k] - sign * y[:, k]) for sign in (1, -1))
+            notable = np.linalg.norm(y[:, k]) > NOTABLE * np.linalg.norm(y[:, kind])
+            signs.append((opposite < MIRRORED * as_is) - (as_is < opposite) * 1 if notable else 0)
+        out += [k] if max(signs) > 0 and signs[1] >= 0 else []
+    return out
 
 
 def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:

@@ -60,6 +60,7 @@ class Evidence:
         covariance_setup: Covariance of all coefficients with the uncertainty of the set-up (m, m).
         consistent: Physical bodies near the estimate.
         unmodelled: What the model may lack, the likeliest first; empty where residuals are no more than fast noise.
+        idle: Reason, as a key of `verdict.IDLE`, by the channels that are not predicted and in which nothing could be.
     """
 
     fit: Fit
@@ -87,6 +88,7 @@ class Evidence:
     covariance_setup: np.ndarray | None = None
     consistent: ConsistentParameters | None = None
     unmodelled: Sequence[Unmodelled] = ()
+    idle: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[str, ...]:

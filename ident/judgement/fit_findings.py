@@ -1,6 +1,7 @@
 """Findings on a fit: its course, set-up errors, agreement of its parts, and residuals of each channel."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -12,6 +13,7 @@ from ident.judgement.halves import DISAGREE
 from ident.judgement.place import Place
 from ident.parameters.prior import known_covariance
 from ident.recordings.resolution import white_noise
+from ident.recordings.wrench import GROUND
 from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
 from ident.trajectory.fit.fitted import TrajectoryFit
 
@@ -41,6 +43,31 @@ more has 4."""
 
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
+
+
+def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on the stated direction of gravity."""
+    check = evidence.checks.gravity
+    if check is not None and check.suspicious:
+        own: dict[str, Any] = {
+            "rpy_deg": check.rpy_deg,
+            "stated": check.stated,
+            "misfit": check.misfit,
+            "joint": check.joint,
+        }
+        yield Finding.of("gravity_direction", **own)
+
+
+def delay_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on the times of channels that are late by more than the estimate includes."""
+    check = evidence.checks.delay
+    if check is not None and check.suspicious:
+        # Checks are of the recording with the set-up of the estimate.
+        delay = check.delay + sum(
+            each.value for each in evidence.setup if each.kind == "delay" and check.of == "wrench"
+        )
+        values: dict[str, Any] = {key: getattr(check, key) for key in ("of", "std", "stated", "misfit")}
+        yield Finding.of("channels_late", delay=delay, **values)
 
 
 def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
@@ -92,7 +119,7 @@ def own_findings(evidence: Evidence) -> Iterator[Finding]:
 def prior_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on a prior that was used, and on the need for it."""
     if evidence.trajectory is not None and evidence.trajectory.known:
-        yield Finding.of("prior_as_asked" if _separated(evidence) else "prior_needed")
+        yield Finding.of("prior_beside_data" if _separated(evidence) else "prior_needed")
 
 
 def _separated(evidence: Evidence) -> bool:
@@ -135,14 +162,17 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels with large residuals relative to their signals."""
+    """Findings on channels with large residuals over their signals, but for mirrored and unpredictable ones."""
+    ground = evidence.checks.frames.get(GROUND)
+    others = {*evidence.idle, *(() if ground is None else ground.mirrored)}
+    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in others}
     kinds = (
         ("residual_above_signal", LEFT, np.inf),
         ("unexplained_channels", UNEXPLAINED, LEFT),
         ("poor_prediction", POOR, UNEXPLAINED),
     )
     for code, low, high in kinds:
-        if between := {channel: ratio for channel, ratio in evidence.ratios.items() if low < ratio <= high}:
+        if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
             yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.part)
 
 

@@ -9,7 +9,9 @@ from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.fit_findings import (
     caveats,
     course_findings,
+    delay_findings,
     exact_setup_findings,
+    gravity_findings,
     halves_findings,
     inseparable_findings,
     model_error_findings,
@@ -23,6 +25,7 @@ from ident.judgement.fit_findings import (
 )
 from ident.judgement.plane_findings import plane_findings
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings, unchecked_findings
+from ident.judgement.torque_causes import cause_findings
 from ident.judgement.torque_findings import (
     bound_findings,
     friction_findings,
@@ -43,6 +46,8 @@ from ident.judgement.wrench_findings import (
 )
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
+    gravity_findings,
+    delay_findings,
     candidate_findings,
     frame_findings,
     base_findings,
@@ -55,6 +60,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     common_gain_findings,
     offset_findings,
     torque_findings,
+    cause_findings,
     scale_findings,
     friction_findings,
     bound_findings,

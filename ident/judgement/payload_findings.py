@@ -1,11 +1,12 @@
 """Findings and verdict on a payload beyond a wrist sensor."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
+from ident.estimation.equations import COMPONENTS
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
@@ -17,26 +18,43 @@ from ident.judgement.fit_findings import (
     setup_remarks,
     stuck_findings,
 )
+from ident.judgement.place import Place
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings
-from ident.judgement.verdict import Outcome, decided, doubted, doubts_of
+from ident.judgement.verdict import Verdict
 from ident.recordings.wrench import GROUND
+from ident.tolerances import POOR
+
+FORCES = COMPONENTS[:3]
+"""Channels of the force."""
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Moments and products of inertia, in the order of the parameters."""
 
+SHOWN = 3.0
+"""Standard deviations of a load's mass above zero from which the recordings show it."""
+
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
+TIMES, HEAVIEST = 10.0, 2300.0
+"""Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry less than
+they weigh, and the strongest on the market 2300 kg."""
 
-def payload_findings(evidence: Evidence, identifiable: np.ndarray, sensor: str) -> list[Finding]:
+
+def payload_findings(
+    evidence: Evidence, mass: float, robot: float | None, identifiable: np.ndarray, sensor: str
+) -> list[Finding]:
     """Findings on a payload, the doubts first.
 
     Args:
         evidence: Evidence on the estimate of what the sensor carries.
+        mass: Its mass, kg.
+        robot: Mass of all bodies of the robot's model, kg; None without one.
         identifiable: Which of mass, centre of mass and inertias the data determine (10,).
         sensor: Name of the wrench.
     """
     on_fit = [
+        *force_findings(evidence),
         *quality_findings(evidence),
         *setup_remarks(evidence),
         *course_findings(evidence),
@@ -47,6 +65,9 @@ def payload_findings(evidence: Evidence, identifiable: np.ndarray, sensor: str) 
         *resolution_findings(evidence),
         *(finding for finding in consistency_findings(evidence) if finding.doubt),
     ]
+    if mass > min(robot or HEAVIEST, HEAVIEST):
+        far = mass > min(TIMES * (robot or HEAVIEST), HEAVIEST)
+        on_fit.append(Finding.of("payload_mass_unlikely", doubt=far, mass=mass, robot=robot))
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
     if not identifiable[0] or not identifiable[1:4].all():
         on_fit.append(Finding.of("payload_mass_unknown"))
@@ -55,54 +76,95 @@ def payload_findings(evidence: Evidence, identifiable: np.ndarray, sensor: str) 
     return doubts_first(on_fit)
 
 
-@dataclass(frozen=True)
-class PayloadVerdict:
+def load_findings(
+    others: Sequence[Finding],
+    mass: float,
+    std: float,
+    weighed: tuple[float, float] | None,
+    robot: float,
+    identifiable: np.ndarray,
+    *,
+    rubs: bool,
+) -> list[Finding]:
+    """Findings on a load, the doubts first.
+
+    Args:
+        others: Findings on the estimates with and without it, of which doubts count.
+        mass: Its mass by the recordings, kg.
+        std: Standard deviation of the mass, kg.
+        weighed: Its mass by a scale with its standard deviation, kg; None if it was not stated.
+        robot: Mass of the robot, kg.
+        identifiable: Which of mass, centre of mass and inertias the data determine (10,).
+        rubs: True if friction is another with the load.
+    """
+    out = [*{finding.text: finding for finding in others if finding.doubt}.values()]
+    if weighed is None and mass < SHOWN * std:
+        out.append(Finding.of("load_not_shown", mass=mass, std=std))
+    if mass > robot:
+        out.append(Finding.of("payload_mass_unlikely", doubt=mass > TIMES * robot, mass=mass, robot=robot))
+    if not identifiable[1:4].all():
+        out.append(Finding.of("payload_mass_unknown"))
+    if unknown := _unknown(identifiable):
+        out.append(Finding.of("payload_inertia_unknown", quantities=unknown))
+    if rubs:
+        out.append(Finding.of("load_changes_friction"))
+    return doubts_first(out)
+
+
+def force_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on forces that neither weight nor motion of a payload predict."""
+    forces = {c: r for c, r in evidence.ratios.items() if c in FORCES and r > POOR and c not in evidence.idle}
+    if forces:
+        yield Finding.of("payload_forces_unexplained", Place(channels=tuple(forces)), ratios=forces)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class PayloadVerdict(Verdict):
     """Verdict on a payload, with half-widths of its 95 % intervals.
 
     Attributes:
-        outcome: The decision.
-        doubts: Codes of the findings against it.
         mass: Its mass, kg.
         mass_within: Half-width of the mass, kg.
         centre_within: The largest of the centre of mass, m.
         inertia_within: The largest of the inertias, kg m²; None if they are not known.
     """
 
-    outcome: Outcome
-    doubts: tuple[str, ...]
     mass: float
     mass_within: float
     centre_within: float
     inertia_within: float | None
 
     @classmethod
-    def of(
-        cls, findings: Sequence[Finding], values: np.ndarray, std: np.ndarray, identifiable: np.ndarray
-    ) -> "PayloadVerdict":
-        """The verdict on findings and numbers.
+    def of_body(
+        cls,
+        evidence: Evidence,
+        findings: Sequence[Finding],
+        values: np.ndarray,
+        std: np.ndarray,
+        identifiable: np.ndarray,
+    ) -> Self:
+        """The verdict on evidence, findings and numbers.
 
         Args:
+            evidence: Evidence on the estimate of what the sensor carries.
             findings: Findings on the payload.
             values: Mass, centre of mass and inertias (10,).
             std: Their standard deviations with the uncertainty of the set-up (10,).
             identifiable: Which of them the data determine (10,).
         """
-        doubts = doubts_of(findings)
-        reach = [float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:])]
-        inertia = None if _unknown(identifiable) else reach[2]
-        return cls(decided(doubts), doubts, float(values[0]), reach[0], reach[1], inertia)
+        within = [float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:])]
+        numbers = zip(("mass_within", "centre_within", "inertia_within"), within, strict=True)
+        own = {"mass": float(values[0]), **dict(numbers)} | ({"inertia_within": None} if _unknown(identifiable) else {})
+        return replace(cls.of(evidence, findings, **own), precision=None)
 
-    @property
-    def usable(self) -> bool:
-        """True if it can be used as it is."""
-        return self.outcome is Outcome.USABLE
+    def _part(self) -> str:
+        mass = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
+        return f"Use its mass alone, {mass} (95 %); turn the sensor further and faster for centre and inertias."
 
-    def __str__(self) -> str:
-        if not self.usable:
-            return doubted(len(self.doubts))
+    def _use(self) -> Iterator[str]:
         known = self.inertia_within
         inertia = "inertias are not known" if known is None else f"inertias to {known:.1g} kg m²"
-        return (
+        yield (
             f"Usable: {self.mass:.4g} ± {self.mass_within:.2g} kg, the centre of mass to "
             f"{1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
         )

@@ -94,8 +94,8 @@ def setup_sentence(
     """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
     text = sentence(_parameter(kind, of, axis, log), value, std)
     if together or alternatives:
-        others = ", or ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
-        text = f"{text[:-1]}; or else, as the data cannot tell these apart: {others}."
+        others = "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
+        text = f"{text} Other causes have the same effect: {others}."
     return text
 
 
@@ -110,7 +110,7 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
     sign = each.row.signs[0 if value > 0 else 1]
     text = each.text(each.row.sentence, size=_with_std(abs(value), std, each.row.unit), sign=sign)
     where = "" if each.log is None else f" in log {each.log}"
-    return f"{text}{where}; the estimate includes this."
+    return f"{text}{where}. The estimate includes this."
 
 
 def short(each: SetupParameter) -> str:

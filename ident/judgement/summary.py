@@ -8,7 +8,7 @@ from ident.judgement.finding import Finding
 from ident.judgement.verdict import Verdict
 from ident.regression.ordinary import Fit
 
-VERSION = 1
+VERSION = 2
 """Version of the entries; it grows when one is renamed, removed or changes its meaning."""
 
 
@@ -32,8 +32,7 @@ def summary(
     names, expressions = fit.parameters.names, fit.parameters.expressions(12)
     return {
         "version": VERSION,
-        "verdict": str(verdict),
-        "outcome": verdict.outcome.value,
+        **verdict.to_dict(),
         "findings": [finding.to_dict() for finding in findings],
         "columns": list(fit.names),
         "values": fit.values.tolist(),

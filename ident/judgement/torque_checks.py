@@ -134,18 +134,18 @@ def torque_checks(prepared: Prepared) -> TorqueChecks | None:
     motion, first = samples.motion, len(prepared.equations.channels) - len(felt)
     Y = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity, base=motion.base)[:, felt]
     by_body = Y.reshape(*Y.shape[:2], -1, 10)
-    drives = _drive_rows(prepared.equations.axes, motion, felt)
-    measured = _without(drives, samples.measured[:, first:])
-    of_bodies = _without(drives, np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)))
-    uncertain = _without(drives, np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape))
+    drives = drive_rows(prepared.equations.axes, motion, felt)
+    measured = without_drives(drives, samples.measured[:, first:])
+    of_bodies = without_drives(drives, np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)))
+    uncertain = without_drives(drives, np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape))
     # Of the drives that the model states, springs are left.
-    stated = _without(drives, stated_drive_torques(mechanism, motion)[:, felt]) if mechanism.drives else 0
+    stated = without_drives(drives, stated_drive_torques(mechanism, motion)[:, felt]) if mechanism.drives else 0
     predicted, size = of_bodies.sum(axis=2) + stated, np.linalg.norm(uncertain, axis=(0, 2))
     each = zip(felt, measured.T, predicted.T, size, strict=True)
     checks = [_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each]
     load = None
     if any(check.scaled and check.gain > SCALE for check in checks):
-        columns = (_without(drives, by_body[:, :, b]) for b in range(by_body.shape[2]))
+        columns = (without_drives(drives, by_body[:, :, b]) for b in range(by_body.shape[2]))
         load = best_load(mechanism, measured, predicted, columns, size)
     return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies), load)
 
@@ -177,25 +177,31 @@ def _mounted(mechanism: Mechanism) -> Iterator[int]:
     for i, body in enumerate(tree.bodies):
         carried = body.parent != BASE and moved[body.parent]
         moved.append(body.moves or carried)
-        heavy = any(mechanism.known[10 * tree.inertial.index(k)] > 0 for k in tree.carried(i) if k in tree.inertial)
+        heavy = i in tree.inertial and mechanism.known[10 * tree.inertial.index(i)] > 0
         if carried and not body.moves and heavy:
             yield i
 
 
-def _drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:
+def drive_rows(axes: Axes, motion: Motion, felt: list[int]) -> list[np.ndarray]:
     """Columns of offset, friction and rotor inertia of each torque (N, m), of unit norm."""
-    dq, ddq, out = axes.moved(motion.dq), axes.moved(motion.ddq), []
+    ddq, out = axes.moved(motion.ddq), []
     for k in felt:
-        columns = [np.ones(len(dq))]
-        for a in map(axes.names.index, axes.acting(FRICTION[0], k)):
-            columns += [dq[:, a], np.tanh(dq[:, a] / (SLIP * axes.gears[a])), ddq[:, a]]
-        rows = np.stack(columns, axis=1)
+        rotors = [ddq[:, a] for a in map(axes.names.index, axes.acting(FRICTION[0], k))]
+        rows = np.stack([*friction_columns(axes, motion, k), *rotors], axis=1)
         out.append(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300))
     return out
 
 
-def _without(drives: Sequence[np.ndarray], torques: np.ndarray) -> np.ndarray:
-    """Torques (N, k, ...) less their regression on the columns of `_drive_rows`."""
+def friction_columns(axes: Axes, motion: Motion, freedom: int) -> list[np.ndarray]:
+    """Columns of offset and friction of a freedom's torque, each (N,)."""
+    dq, columns = axes.moved(motion.dq), [np.ones(len(motion))]
+    for a in map(axes.names.index, axes.acting(FRICTION[0], freedom)):
+        columns += [dq[:, a], np.tanh(dq[:, a] / (SLIP * axes.gears[a]))]
+    return columns
+
+
+def without_drives(drives: Sequence[np.ndarray], torques: np.ndarray) -> np.ndarray:
+    """Torques (N, k, ...) less their regression on the columns of `drive_rows`."""
     out = torques.reshape(*torques.shape[:2], -1).copy()
     for column, rows in enumerate(drives):
         out[:, column] -= rows @ np.linalg.lstsq(rows, out[:, column], rcond=1e-10)[0]

@@ -4,15 +4,15 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from ident.estimation.units import coefficient_unit
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
 from ident.judgement.scale_basis import fixing_bodies
 from ident.judgement.torque_checks import SLOW, lacking_drives
-from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
 from ident.setup import SETUP
-from ident.tolerances import DRIVE, DRIVE_UNITS
+from ident.tolerances import DRIVE
 from ident.trajectory.reversals import rubbing
 
 FOLLOWS, WORTH_IT = 0.2, 0.02
@@ -32,7 +32,7 @@ def bound_findings(evidence: Evidence) -> Iterator[Finding]:
         "drive_at_bound",
         _place(evidence, (_joint(name) for name in evidence.bounded)),
         at_most={name: most for name, (most, _) in evidence.bounded.items()},
-        units={name: _unit(evidence.mechanism, name) for name in evidence.bounded},
+        units={name: coefficient_unit(name, evidence.mechanism.tree) for name in evidence.bounded},
     )
 
 
@@ -66,17 +66,8 @@ def _joint(drive: str) -> str:
     return drive.partition("(")[2].rstrip(")")
 
 
-def _unit(mechanism: Mechanism, drive: str) -> str:
-    """Unit of a drive."""
-    slides = {
-        body.joint for body in mechanism.tree.bodies if not body.is_ball and body.moves and not body.twist[3:].any()
-    }
-    turns, along = DRIVE_UNITS[drive.partition("(")[0]]
-    return along if _joint(drive) in slides else turns
-
-
 def torque_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubts on torques of another sign or unit than the model's, and on a body that was not carried."""
+    """Doubts on torques of another sign or unit than the model's, and a remark on a body that was not carried."""
     checks = evidence.checks.torques
     if checks is None:
         return

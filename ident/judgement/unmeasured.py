@@ -78,7 +78,9 @@ def without_unmeasured(prepared: Prepared) -> Prepared:
 
 
 def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
-    """Unmeasured contacts, detected by missing support; none where the weight is not measured."""
+    """Unmeasured contacts, detected by missing support; none where the weight is not measured, or of single poses."""
+    if prepared.recording.still:
+        return ()
     try:
         up, known = upward(prepared)
     except NotCheckedError:

@@ -1,20 +1,33 @@
-"""The verdict on an estimate: decided by ratios and codes of findings, then put into words."""
+"""The verdict on an estimate: decided by its channels and codes of findings, then put into words."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any, Self
 
 import numpy as np
 
+from ident.display.brief import Worded
+from ident.display.text import rounded
+from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import Candidates
 from ident.judgement.codes.of_prediction import CANDIDATES
+from ident.judgement.codes.row import listed, number_of
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.tolerances import POOR
+from ident.judgement.weighing import Mass, estimated_mass
+from ident.tolerances import POOR, UNEXPLAINED
+
+MOST = 0.75
+"""Least share of the channels that move which a usable estimate predicts."""
 
 PRECISIONS = 0.1, 0.2, 0.5
 """Relative standard deviations up to which parameters are counted as known."""
+
+FEWEST = 1 / 3
+"""Least share of the base parameters known within the second of `PRECISIONS` from which single ones are of use; of
+many mechanisms half are zero by symmetry and thus known within no share."""
 
 WIDER = 2.0
 """Ratio of the standard deviation with the set-up to that from the noise above which parameters are named."""
@@ -23,60 +36,92 @@ BEHIND = "worse_than_candidate", "candidate_better"
 """Codes of findings that another candidate predicts better, clearly, which is a doubt, or somewhat."""
 
 SHOWN = 8
-"""Largest number of parameters that a sentence names."""
+"""Largest number of parameters or channels that a sentence names."""
+
+IDLE = {
+    "plane": "out of the plane that the model moves in",
+    "still": "the model does not change it",
+    "noise": "noise alone is left",
+    "rest": "the joint rests",
+}
+"""Reasons for which channels that are not predicted do not count, in words."""
 
 
 class Outcome(Enum):
     """Decision on an estimate."""
 
     USABLE = "usable"
-    DOUBTFUL = "doubtful"
-    PREDICTS_NOTHING = "predicts nothing"
+    PARTLY = "partly"
+    NOT = "not"
 
 
 @dataclass(frozen=True)
 class Precision:
-    """Precision of base parameters.
+    """Precision of base parameters and masses.
 
     Attributes:
         total: Number of base parameters.
         known: Numbers of those whose standard deviation is within each of `PRECISIONS` of the value.
         wider: Names of those whose deviation the uncertainty of the set-up more than doubles.
         bodies: Names of the bodies.
+        weighed: Names of the bodies whose own mass is a base parameter, known within the last of `PRECISIONS`.
+        mass: The whole mass, if the base parameters determine it.
     """
 
     total: int
     known: tuple[int, ...]
     wider: tuple[str, ...]
     bodies: tuple[str, ...]
+    weighed: tuple[str, ...] = ()
+    mass: Mass | None = None
 
     @classmethod
-    def of(
-        cls, names: Sequence[str], psi: np.ndarray, std: np.ndarray, std_setup: np.ndarray, bodies: Sequence[str]
-    ) -> "Precision":
-        """The precision of base parameters from their values and both standard deviations (r,)."""
-        known = tuple(int((std_setup <= share * np.abs(psi)).sum()) for share in PRECISIONS)
-        wider = tuple(name for name, a, b in zip(names, std, std_setup, strict=True) if b > WIDER * a)
-        return cls(len(psi), known, wider, tuple(bodies))
+    def of(cls, evidence: Evidence) -> Self | None:
+        """The precision of an estimate; None if its covariance with the set-up is not computed."""
+        if evidence.covariance_setup is None:
+            return None
+        base, psi, bodies = evidence.fit.parameters, evidence.fit.psi, evidence.mechanism.bodies
+        C = evidence.covariance_setup[: base.rank, : base.rank]
+        std, wide = (np.sqrt(np.maximum(np.diag(each), 0)) for each in (evidence.covariance, C))
+        known = tuple(int((wide <= share * np.abs(psi)).sum()) for share in PRECISIONS)
+        wider = tuple(name for name, a, b in zip(base.names, std, wide, strict=True) if b > WIDER * a)
+        alone = ~base.beta.any(axis=1) & (wide <= PRECISIONS[-1] * np.abs(psi))
+        weighed = (bodies[k // 10] for k, own in zip(base.kept, alone, strict=True) if own and k % 10 == 0)
+        return cls(base.rank, known, wider, bodies, tuple(weighed), estimated_mass(evidence))
+
+    @property
+    def poor(self) -> bool:
+        """True if too few base parameters are known for single ones to be of use."""
+        return self.known[1] < FEWEST * self.total
 
     def sentences(self) -> Iterator[str]:
-        """Yields sentences on the number of known parameters, and on those that the set-up makes uncertain."""
-        counts = ", ".join(f"{n} within {share:.0%}" for n, share in zip(self.known, PRECISIONS, strict=True))
+        """Yields sentences on the number of known parameters, on masses, and on what the set-up makes uncertain."""
+        counts = ", ".join(f"{n} within {100 * share:.0f} %" for n, share in zip(self.known, PRECISIONS, strict=True))
         yield f"Of {self.total} base parameters it knows {counts}."
+        yield self._of_masses()
         if self.wider:
-            more = f" and {len(self.wider) - SHOWN} more" if len(self.wider) > SHOWN else ""
-            names = with_bodies(self.wider[:SHOWN], self.bodies) + more
-            yield f"What is not known of the set-up more than doubles the deviations of {names}."
+            names = with_bodies(self.wider[:SHOWN], self.bodies) + _more(self.wider)
+            yield f"The uncertain set-up more than doubles the standard deviations of {names}."
+
+    def _of_masses(self) -> str:
+        """Sentence on the masses that are determined."""
+        if self.weighed:
+            return f"It determines the mass of {_shown(self.weighed)}."
+        if self.mass is not None and self.mass.std_setup <= PRECISIONS[-1] * abs(self.mass.value):
+            value, std = rounded(self.mass.value, self.mass.std_setup)
+            return f"It determines the whole mass, {value} ± {std} kg, but no single ones."
+        return "Single masses are not determined."
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Verdict(Worded):
     """Decision on an estimate, with its reasons.
 
     Attributes:
         outcome: The decision.
         doubts: Codes of the findings against it.
         ratios: RMS residual over the signal's standard deviation of each channel.
+        idle: Reason, as a key of `IDLE`, by the channels that are not predicted and do not count.
         part: Samples of the ratios, "fitted" or "held-out".
         candidates: The candidates, the estimate among them.
         worse: The finding that another candidate predicts better, if it does.
@@ -86,18 +131,28 @@ class Verdict:
     outcome: Outcome
     doubts: tuple[str, ...]
     ratios: Mapping[str, float]
+    idle: Mapping[str, str]
     part: str
     candidates: Candidates
     worse: Finding | None = None
     precision: Precision | None = None
 
     @classmethod
-    def of(cls, evidence: Evidence, findings: Sequence[Finding], precision: Precision | None = None) -> "Verdict":
-        """The verdict on evidence and the findings on it."""
-        doubts, predicts = doubts_of(findings), any(ratio <= POOR for ratio in evidence.ratios.values())
-        outcome = decided(doubts) if predicts else Outcome.PREDICTS_NOTHING
-        worse = next((finding for finding in findings if finding.code in BEHIND), None)
-        return cls(outcome, doubts, evidence.ratios, evidence.part, Candidates.of(evidence), worse, precision)
+    def of(cls, evidence: Evidence, findings: Sequence[Finding], **more: Any) -> Self:
+        """The verdict on evidence and the findings on it; `more` are attributes that a subclass adds."""
+        doubts = tuple(finding.code for finding in findings if finding.doubt)
+        moving = [ratio for channel, ratio in evidence.ratios.items() if channel not in evidence.idle]
+        return cls(
+            outcome=decided(moving, doubts),
+            doubts=doubts,
+            ratios=evidence.ratios,
+            idle=evidence.idle,
+            part=evidence.part,
+            candidates=Candidates.of(evidence),
+            worse=next((finding for finding in findings if finding.code in BEHIND), None),
+            precision=Precision.of(evidence),
+            **more,
+        )
 
     @property
     def usable(self) -> bool:
@@ -105,29 +160,70 @@ class Verdict:
         return self.outcome is Outcome.USABLE
 
     @property
+    def counted(self) -> dict[str, float]:
+        """Ratios of the channels that count: those that move."""
+        return {channel: ratio for channel, ratio in self.ratios.items() if channel not in self.idle}
+
+    @property
     def predicted(self) -> dict[str, float]:
         """Ratios of the channels that are predicted."""
-        return {channel: ratio for channel, ratio in self.ratios.items() if ratio <= POOR}
+        return {channel: ratio for channel, ratio in self.counted.items() if ratio <= POOR}
+
+    @property
+    def missed(self) -> dict[str, float]:
+        """Ratios of the channels that count and are not predicted."""
+        return {channel: ratio for channel, ratio in self.counted.items() if not ratio <= POOR}
 
     @property
     def best(self) -> str | None:
         """Candidate that predicts best over all channels; None if none explains any."""
         return self.candidates.best
 
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict in words, the decision, and the channels by how they are predicted, in JSON's types."""
+        channels = {"predicted": list(self.predicted), "missed": list(self.missed), "idle": dict(self.idle)}
+        return {"verdict": str(self), "outcome": self.outcome.value, "channels": channels}
+
     def __str__(self) -> str:
         first = [] if self.worse is None else [self.worse.text]
-        uses = self.precision.sentences() if self.precision is not None and self.usable else ()
-        return " ".join([*first, self._decision(), *self._comparisons(), *uses])
+        doubtful = self.outcome is Outcome.NOT
+        known = self.precision.sentences() if self.precision is not None and not doubtful else ()
+        return " ".join([*first, *self._decision(), *self._comparisons(), *known])
 
-    def _decision(self) -> str:
-        if self.outcome is Outcome.PREDICTS_NOTHING:
-            return f"Do not use it: the model predicts none of the channels on the {self.part} part."
-        if self.outcome is Outcome.DOUBTFUL:
-            return doubted(len(self.doubts))
-        predicted = self.predicted
-        return (
-            f"Usable: {self.part} residuals are at most {max(predicted.values()):.2f} of the signal in "
-            f"{', '.join(predicted)}."
+    def _decision(self) -> Iterator[str]:
+        """Yields sentences on the decision, the channels that are predicted, and what to do."""
+        channels = number_of(len(self.counted), "channel")
+        count = f"{len(self.predicted)} of {channels}" if self.counted else "nothing, as no channel counts"
+        if self.doubts:
+            speak = "one finding below speaks" if len(self.doubts) == 1 else f"{len(self.doubts)} findings below speak"
+            yield f"Not usable as it is: {speak} against it. It predicts {count}."
+        elif self.outcome is Outcome.NOT:
+            yield f"Not usable: it predicts {f'none of {channels}' if self.counted else count} on the {self.part} part."
+            yield "Check names, units and signs of the columns, and that the motors alone move the joints."
+        elif self.outcome is Outcome.PARTLY:
+            yield f"Partly usable: it predicts {count}: {_shown(self.predicted)}."
+            yield self._part()
+        else:
+            yield from self._use()
+        if self.idle:
+            of = {why: listed(c for c, own in self.idle.items() if own == why) for why in self.idle.values()}
+            yield f"Not counted: {listed(f'{names} ({IDLE[why]})' for why, names in of.items())}."
+
+    def _part(self) -> str:
+        """Sentence on what a partly usable estimate may be used for."""
+        return "Use it for these alone; for the others move further and faster, or complete the model."
+
+    def _use(self) -> Iterator[str]:
+        """Yields sentences on what a usable estimate may be used for."""
+        number, where = len(self.predicted), number_of(len(self.counted), "channel")
+        where = f"{number} of {where}" if self.missed else f"all {where}" if number > 1 else next(iter(self.predicted))
+        wrenches = any(channel in COMPONENTS for channel in self.predicted)
+        torques = any(channel not in COMPONENTS for channel in self.predicted)
+        what = " and ".join(["wrenches"] * wrenches + ["joint torques"] * torques)
+        but = ", not to read off single parameters" if self.precision is not None and self.precision.poor else ""
+        yield (
+            f"Usable to predict {what}{but}: {self.part} residuals are at most {max(self.predicted.values()):.2g} of "
+            f"the signal in {where}."
         )
 
     def _comparisons(self) -> Iterator[str]:
@@ -138,23 +234,28 @@ class Verdict:
             yield "No candidate explains any channel, so that none is best."
             return
         for other, better, alike, worse in self.candidates.compared():
-            kinds = ((better, "better than"), (alike, "as well as"), (worse, "worse than"))
-            parts = [f"{how} {CANDIDATES[other]} in {', '.join(channels)}" for channels, how in kinds if channels]
-            yield f"It predicts {', '.join(parts)}."
+            kinds = ((better, "better"), (alike, "as good"), (worse, "worse"))
+            first, *further = [f"{how} in {len(channels)}" for channels, how in kinds if channels]
+            all_ = number_of(len(self.candidates.channels), "channel")
+            parts = listed([f"{first} of {all_}", *further]) + (f": {_shown(worse)}" if worse else "")
+            yield f"Beside {CANDIDATES[other]} it is {parts}."
         yield f"Over all channels {CANDIDATES[self.best]} predicts best."
 
 
-def doubts_of(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Codes of the doubts among findings."""
-    return tuple(finding.code for finding in findings if finding.doubt)
+def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
+    """Outcome of an estimate with these residuals over the signals of all channels that move, and these doubts."""
+    predicted = sum(ratio <= POOR for ratio in moving)
+    if doubts or not predicted:
+        return Outcome.NOT
+    explained = all(ratio <= UNEXPLAINED for ratio in moving)
+    return Outcome.USABLE if explained and predicted >= MOST * len(moving) else Outcome.PARTLY
 
 
-def decided(doubts: Sequence[str]) -> Outcome:
-    """Outcome of an estimate that predicts something, by the codes of its doubts."""
-    return Outcome.DOUBTFUL if doubts else Outcome.USABLE
+def _shown(names: Sequence[str] | Mapping[str, float]) -> str:
+    """The first of some names, with the number of the others."""
+    return listed(list(names)[:SHOWN]) + _more(names)
 
 
-def doubted(count: int) -> str:
-    """Sentence on an estimate with some doubts."""
-    speak = "one finding below speaks" if count == 1 else f"{count} findings below speak"
-    return f"Do not use it as it is: {speak} against it."
+def _more(names: Sequence[str] | Mapping[str, float]) -> str:
+    """Number of the names beyond those shown, with a leading word; empty for none."""
+    return f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""

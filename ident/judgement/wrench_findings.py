@@ -31,13 +31,18 @@ OFFSET = 0.1
 
 
 def frame_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubts on wrenches of the opposite sign, or in rotated axes."""
+    """Doubts on wrenches of the opposite sign, in rotated axes, or with single components of the opposite sign."""
     total = evidence.checks.total
     if total is not None and total.suspicious:
         yield Finding.of("total_wrench_sign", error=total.error, error_turned=total.error_turned)
     for name, check in evidence.checks.frames.items():
+        if check.mirrored:
+            place = Place(wrenches=(name,))
+            yield Finding.of("mirrored_components", place, wrench=name, components=check.mirrored)
         if not check.suspicious:
             continue
+        gravity, opposite = evidence.checks.gravity, check.sign < 0 and np.array_equal(check.rotation, np.eye(3))
+        or_else = gravity.rpy_deg if opposite and gravity is not None and gravity.possible else None
         R = evidence.logs[0].recording.wrench(name).pose[:3, :3]
         frame = "transposed" if np.allclose(check.rotation, R.T @ R.T) else "turned"
         yield Finding.of(
@@ -49,6 +54,7 @@ def frame_findings(evidence: Evidence) -> Iterator[Finding]:
             axes={axis: _axis(check.rotation[:, k]) for k, axis in enumerate("xyz")},
             error=check.error,
             error_turned=check.error_turned,
+            rpy_deg=or_else,
         )
 
 

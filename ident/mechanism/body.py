@@ -32,6 +32,7 @@ class Body:
             joint, are chains of such links.
         follows: Leading joint and function, for a joint whose coordinate is a function of another's; None for an
             independent joint. A follower has one axis and no name.
+        still: Name of the joint that was fixed, for a body that was welded so.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Body:
     joint: str = ""
     massless: bool = False
     follows: Follower | None = None
+    still: str = ""
 
     def __post_init__(self) -> None:
         for key in ("home", "twist"):
@@ -61,7 +63,7 @@ class Body:
     @cached_property
     def _values(self) -> tuple[object, ...]:
         home, twist = self.home.tobytes(), self.twist.tobytes()
-        return self.name, self.parent, home, twist, self.joint, self.massless, self.follows
+        return self.name, self.parent, home, twist, self.joint, self.massless, self.follows, self.still
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Body) and self._values == other._values

@@ -48,10 +48,9 @@ class Carrier:
             Poses of that body in the frame of the base at rest, its twists and their rates.
         """
         tree = self.tree
-        rates = zip(tree.body_velocities(dq), tree.body_velocities(ddq), strict=True)
         T = np.broadcast_to(np.eye(4), (*np.shape(q)[:-1], 4, 4))
         V = dV = np.zeros((*np.shape(q)[:-1], 6))
-        for body, q_i, (dq_i, ddq_i) in zip(tree.bodies, tree.body_coordinates(q), rates, strict=True):
+        for body, (q_i, dq_i, ddq_i) in zip(tree.bodies, tree.body_states(q, dq, ddq), strict=True):
             step = body.home @ body.joint_pose(q_i) if body.moves else body.home
             T, across = T @ step, Ad(inverse(step))
             own = dq_i @ body.motions.T

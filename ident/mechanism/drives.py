@@ -15,7 +15,8 @@ class Actuator:
     """An actuator that acts on one freedom through a gear.
 
     With its length `l = gear q` and its command u its force is `F = gain u - kp l - kv l' + bias`, limited to its
-    range; the joint's torque is `gear F`. Rotor and damping turn with l, so that the joint has gear² times them.
+    range; the joint's torque is `gear F`. Rotor and damping turn with l, so that the joint has gear² times them,
+    and |gear| times its Coulomb friction.
 
     Attributes:
         name: Its name.
@@ -26,6 +27,7 @@ class Actuator:
         bias: Constant force.
         rotor: Inertia of its rotor.
         viscous: Viscous friction of its rotor.
+        coulomb: Coulomb friction of its rotor.
         forcerange: Limits of its force, None without.
     """
 
@@ -37,6 +39,7 @@ class Actuator:
     bias: float = 0.0
     rotor: float = 0.0
     viscous: float = 0.0
+    coulomb: float = 0.0
     forcerange: tuple[float, float] | None = None
 
     @property
@@ -79,13 +82,18 @@ class Drive:
         return self.viscous + sum(each.gear**2 * each.viscous for each in self.actuators)
 
     @property
+    def all_coulomb(self) -> float:
+        """Coulomb friction with that of the actuators."""
+        return self.coulomb + sum(abs(each.gear) * each.coulomb for each in self.actuators)
+
+    @property
     def all_rotor(self) -> float:
         """Rotor inertia with those of the actuators."""
         return self.rotor + sum(each.gear**2 * each.rotor for each in self.actuators)
 
     def value(self, kind: str) -> float:
         """The value that it states for a column of a kind, out of `ident.tolerances.DRIVE`."""
-        values = {"rotor": self.all_rotor, "viscous": self.all_viscous, "coulomb": self.coulomb}
+        values = {"rotor": self.all_rotor, "viscous": self.all_viscous, "coulomb": self.all_coulomb}
         return float((values | {"spring": self.stiffness}).get(kind, 0.0))
 
     def with_value(self, kind: str, value: float) -> "Drive":
@@ -138,7 +146,7 @@ def checked_drives(drives: Any, freedoms: Collection[str]) -> dict[str, Drive]:
         for actuator in drive.actuators:
             for key in ("gear", "gain", "kp", "kv", "bias"):
                 _check(f"Actuator '{actuator.name}' of joint '{name}'", key, getattr(actuator, key), signed=True)
-            for key in ("rotor", "viscous"):
+            for key in ("rotor", "viscous", "coulomb"):
                 _check(f"Actuator '{actuator.name}' of joint '{name}'", _NAMES[key], getattr(actuator, key))
     return dict(drives)
 

@@ -5,13 +5,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
-from ident.arguments import OF_BODIES, checked_deviations
+from ident.arguments import OF_BODIES, checked_deviations, checked_rpy, rpy_text
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
+from ident.mechanism.body import BASE, Body
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
+from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 
 
@@ -33,8 +36,11 @@ class Mechanism(Brief):
             carrier's base frame.
         prior_known: Standard deviations of the prior by the bodies' names, as for
             `ident.parameters.prior.body_covariance`; defaults for others.
+        mimics: How the model couples joints, by the name of the one that follows another if it is not measured.
         drives: Friction, rotor inertia, springs and actuators as the model states them, by the names of the driven
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
+        loops: Joints whose torques a coupling that the equations leave out changes, by its name.
+        base_rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees, if they are others than in the model.
     """
 
     tree: Tree
@@ -47,6 +53,9 @@ class Mechanism(Brief):
     carrier: Carrier | None = None
     prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     drives: Mapping[str, Drive] = field(default_factory=dict)
+    mimics: Mapping[str, Follower] = field(default_factory=dict)
+    loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    base_rpy_deg: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -65,6 +74,11 @@ class Mechanism(Brief):
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
         object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
 
+    @classmethod
+    def lone_body(cls, name: str = "body", gravity: Sequence[float] = (0, 0, -9.81)) -> "Mechanism":
+        """One body without a model, whose pose is measured: that of the base, in axes in which gravity is given."""
+        return cls(Tree((Body(name, BASE, np.eye(4), np.zeros(6)),)), np.array(gravity, float))
+
     @property
     def _in_short(self) -> dict[str, object]:
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
@@ -73,6 +87,7 @@ class Mechanism(Brief):
             "joints": listed(self.tree.joints),
             "mass": mass or "none, no prior",
             "gravity": f"{listed(f'{x:.4g}' for x in self.gravity)} m/s²",
+            "base": "" if self.base_rpy_deg is None else f"rpy {rpy_text(self.base_rpy_deg)}",
             "sites": listed(self.sites),
             "drives": listed(self.drives),
             "carried by": listed(self.carrier.joints) if self.carrier else "",
@@ -108,7 +123,7 @@ class Mechanism(Brief):
         sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
         part = Mechanism(tree, self.gravity, prior, sites, **self._of_joints(tree), carrier=carrier)
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
-        return replace(part, prior_known=known)
+        return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg)
 
     @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":
@@ -116,10 +131,46 @@ class Mechanism(Brief):
         tree = self.tree.fixed(coordinates)
         return replace(self, tree=tree, **self._of_joints(tree))
 
+    @property
+    def in_world(self) -> np.ndarray:
+        """Orientation of the base frame in the world, for a base at rest (3, 3)."""
+        return self.pose[:3, :3] if self.base_rpy_deg is None else _orientation(self.base_rpy_deg)
+
+    def mounted(self, rpy_deg: Sequence[float]) -> "Mechanism":
+        """The mechanism on a base that is turned in the world, so that gravity has another direction in its frame.
+
+        Args:
+            rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees: about its x, y and z, as in URDF.
+
+        Raises:
+            InputError: They are no three numbers, or others than were stated before.
+        """
+        rpy = checked_rpy("base_rpy_deg", rpy_deg)
+        if self.base_rpy_deg not in (None, rpy):
+            raise InputError(
+                f"The base's roll, pitch and yaw are stated twice: {rpy_text(rpy)} and {rpy_text(self.base_rpy_deg)}. "
+                "Keep one of rpy_deg under [base] and --base-rpy (base_rpy_deg)."
+            )
+        gravity = _orientation(rpy).T @ self.in_world @ self.gravity
+        # Of right angles nothing but rounding is left.
+        return replace(self, gravity=np.where(np.abs(gravity) < 1e-12, 0.0, gravity), base_rpy_deg=rpy)
+
+    def following(self, followers: Mapping[str, Follower]) -> "Mechanism":
+        """The mechanism with some joints that follow others, by name; they lose their names and their drives."""
+        leads = {body: followers[body.joint] for body in self.tree.bodies if body.joint in followers}
+        if not leads:
+            return self
+        bodies = (replace(each, joint="", follows=leads[each]) if each in leads else each for each in self.tree.bodies)
+        tree = Tree(tuple(bodies))
+        return replace(self, tree=tree, **self._of_joints(tree))
+
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
-        """Ranges and drives of the joints that a tree has."""
+        """Ranges, drives and couplings of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
-        return {"ranges": ranges, "drives": {k: drive for k, drive in self.drives.items() if k in tree.freedoms}}
+        mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
+        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in tree.freedoms}
+        loops = {name: joints for name, joints in self.loops.items() if set(joints) <= set(tree.joints)}
+        return {"ranges": ranges, "mimics": mimics, "drives": drives, "loops": loops}
 
     @property
     def known(self) -> np.ndarray:
@@ -154,6 +205,11 @@ class Mechanism(Brief):
     def weight(self) -> float:
         """Weight of all bodies by the prior, N."""
         return self.mass * float(np.linalg.norm(self.gravity))
+
+
+def _orientation(rpy_deg: Sequence[float]) -> np.ndarray:
+    """Orientation by roll, pitch and yaw in degrees (3, 3)."""
+    return np.asarray(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix())
 
 
 def checked_gravity(gravity: np.ndarray) -> np.ndarray:

@@ -34,17 +34,20 @@ def plane_normal(mechanism: Mechanism) -> np.ndarray | None:
     return normal if _in_plane(mechanism.tree, normal) else None
 
 
-def out_of_plane(mechanism: Mechanism, frame: np.ndarray) -> tuple[int, ...]:
+def out_of_plane(mechanism: Mechanism, frame: np.ndarray, *, free: bool = True) -> tuple[int, ...]:
     """Components of a wrench that motion in a plane cannot explain: force along its normal, moments about axes in it.
 
     Args:
         mechanism: The mechanism.
         frame: Pose of the wrench's frame in the base frame (4, 4).
+        free: False to include mechanisms on a resting base, whose bodies beside the plane explain the moments in part.
 
     Returns:
         Their indices (3), empty if the mechanism does not move in a plane or its normal is no axis of the frame.
     """
     normal = plane_normal(mechanism)
+    if normal is None and not free and mechanism.carrier is None:
+        normal = _common_axis(mechanism)
     if normal is None:
         return ()
     along = np.abs(frame[:3, :3].T @ normal)
@@ -52,6 +55,16 @@ def out_of_plane(mechanism: Mechanism, frame: np.ndarray) -> tuple[int, ...]:
     if np.delete(along, axis).max() > PARALLEL:
         return ()
     return (axis, *(3 + k for k in range(3) if k != axis))
+
+
+def _common_axis(mechanism: Mechanism) -> np.ndarray | None:
+    """Unit normal of the plane in which all joints move, perpendicular to gravity (3,); None without one."""
+    screws, g = np.hstack([np.zeros((6, 0)), *mechanism.tree.screws]), mechanism.gravity
+    axes = screws[3:, screws[3:].any(axis=0)]
+    if not axes.size:
+        return None
+    normal = axes[:, 0] / np.linalg.norm(axes[:, 0])
+    return normal if _in_plane(mechanism.tree, normal) and abs(g @ normal) <= PARALLEL * np.linalg.norm(g) else None
 
 
 def _in_plane(tree: Tree, normal: np.ndarray) -> bool:

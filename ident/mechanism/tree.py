@@ -95,6 +95,11 @@ class Tree:
         """Names of the joints, in the order of q."""
         return tuple(self.bodies[i].joint for i in self.moving)
 
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Names of the joints that were fixed."""
+        return tuple(body.still for body in self.bodies if body.still)
+
     @cached_property
     def freedoms(self) -> tuple[str, ...]:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
@@ -282,4 +287,5 @@ class Tree:
 
 def _welded(body: Body, q: np.ndarray) -> Body:
     """The body with its joint welded at given coordinates."""
-    return replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="", follows=None)
+    home = body.home @ body.joint_pose(q)
+    return replace(body, home=home, twist=np.zeros(6), joint="", follows=None, still=body.joint)

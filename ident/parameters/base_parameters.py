@@ -81,8 +81,8 @@ class BaseParameters(Brief):
         if not self.passed_over:
             return ""
         return (
-            "So nearly dependent on the parameters before them that others further on are base parameters in their "
-            f"stead: {', '.join(self.passed_over)}."
+            "Later parameters are base parameters instead of these, which nearly depend on earlier ones: "
+            f"{', '.join(self.passed_over)}."
         )
 
     @property

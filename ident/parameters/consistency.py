@@ -17,6 +17,7 @@ import numpy as np
 from scipy import linalg
 
 from ident.annotations import typed
+from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.parameters.base_parameters import BaseParameters
@@ -26,8 +27,8 @@ LOOSER = 1.0, 2.0, 4.0
 """Factors by which the deviation of hardly identifiable masses is increased if the bodies do not fit ψ otherwise."""
 
 
-@dataclass(frozen=True, eq=False)
-class ConsistentParameters:
+@dataclass(frozen=True, eq=False, repr=False)
+class ConsistentParameters(Brief):
     """Full parameters of physical bodies, and their fit to the given base parameters.
 
     Attributes:
@@ -42,6 +43,7 @@ class ConsistentParameters:
             it equals the mass if ψ does not depend on it, kg (b,).
         prior: φ of the prior, made physical (10 b,).
         raised: Bodies, counted from 0, whose prior was not physical and had to be raised.
+        bodies: Names of the bodies, if they have any.
     """
 
     phi: np.ndarray
@@ -54,6 +56,14 @@ class ConsistentParameters:
     mass_std: np.ndarray
     prior: np.ndarray
     raised: tuple[int, ...]
+    bodies: tuple[str, ...] = ()
+
+    @property
+    def _in_short(self) -> dict[str, object]:
+        names = self.bodies or [f"body {k}" for k in range(1, 1 + len(self.phi) // 10)]
+        masses = (f"{name} {mass:.3g}" for name, mass in zip(names, self.phi[::10].tolist(), strict=True))
+        moved = f"{self.distance:.1f} standard deviations from the estimate, " + "not " * (not self.attainable)
+        return {"masses (kg)": listed(masses), "base parameters": f"{moved}within its 95 % region"}
 
     @property
     def unseen(self) -> np.ndarray:
@@ -118,18 +128,18 @@ def consistent_parameters(
         raise InputError(f"masses needs a relative standard deviation of zero or more, got {masses:g}.")
     _check(psi, C, base, prior)
     physical, raised = physical_prior(prior, bodies=bodies)
-    std = np.sqrt(np.diag(C))
+    std, names = np.sqrt(np.diag(C)), tuple(bodies or ())
     L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
     root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
     problem = NearestBodies.of(psi, base, L, root)
     K = problem.bodies(problem.widest if widest else None)
-    closest = _report(problem, K, L, root, psi, base, physical, raised)
+    closest = _report(problem, K, L, root, psi, base, physical, raised, names)
     for kept in () if masses is None else (masses * factor for factor in LOOSER):
         hidden = closest.unseen & (np.abs(closest.phi - physical)[::10] > masses * physical[::10])
         if not hidden.any():
             break
         with_masses = problem.with_masses(L, np.where(closest.unseen, kept, np.inf) * physical[::10])
-        beside = _report(problem, with_masses.bodies(problem.width), L, root, psi, base, physical, raised)
+        beside = _report(problem, with_masses.bodies(problem.width), L, root, psi, base, physical, raised, names)
         if beside.attainable >= closest.attainable and beside.distance**2 <= closest.distance**2 + ROOM:
             return beside
     return closest
@@ -144,6 +154,7 @@ def _report(
     base: BaseParameters,
     physical: np.ndarray,
     raised: tuple[int, ...],
+    bodies: tuple[str, ...],
 ) -> ConsistentParameters:
     """Result for bodies `L K Lᵀ` and the given ψ, whose covariance is `root rootᵀ`."""
     phi = parameters_from_pseudo_inertia(L @ K @ np.swapaxes(L, -1, -2)).ravel()
@@ -161,6 +172,7 @@ def _report(
         mass_std=problem.std(K, L[:, 3]),
         prior=physical,
         raised=raised,
+        bodies=bodies,
     )
 
 

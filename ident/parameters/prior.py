@@ -136,6 +136,8 @@ def known_covariance(
     covariance += np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))
     for name, each in (absorbed or {}).items():
         own, (stated,) = each[: parameters.rank], stated_values(mechanism, [name])
+        if not own.any():  # The drive of a joint that rests is in no parameter.
+            continue
         unknown = UNKNOWN * float(np.linalg.norm(rows)) / max(float(np.linalg.norm(own)), 1e-300)
         covariance += np.outer(own, own) * (DRIVE_KNOWN * stated or unknown) ** 2
     return covariance

@@ -28,7 +28,7 @@ def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> n
         A matrix (rows, 10 b) whose columns have the dependencies of the regressor for general motions.
     """
     sensors, rng = sensors or Sensors(), np.random.default_rng(0)
-    motion = _motion(rng, mechanism.tree, 10 * len(mechanism.bodies) + MORE, sensors.moving_base)
+    motion = _motion(rng, mechanism.tree, 10 * len(mechanism.bodies) + MORE, sensors)
     tree, g = mechanism.tree, mechanism.gravity
     rows = []
     if sensors.base_wrench:
@@ -39,8 +39,9 @@ def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> n
     return np.concatenate([Y.reshape(-1, Y.shape[-1]) for Y in rows])
 
 
-def _motion(rng: np.random.Generator, tree: Tree, samples: int, moving_base: bool) -> Motion:
+def _motion(rng: np.random.Generator, tree: Tree, samples: int, sensors: Sensors) -> Motion:
     """A random state of joints and base for each sample."""
+    moves = not sensors.still
     leads = [body.follows for body in tree.bodies if body.follows]
     q = [np.zeros((samples, 0))]
     for i in tree.moving:
@@ -49,8 +50,8 @@ def _motion(rng: np.random.Generator, tree: Tree, samples: int, moving_base: boo
         low, high = max((low for low, _ in spans), default=-np.pi), min((high for _, high in spans), default=np.pi)
         size = (samples, body.coordinates)
         q.append(rng.normal(size=size) if body.is_ball else rng.uniform(min(low, high), max(low, high), size))
-    dq, ddq = rng.uniform(-2, 2, size=(2, samples, len(tree.freedoms)))
-    if not moving_base:
+    dq, ddq = moves * rng.uniform(-2, 2, size=(2, samples, len(tree.freedoms)))
+    if not sensors.moving_base:
         return Motion(np.hstack(q), dq, ddq)
     T = se3.pose(se3.rotation(rng.normal(size=(samples, 4))), rng.uniform(-1, 1, size=(samples, 3)))
-    return Motion(np.hstack(q), dq, ddq, BaseMotion(T, *rng.uniform(-2, 2, size=(2, samples, 6))))
+    return Motion(np.hstack(q), dq, ddq, BaseMotion(T, *(moves * rng.uniform(-2, 2, size=(2, samples, 6)))))

@@ -42,12 +42,14 @@ class Sensors:
         channels: Measured components of the base wrench, as rows w fixed in the base frame, of which each channel reads
             `w · Γ_0` (k, 6), such as some rows of `coAd(inverse(frame))` for a sensor at a pose `frame`; by default all
             six.
+        still: True if the mechanism rests in every sample, so that gravity alone acts; a moving base then turns.
     """
 
     base_wrench: bool = True
     joint_torques: bool = False
     moving_base: bool = False
     channels: np.ndarray | tuple[tuple[float, ...], ...] | None = None
+    still: bool = False
 
     def __post_init__(self) -> None:
         if not (self.base_wrench or self.joint_torques):
@@ -109,7 +111,9 @@ def structure(mechanism: Mechanism, sensors: Sensors | None = None) -> Structure
         raise ModelError("A mechanism of massless bodies has no parameters.")
     tree = _one_axis_each(mechanism.tree)
     weight = np.concatenate([-mechanism.gravity, np.zeros(3, dtype=int)])[None]
-    moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
+    none, still = np.zeros((0, 6), dtype=int), sensors.still
+    moving = np.eye(6, dtype=int) if sensors.moving_base and not still else none
+    weight = np.eye(3, 6, dtype=int) if sensors.moving_base and still else weight
     transfers = [_transfer(body) for body in tree.bodies]
 
     # For {0} and every body: rows on its composite, its possible twists, accelerations of gravity, and the directions
@@ -117,17 +121,17 @@ def structure(mechanism: Mechanism, sensors: Sensors | None = None) -> Structure
     on_base, measured = _base_rows(_channels(sensors), weight, moving)
     rows, twists, weights, directions = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}, {BASE: measured}
     # Joint torques depend on the change of the energy of the base's motion with posture, but not on that energy itself.
-    energy = {BASE: np.eye(10 if sensors.moving_base and sensors.joint_torques else 0, 10, dtype=int)}
+    energy = {BASE: np.eye(10 if len(moving) and sensors.joint_torques else 0, 10, dtype=int)}
     constraints = {BASE: rows[BASE]}
     for i, body in enumerate(tree.bodies):
         constant, varying = transfers[i]
-        twists[i] = _span([_carried(twists[body.parent], body), body.motions.T], 6)
+        twists[i] = none if still else _span([_carried(twists[body.parent], body), body.motions.T], 6)
         weights[i] = _span([_carried(weights[body.parent], body)], 6)
         directions[i] = _span([_carried(directions[body.parent], body)], 6)
         fresh = [felt[body.parent] @ K for K in varying for felt in (rows, energy)]
         energy[i] = _span([energy[body.parent] @ constant], 10)
         if body.moves:
-            fresh.append(directions[i] @ momentum_regressor(body.twist))
+            fresh += [] if still else [directions[i] @ momentum_regressor(body.twist)]
             fresh += _torque_rows(body.twist, twists[i], weights[i]) if sensors.joint_torques else []
         constraints[i] = _span(fresh, 10)
         rows[i] = _span([constraints[i], rows[body.parent] @ constant], 10)

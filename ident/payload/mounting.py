@@ -1,24 +1,41 @@
 """Poses of the sensor and of other bodies and sites relative to the payload."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ident.errors import InputError, LogError
+from ident.files.table import BASE
 from ident.geometry.se3 import inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, Sensor
 
 
+def beyond(robot: Mechanism, recordings: Sequence[Recording], body: str) -> Mechanism:
+    """A body and all on it, carried by the robot's joints, or the whole mechanism if that is one body with known poses.
+
+    Raises:
+        InputError: There is no such body, or what moves it is not known.
+    """
+    if all(each.base is None for each in recordings) and robot.tree.joints:
+        return robot.beyond(body)
+    if robot.tree.joints:
+        raise InputError("A payload is identified on a robot whose own base rests, but the log has a moving base.")
+    if body != robot.tree.names[0] or any(each.base is None for each in recordings):
+        raise InputError(
+            f"No joint moves '{body}': its pose has to be that of the base, '{robot.tree.names[0]}', and the log needs "
+            "it, under [base] in the columns file: position and quaternion."
+        )
+    return robot
+
+
 def on_payload(
     robot: Mechanism, part: Mechanism, recording: Recording, body: str, sensor: str
 ) -> tuple[np.ndarray, Recording, list[str]]:
     """Pose of the sensor's frame in the body's, the recording with its wrench as ground wrench, and notes."""
-    if recording.base is not None:
-        raise InputError("A payload is identified on a robot whose own base rests, but the log has a moving base.")
     if sensor not in recording.wrenches:
         known = ", ".join(f"'{name}'" for name in recording.wrenches) or "none"
         raise LogError(
@@ -31,7 +48,7 @@ def on_payload(
         place = pose_of_body(robot, body, stated.body, f"the wrench '{sensor}'") @ place
     on_it = stated.body is None or stated.body in part.tree.names
     left_out = [name for name in recording.wrenches if name != sensor]
-    kept = [f"{joint}_{kind}" for joint in part.joints for kind in ("position", "velocity", "acceleration")]
+    kept = [BASE, *(f"{joint}_{kind}" for joint in part.joints for kind in ("position", "velocity", "acceleration"))]
     names = {name: name for name in kept} | {f"{sensor}_{kind}": f"{GROUND}_{kind}" for kind in ("force", "torque")}
 
     def renamed(channels: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,9 @@ from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, payload_findings
 from ident.mechanism.mechanism import Mechanism
+from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.parameters.structure import Sensors
 from ident.payload.mounting import place_of
 from ident.recordings.wrench import GROUND
 
@@ -94,11 +96,24 @@ class Payload(Brief):
         rows = zip(QUANTITIES, values.tolist(), std.tolist(), identifiable.tolist(), strict=True)
         known = [f"{name} {' ± '.join(rounded(x, s))}" for name, x, s, seen in rows if seen]
         return {
-            "beyond": f"sensor '{self.sensor}' on '{self.body}'",
+            "of": self.title,
             "values": listed(known),
             "not identifiable": listed(np.array(QUANTITIES)[~identifiable].tolist()),
             "verdict": str(self.verdict()),
         }
+
+    @property
+    def title(self) -> str:
+        """The payload in words."""
+        return f"What '{self.sensor}' carries"
+
+    @property
+    def carried(self) -> str:
+        """Sentence on what is carried, and by what."""
+        mechanism = self.estimate.prepared.mechanism
+        joints, place = ", ".join(mechanism.joints), ", ".join(f"{x:.6g}" for x in self.place[:3, 3].round(6) + 0)
+        by = f"by joints {joints}" if joints else "at the recorded poses"
+        return f"Carried: {', '.join(mechanism.bodies)}, {by}; sensor at [{place}] m in the frame of '{self.body}'."
 
     def in_frame(self, T: np.ndarray | None = None) -> RigidBody:
         """The payload as one rigid, physically consistent body.
@@ -106,15 +121,33 @@ class Payload(Brief):
         Args:
             T: Pose of the frame in which it is expressed, in the frame of the body (4, 4); by default that frame.
         """
-        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self.physical.psi
+        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self._phi
         values, J = described(X @ psi), np.zeros((10, 10))
         for k, step in enumerate(1e-6 * psi[0] * np.repeat([1, SIZE, SIZE**2], [1, 3, 6])):
             ahead = step * X[:, k]
             J[:, k] = (described(X @ psi + ahead) - described(X @ psi - ahead)) / (2 * step)
-        covariances = self.estimate.covariance, self.estimate.covariance_setup[:10, :10]
-        std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in covariances)
+        std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in self._covariances)
         size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
         return RigidBody(values, std, wider, wider < OPEN * size)
+
+    @property
+    def _phi(self) -> np.ndarray:
+        """φ of the payload as one body, in the body's frame (10,)."""
+        return self._whole.regroup(self.physical.phi)
+
+    @property
+    def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Covariances of φ of the payload as one body, from the noise and with that of the set-up (10, 10)."""
+        seen = np.ix_(*2 * [[self._whole.kept.index(k) for k in self.estimate.base.kept]])
+        rank, unknown = self.estimate.base.rank, np.diag(np.repeat(self._phi[0] * SIZE**2, 10)) ** 2
+        noise, wider = unknown.copy(), unknown
+        noise[seen], wider[seen] = self.estimate.covariance, self.estimate.covariance_setup[:rank, :rank]
+        return noise, wider
+
+    @cached_property
+    def _whole(self) -> BaseParameters:
+        """Regrouping of all ten parameters of one rigid body, of which poses at rest show four."""
+        return structural_base_parameters(self.estimate.prepared.mechanism, sensors=Sensors(moving_base=True))
 
     @cached_property
     def physical(self) -> ConsistentParameters:
@@ -126,8 +159,8 @@ class Payload(Brief):
     @property
     def model(self) -> np.ndarray | None:
         """The payload in the robot's model, as `RigidBody.values` in the body's frame; None if it has no mass there."""
-        part = self.robot.beyond(self.body)
-        total = np.zeros(10) if part.prior is None else self.estimate.base.regroup(part.prior)
+        part = self.robot.beyond(self.body) if self.robot.tree.joints else self.robot
+        total = np.zeros(10) if part.prior is None else self._whole.regroup(part.prior)
         return described(total) if total[0] else None
 
     @cached_property
@@ -152,12 +185,14 @@ class Payload(Brief):
     @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the payload, the doubts first."""
-        return payload_findings(self.estimate.evidence, self.in_frame().identifiable, self.sensor)
+        body, prior = self.in_frame(), self.robot.prior
+        robot = None if prior is None else self.robot.mass
+        return payload_findings(self.estimate.evidence, float(body.values[0]), robot, body.identifiable, self.sensor)
 
     def verdict(self) -> PayloadVerdict:
         """Verdict on the payload with its standard deviations; a sentence when printed."""
         values, _, std, identifiable = self.in_frame()
-        return PayloadVerdict.of(self.findings, values, std, identifiable)
+        return PayloadVerdict.of_body(self.estimate.evidence, self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:
         """φ of the whole robot, with the identified values for the sensor's load (10 b,).

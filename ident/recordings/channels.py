@@ -11,7 +11,10 @@ from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
 from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
+from ident.recordings.followers import with_followers
 from ident.recordings.sampled import AS_MEASURED
+from ident.recordings.times import POSES
+from ident.recordings.turns import turns_of, with_continuous_angles
 from ident.recordings.wrench import GROUND, Sensor, sensors_of
 from ident.tolerances import HUGE
 
@@ -45,7 +48,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
                 columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
         if joint_kind != "ball" and (command := COMMAND.format(joint)) in table.cells:
             columns.setdefault(f"joints.{joint}.command", Columns((command,)))
-        if not all(columns[f"joints.{joint}.position"].names):
+        if not all(columns[f"joints.{joint}.position"].names) and joint not in mapping.followers:
             names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"
             raise NoPositionError(
                 f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
@@ -55,7 +58,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     if not columns["time"].names[0]:
         raise LogError(
             "a log needs a column of times, named time or t or mapped, or in the mapping its samples per second, as in "
-            f"rate = 100; {table.available()}.{suggestion}"
+            f"rate = 100; {table.available()}.{POSES}{suggestion}"
         )
     for sensor, place in {GROUND: Sensor(), **sensors_of(table.metadata.get("sensors", {}))}.items():
         parts = {
@@ -70,13 +73,19 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             sensors[sensor] = place
     if not mapping.has_base and f"{BASE}.0" in table.cells:
         columns["base.pose"] = Columns(tuple(f"{BASE}.{k}" for k in range(16)))
-    check_no_column_twice(columns)
     columns = {key: _with_unit_of_file(key, used, table, joints) for key, used in columns.items()}
+    stated = {joint: kind for joint, kind in joints.items() if f"joints.{joint}.position" in mapping.columns}
+    mapping = with_followers(replace(mapping, columns=columns), stated)
+    columns = mapping.columns
+    check_no_column_twice(columns)
     for key, used in columns.items():
         for name in used.read:
             if name not in table.cells:
                 raise LogError(f"{key} is mapped to column '{short(name)}', but {table.available()}.")
-    return replace(mapping, columns=columns, sensors=sensors)
+    hinges = [joint for joint in joints if joints[joint] == "hinge"]
+    angles = {f"joints.{joint}.{kind}" for joint in hinges for kind in ("position", "command")}
+    turns = {name: own for key in columns if key in angles for name, own in turns_of(columns[key]).items()}
+    return replace(mapping, columns=columns, sensors=sensors, turns=turns)
 
 
 def _of_joint(table: Table, joint: str, joint_kind: str, kind: str) -> Columns:
@@ -133,6 +142,11 @@ def read_channels(
     Raises:
         LogError: A column has no numbers, not all of them, or numbers out of range.
     """
+    table = with_continuous_angles(table, mapping.turns, notes)
+    for key, columns in mapping.columns.items():
+        if not table.memory.turned.keys().isdisjoint(columns.read):
+            # Its turns show its unit, however far it goes.
+            mapping.columns[key] = replace(columns, unit="rad")
     channels = {
         key: _read(table, key, columns, notes, gaps and not key.startswith("base."))
         for key, columns in mapping.columns.items()

@@ -8,6 +8,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.recording import Recording
+from ident.recordings.sampled import Sampled
 from ident.recordings.servo import Servo, model_servo
 
 FAR = 20.0
@@ -46,6 +47,14 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
     dropped = {f"{joint}_command" for joint in unused}
     measured = {name: x for name, x in recording.measured.items() if name not in dropped}
     streams = {name: x for name, x in recording.streams.items() if name not in dropped}
+    for body in (body for body in mechanism.tree.bodies if body.joint in used and body.turns):
+        command = f"{body.joint}_command"
+        # A command that is unwrapped may be whole turns away from its position.
+        turns = 2 * np.pi * np.round(np.median(measured[command] - measured[f"{body.joint}_position"]) / (2 * np.pi))
+        if turns:
+            measured[command] = measured[command] - turns
+            if command in streams:
+                streams[command] = Sampled(streams[command].time, streams[command].values - turns)
     scales = {joint: std for joint, std in recording.scales.items() if joint not in without}
     return replace(recording, measured=measured, streams=streams, servos=used, scales=scales)
 

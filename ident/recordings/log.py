@@ -23,6 +23,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
+from ident.recordings.followers import follower_notes
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
@@ -53,7 +54,7 @@ def read_log(
 
     Args:
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
-            OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
+            OpenSim .mot or .sto file, a .parquet, .jsonl or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
             folder), a LeRobot dataset's folder, with its episode if there are several, `DATASET#3`, or what
             `Recording.save` wrote. `FILE+FILE` is one log in several files, each with times of its own on one clock, as
             angles in one and forces in another. Or columns in memory: a mapping of arrays (N,) or (N, d), a pandas data
@@ -121,11 +122,13 @@ def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -
 def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanism) -> ColumnMapping:
     """Mapping of columns from a file or its content."""
     if columns is None:
-        return ColumnMapping()
-    if isinstance(columns, Mapping):
-        return stated_mapping(columns, mechanism.tree)
-    file = checked_path("columns", columns, "the path of a TOML file, or its content as a mapping")
-    return read_mapping(file, mechanism.tree)
+        mapping = ColumnMapping()
+    elif isinstance(columns, Mapping):
+        mapping = stated_mapping(columns, mechanism.tree)
+    else:
+        file = checked_path("columns", columns, "the path of a TOML file, or its content as a mapping")
+        mapping = read_mapping(file, mechanism.tree)
+    return replace(mapping, followers=mechanism.mimics)
 
 
 def _pieces(
@@ -142,6 +145,8 @@ def _pieces(
     try:
         files = files_of(path)
         if len(files) > 1 or has_several_clocks(path):
+            if mapping.still:
+                raise LogError("poses = true is for one table with a row for each pose.")
             whole = samples == sys.maxsize
             yield _of_several_clocks(files, mechanism, mapping, kinds, gaps=gaps, whole=whole, limit=limit)
             return
@@ -158,26 +163,30 @@ def _recordings(
     tables: Iterable[Table], mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool
 ) -> Iterator[Recording]:
     """Recordings of the pieces of one table."""
-    joints, kinds = mechanism.tree.joints, joint_kinds(mechanism.tree)
+    kinds = joint_kinds(mechanism.tree)
     clock: Clock | None = None
     for table in tables:
         notes: list[str] = []
         if first := clock is None:
             _check_length(len(table.rows))
             mapping = with_names(mapping, table, kinds)
+            mechanism, notes = mechanism.following(mapping.followers), follower_notes(mapping.followers)
+            kinds = joint_kinds(mechanism.tree)
             clock = Clock(mapping.columns["time"], gaps)
             notes += table.notes
+        # Followers' torques add to their leaders', as sums that show when all columns are known.
+        table = replace(table, sums=mapping.sums)
         channels = read_channels(table, mapping, notes if first else [], gaps=gaps)
         channels = about_origins(table, channels, mapping.plates, notes if first else [], gaps=gaps)
         repaired = clock.repaired(table, channels, notes)
         if not len(repaired.time):
             continue
         unused = [name for name in table.cells if name not in mapping.used]
-        recording = _without_incomplete(_recording(repaired, mapping), joints, notes if first else [])
+        recording = _without_incomplete(_recording(repaired, mapping), mechanism.tree.joints, notes if first else [])
         recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
         recording = placed(recording, mechanism, mapping.plates, notes if first else [])
         if first:
-            notes += misspelt(unused, _missing(mapping, kinds))
+            notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
             _check(recording, mapping, mechanism, kinds, notes)
         yield replace(recording, notes=notes, unused=unused)
     if clock is None:
@@ -218,6 +227,8 @@ def _of_several_clocks(
     else:
         tables = read_clocks(files[0], limit=limit)
     mapping = mapping_of(tables, mapping, kinds)
+    mechanism, kinds = mechanism.following(mapping.followers), joint_kinds(mechanism.tree)
+    notes += follower_notes(mapping.followers)
     streams = read_streams(tables, mapping, notes, gaps=gaps if len(files) > 1 else None)
     recording = _recording(streams, mapping)
     recording = _without_incomplete(recording, mechanism.tree.joints, notes)
@@ -225,6 +236,7 @@ def _of_several_clocks(
     recording = placed(recording, mechanism, mapping.plates, notes)
     _check(recording, mapping, mechanism, kinds, notes)
     unused = [name for table in tables for name in table.cells if name not in mapping.used]
+    notes += _unread(unused, mapping, mechanism)
     return replace(recording, notes=notes, unused=unused)
 
 
@@ -252,6 +264,13 @@ def _missing(mapping: ColumnMapping, kinds: Mapping[str, str]) -> list[str]:
         for name, own in zip_longest(names, mapping.columns.get(key, none).names[: len(names)])
         if not own
     ]
+
+
+def _unread(unused: Sequence[str], mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:
+    """A sentence on the columns of joints that are fixed."""
+    usual = {name.format(joint) for joint in mechanism.tree.still for names in KINDS.values() for name in names}
+    unread = [name for name in unused if name in (*usual, *mapping.of_fixed)]
+    return [f"Columns of joints that are fixed (--fix) were not read: {', '.join(unread)}."] if unread else []
 
 
 def _check_length(samples: int) -> None:
@@ -296,8 +315,11 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         known_bodies=mapping.known_bodies,
         streams=streams,
         held=mapping.held,
+        base_rpy_deg=mapping.base_rpy_deg,
+        still=mapping.still,
         scales=mapping.scales,
         couplings=mapping.couplings,
+        followers=mapping.followers,
     )
 
 

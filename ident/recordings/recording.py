@@ -11,13 +11,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.annotations import typed
-from ident.arguments import check_type, checked_path
+from ident.arguments import check_type, checked_path, checked_rpy
 from ident.display.brief import Brief, listed
 from ident.display.frames import channels_frame
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
+from ident.mechanism.follower import Follower
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
@@ -56,6 +57,7 @@ class Recording(Brief):
         sensors: Sensors of the wrenches, by name. By default the ground's is in the base frame and measures the wrench
             that the ground exerts on the mechanism.
         base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base at rest.
+        base_rpy_deg: Roll, pitch and yaw of a base at rest, as for `Mechanism`; None for the model's.
         held: True if something holds the base, whose wrench is the ground's; None to infer it from the mechanism.
         setup: Standard deviations of set-up errors that differ from the defaults, in SI units and radians, by the
             kinds of `ident.setup.SETUP`; zero for what is exactly as stated.
@@ -67,6 +69,8 @@ class Recording(Brief):
             servo, or of a motor's torque constant.
         couplings: Motors that move several joints together, to which rotors and friction belong: rows of R in
             `q_motor = R q`, by the motors' names, as numbers other than zero by joint.
+        followers: Joints without channels that follow another one, by name.
+        still: True if samples are poses at rest, in any order, whose times mean nothing.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -88,10 +92,13 @@ class Recording(Brief):
     servos: Mapping[str, Servo] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
     couplings: Couplings = field(default_factory=dict)
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
     held: bool | None = None
+    base_rpy_deg: tuple[float, ...] | None = None
+    still: bool = False
 
     def __post_init__(self) -> None:
         check_type("streams", self.streams, Mapping, STREAMS)
@@ -114,6 +121,8 @@ class Recording(Brief):
             raise LogError("True values need the same channels and shapes as the measured ones.")
         if self.base is not None and not (self.base.shape == (len(self.time), 4, 4) and is_rigid(self.base)):
             raise LogError(f"A moving base needs poses ({len(self.time)}, 4, 4), got {self.base.shape}.")
+        if self.base_rpy_deg is not None:
+            object.__setattr__(self, "base_rpy_deg", checked_rpy("base_rpy_deg", self.base_rpy_deg, LogError))
         object.__setattr__(self, "streams", {name: checked_stream(name, x) for name, x in self.streams.items()})
         for name, stream in self.streams.items():
             common = self._common(name).values

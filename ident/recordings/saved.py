@@ -12,6 +12,7 @@ from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.recordings.couplings import couplings_of
+from ident.recordings.followers import followers_of
 from ident.recordings.servo import scales_of, servos_of
 from ident.recordings.wrench import sensors_of
 
@@ -38,7 +39,12 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
     annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
     annotations |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
-    annotations["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
+    annotations["followers"] = {
+        joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
+        for joint, lead in fields["followers"].items()
+    }
+    stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {"still": fields["still"] or None}
+    annotations["stated"] = {name: x for name, x in stated.items() if x is not None}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 
 
@@ -79,14 +85,18 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
         annotations["servos"] = servos_of(annotations["servos"])
     if "scales" in annotations:
         annotations["scales"] = scales_of(annotations["scales"])
+    if "followers" in annotations:
+        annotations["followers"] = followers_of(annotations["followers"])
     if "couplings" in annotations:
         annotations["couplings"] = couplings_of(annotations["couplings"])
     for body, known in annotations.get("known_bodies", {}).items():
         checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
-    held = annotations.pop("stated", {}).get("held")
-    if not isinstance(held, bool | None):
-        raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")
-    annotations["held"] = held
+    stated = annotations.pop("stated", {})
+    for key, otherwise in (("held", None), ("still", False)):
+        annotations[key] = stated.get(key, otherwise)
+        if not isinstance(annotations[key], bool | None):
+            raise LogError(f"'{key}' of 'stated' needs true or false, got {short(stated[key])}.")
+    annotations["base_rpy_deg"] = stated.get("base_rpy_deg")
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
     return {"time": time, "measured": measured, "true": true, "base": base} | annotations

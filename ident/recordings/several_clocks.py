@@ -114,6 +114,9 @@ def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
             other = next(name for name in used.read if name not in table.cells)
             raise LogError(f"{key} needs columns of the same times, '{here[0]}' and '{other}' have times of their own.")
         columns[key] = used
+    if columns.keys() > {TIME}:
+        # Constants are of no table, and have the times of any.
+        columns |= {key: used for key, used in mapping.columns.items() if used.names and not used.read}
     plates = {name: plate for name, plate in mapping.plates.items() if f"wrenches.{name}.force" in columns}
     for name in plates:
         for key in (key for key in mapping.columns if key.startswith(f"wrenches.{name}.")):

@@ -106,14 +106,16 @@ def _tables(file: Path, layout: Layout, clock: Columns | None, limit: int) -> li
 
 def _timed(table: Table, clock: Columns | None) -> Table:
     """The table with its times in the column `time` in s."""
-    named = [name for name in USUAL if name in table.cells] if clock is None else list(clock.names)
+    named = [name for name in USUAL if name in table.cells] if clock is None else list(clock.read)
     if len(named) != 1 or named[0] not in table.cells:
         needed = f"times in a column '{named[0]}'" if clock else f"one column of times, {' or '.join(USUAL)}"
         raise LogError(
             f"it needs {needed}, or the mapping the columns of times of all files, time = [...], and in it "
             f"{{ rate = HZ }} for one without; {table.available()}."
         )
-    seconds = table.column(named[0]) * (clock.factor if clock else 1.0)
+    computed = {each.name: each for each in clock.sums} if clock else {}
+    seconds = replace(table, sums=computed).column(clock.names[0] if clock else named[0])
+    seconds = seconds * (clock.factor if clock else 1.0)
     if np.isnan(seconds).any():
         raise LogError(f"column '{named[0]}' is empty, but a log needs times.")
     others = {name: x for name, x in table.cells.items() if name != named[0] and not name.startswith(TRUE)}

@@ -20,6 +20,12 @@ JITTER, UNIFORM = 0.2, 1e-3
 SPARSE = 1000
 """Number of common times per sample above which a gap is an error of the clock."""
 
+POSES = " If each row is a pose at rest, say poses = true in the columns file."
+"""Advice for logs that look like poses, not like motions."""
+
+SLOW = 1.0
+"""Time between samples from which they may be poses at rest, s."""
+
 LATEST = 1e12
 """Largest time that is accepted, s."""
 
@@ -111,7 +117,7 @@ class Clock:
                 f"{table.row(kept[i + 1])}, column '{name}' has a gap of {steps[i]:g} s, from {start:g} s "
                 f"to {end:g} s, where steps are {self.step:g} s{others}. A filter would "
                 "invent what is missing: cut the log there, or say that samples may be missing (--gaps, gaps=True in "
-                "Python), for the trajectory estimate."
+                f"Python), for the trajectory estimate.{POSES if self.step >= SLOW else ''}"
             )
 
     def _are_gaps(self, steps: np.ndarray) -> np.ndarray:
@@ -141,10 +147,10 @@ class Clock:
         if abs(self.start) > EPOCH:
             notes.append(f"Times start at {self.start:.10g} s; they are counted from there.")
             self.start = 0.0
-        if self.step < 1e-6 or (self.step >= 1 and not self.column.unit):
+        if self.step < 1e-6 or (self.step >= SLOW and not self.column.unit):
             raise LogError(
                 f"column '{name}' has steps of {self.step:g} s, which suggests that its unit is not the second; map "
-                f'it, as in time = {{ column = "{name}", unit = "ms" }}.'
+                f'it, as in time = {{ column = "{name}", unit = "ms" }}.{POSES if self.step >= SLOW else ""}'
             )
 
 

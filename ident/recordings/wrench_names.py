@@ -9,16 +9,18 @@ _NUMBER, _AXIS = r"([\W_\d]*)", r"[\W_]*([xyz])(?![a-z])"
 WORDS = (
     ("torque", rf"(?:force|grf){_WHOSE}m{_AXIS}"),
     ("point", rf"(?:force|grf){_WHOSE}p{_AXIS}"),
-    ("force", rf"(?:force|grf){_WHOSE}v?{_AXIS}"),
+    ("force", rf"(?:force|grf|kraft){_WHOSE}v?{_AXIS}"),
+    ("torque", rf"(?<![a-z])(?:ft[\W_]*r|[mt]t){_NUMBER}{_AXIS}"),
+    ("force", rf"(?<![a-z])ft{_NUMBER}{_AXIS}"),
     ("force", rf"(?<![a-z])f{_NUMBER}v?{_AXIS}"),
-    ("torque", rf"(?:torque|moment|grm){_WHOSE}m?{_AXIS}"),
+    ("torque", rf"(?:torque|drehmoment|moment|grm){_WHOSE}m?{_AXIS}"),
     ("torque", rf"(?<![a-z])[mt]{_NUMBER}{_AXIS}"),
     ("point", rf"(?:cop|point){_WHOSE}p?{_AXIS}"),
     ("point", rf"(?<![a-z])(?=p){_NUMBER}p?{_AXIS}"),
 )
 """Patterns of the names of components in lower case: a word, perhaps a number or an owner, and an axis. OpenSim calls
 the components of a force vx, vy and vz, those of its point of application px, py and pz; AddBiomechanics calls those of
-a moment mx, my and mz."""
+a moment mx, my and mz. Drivers of force-torque sensors write FTx and MTx, or FT_X and FT_RX."""
 
 Component = tuple[str, str]
 """Quantity, a kind of `WORDS`, and axis."""

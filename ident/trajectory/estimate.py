@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arguments import checked_names
+from ident.estimation.accumulator import accumulate
+from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, Prepared, length
 from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
+from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND
 from ident.setup import FRICTION, OFFSET, OWN
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE, SINGULAR
 from ident.trajectory.alternatives import better, disagree
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
@@ -33,6 +36,10 @@ every start of an amplifier."""
 
 RUBS = tuple(f"{DRIVE[kind]}(" for kind in ("viscous", "coulomb", "stribeck"))
 """Beginnings of the names of columns of friction."""
+
+FAR_OFF = 3.0
+"""Ratio of the recording's bodies to the model's from which these are not of its size; masses that models guess are
+wrong by less than a factor of two."""
 
 ENOUGH = 10_000
 """Number of samples for the first estimate of noise, knots and set-up: more would hardly improve it."""
@@ -70,10 +77,12 @@ def trajectory_estimate(
         report: Called with every round and its step in standard deviations.
     """
     own = checked_names("own", own, OWN)
-    logs = [part.log for part in recordings]
+    logs, sized = [part.log for part in recordings], with_bodies_to_size(equations, recordings[0])
 
     def stages_of(known: Mapping[str, float] | None, columns: Equations, own: Sequence[str] = own) -> Stages:
-        measurement = _measurement(logs[0], columns, setup)
+        # A prior is that of the bodies as they are.
+        mechanism = columns.mechanism if known is not None else sized
+        measurement = _measurement(logs[0], replace(columns, mechanism=mechanism), setup)
         names, setup_at, selections = _shared(measurement, len(recordings), own)
         prior = _prior(measurement, setup_at, len(names), known)
         return Stages(
@@ -111,6 +120,29 @@ def trajectory_estimate(
         estimate = stages.searched(stages.whole(estimate))
     estimate = stages.converged(estimate)
     return stages.with_physical_bodies(estimate) if physical else estimate
+
+
+def with_bodies_to_size(equations: Equations, recording: Part[slice]) -> Mechanism:
+    """Mechanism whose bodies have the size that a recording gives them, if the model's are far from that.
+
+    Set-up errors also act through parameters that the channels do not contain. These are the model's; of a model in
+    wrong units they would make standard deviations of any size.
+
+    Args:
+        equations: Channels and columns.
+        recording: A recording, by whose least squares the sizes are compared.
+    """
+    mechanism, rank, samples = equations.mechanism, equations.parameters.rank, recording.used
+    samples = samples[:: max(1, len(samples) // ENOUGH)]
+    weights = 1 / channel_scales([samples.measured], equations.channels)
+    root = accumulate(equations, samples, factors=np.broadcast_to(weights, samples.measured.shape)).root
+    size = np.maximum(np.linalg.norm(root[:, :-1], axis=0), 1e-300)
+    psi = (np.linalg.lstsq(root[:, :-1] / size, root[:, -1], rcond=SINGULAR)[0] / size)[:rank]
+    model, data = (root[:, :rank] @ each for each in (equations.from_model[:rank], psi))
+    ratio = float(model @ data) / max(float(model @ model), 1e-300)
+    if mechanism.prior is None or 1 / FAR_OFF < ratio < FAR_OFF:
+        return mechanism
+    return replace(mechanism, prior=ratio * mechanism.prior)
 
 
 def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, float] | None) -> Measurement:

@@ -17,7 +17,7 @@ from sim.markers.opensim_model import opensim_spec
 from sim.markers.settings import UP, Place
 from sim.models.model_update import specification
 from sim.models.mujoco_model import compiled
-from sim.models.names import body_id, id_of, name_of
+from sim.models.names import body_id, id_of, joint_name, name_of
 from sim.models.opensim.mechanism import is_opensim
 
 _SITE = mujoco.mjtObj.mjOBJ_SITE
@@ -129,8 +129,8 @@ def marked_model(
             raise InputError(f"Markers '{short(used[a])}' and '{short(used[b])}' have the same site.")
     weights = np.array([places[label].weight for label in used])
     rest, still = _fixed(model, fix)
-    still |= {id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in laws}
-    dofs = np.array([d for d in range(model.nv) if model.dof_jntid[d] not in still], int)
+    still |= {int(model.jnt_dofadr[id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name)]) for name in laws}
+    dofs = np.array([d for d in range(model.nv) if d not in still], int)
     kept = tuple(short_labels[label] for label in used)
     marked = MarkedModel(spec, model, kept, np.array(sites), weights, rest, dofs, _followers(model, laws), up)
     return marked, [label for label in labels if label not in used]
@@ -199,18 +199,27 @@ def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[Fol
 
 
 def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[np.ndarray, set[int]]:
-    """Coordinates with fixed joints set (nq,), and the ids of these joints."""
-    rest, still = model.qpos0.copy(), set()
-    ends = [*model.jnt_qposadr[1:].tolist(), model.nq]
+    """Coordinates with fixed joints set (nq,), and the degrees of freedom of these joints."""
+    places = dict[str, tuple[slice, range]]()
+    for j, kind in enumerate(model.jnt_type):
+        name, q, v = joint_name(model, j), int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            # A tree has three slides and a ball for it.
+            places |= {f"{name}:{c}": (slice(q + k, q + k + 1), range(v + k, v + k + 1)) for k, c in enumerate("xyz")}
+            q, v = q + 3, v + 3
+        turns = kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
+        places[name] = slice(q, q + (4 if turns else 1)), range(v, v + (3 if turns else 1))
+    coordinates, still = model.qpos0.copy(), set[int]()
     for name, values in fix.items():
-        j = id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-        own = slice(int(model.jnt_qposadr[j]), ends[j])
+        if name not in places:
+            raise ModelError(f"There is no joint '{name}' to fix; the joints are {_listed(places)}.")
+        own, dofs = places[name]
         if len(values) not in (0, own.stop - own.start):
             raise InputError(f"--fix {name} needs {own.stop - own.start} coordinates, got {len(values)}.")
         if values:
-            rest[own] = values
-        still.add(j)
-    return rest, still
+            coordinates[own] = values
+        still.update(dofs)
+    return coordinates, still
 
 
 def _listed(names: Collection[str]) -> str:

@@ -4,8 +4,11 @@ from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import mujoco
+from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
+from ident.mechanism.follower import Follower
+from ident.mechanism.tree import Tree
 from sim.models.names import joint_name, name_of
 from sim.models.notes import note
 
@@ -43,6 +46,26 @@ def couplings(model: mujoco.MjModel) -> list[Coupling]:
     return tendons + flexes + equalities
 
 
+def mimics_of(model: mujoco.MjModel, tree: Tree) -> dict[str, Follower]:
+    """Joints that an equality constraint makes follow another one of a tree, by name, each from an independent one."""
+    single = {tree.bodies[i].joint for i in tree.moving if tree.bodies[i].freedoms == 1}
+    laws = dict[str, tuple[str, Polynomial]]()
+    for e in range(model.neq):
+        if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[e] or model.eq_obj2id[e] < 0:
+            continue
+        j, k = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+        at, of_lead = (float(model.qpos0[model.jnt_qposadr[i]]) for i in (j, k))
+        if {joint := joint_name(model, j), lead := joint_name(model, k)} <= single:
+            laws.setdefault(joint, (lead, Polynomial(model.eq_data[e, :5]).trim()(Polynomial([-of_lead, 1])) + at))
+    for _ in range(len(laws)):
+        for joint, (lead, law) in laws.items():
+            if lead in laws:
+                beyond, inner = laws[lead]
+                laws[joint] = beyond, law(inner)
+    # Those that are left in a ring follow themselves.
+    return {joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in laws.items() if lead not in laws}
+
+
 def check_couplings(
     model: mujoco.MjModel, base: str | None, members: Sequence[int], ignore: Collection[str], fixed: Collection[str]
 ) -> None:
@@ -71,11 +94,17 @@ def check_couplings(
         note(
             f"The equations leave out {', '.join(map(str, acting))}; between bodies of the mechanism "
             "this changes joint torques, but no wrench."
+            + " A coupled joint without a column follows the other."
+            * any("(joint)" in c.kind for c in acting)
         )
 
 
 def check_torques(
-    model: mujoco.MjModel, members: Sequence[int], ignore: Collection[str], joints: Collection[str]
+    model: mujoco.MjModel,
+    members: Sequence[int],
+    ignore: Collection[str],
+    joints: Collection[str],
+    followers: Collection[str] = (),
 ) -> None:
     """Refuses couplings that act on joints whose torques or motions must be free of them.
 
@@ -84,12 +113,30 @@ def check_torques(
         members: Ids of the mechanism's bodies.
         ignore: Names of couplings to leave out.
         joints: Names of the joints.
+        followers: Names of joints that follow another one in the equations, as their couplings say.
 
     Raises:
         ModelError: There is a coupling that is not ignored, or a name is unknown.
     """
     acting = _acting(model, members, ignore) if joints else []
+    acting = [c for c in acting if c.joints is None or not c.joints & set(followers)]
     _refuse([c for c in acting if c.joints is None or c.joints & set(joints)], "which act on its joints")
+
+
+def loops_of(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[str, ...]]:
+    """Joints of a tree whose torques each coupling changes, by the coupling's name: those between its bodies."""
+    loops = dict[str, tuple[str, ...]]()
+    for each in couplings(model):
+        names = {name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) if b >= 0 else "" for b in each.bodies}
+        joints = each.joints or {
+            tree.bodies[i].joint
+            for i in tree.moving
+            if 0 < len(names & {tree.names[k] for k in tree.carried(i)}) < len(names)
+        }
+        # A joint that is fixed or follows another one is no longer coupled.
+        if joints and joints <= set(tree.joints):
+            loops[each.name] = tuple(joint for joint in tree.joints if joint in joints)
+    return loops
 
 
 def _acting(model: mujoco.MjModel, members: Sequence[int], ignore: Collection[str]) -> list[Coupling]:

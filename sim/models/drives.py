@@ -16,6 +16,9 @@ _ON_JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPAR
 _FIXED_GAIN, _NO_DYNAMICS = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtDyn.mjDYN_NONE)
 _BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 
+_VOLTAGE = 8, 16
+"""Inputs of a DC motor, as of MuJoCo 4.0: its voltage, or none."""
+
 _SWITCHES = {
     "stiffness": ("SPRING", "PASSIVE"),
     "viscous": ("DAMPER", "PASSIVE"),
@@ -35,7 +38,8 @@ def drives_of_model(
         transmissions: Further actuators by their joints' names.
 
     Warns:
-        ModelNote: A spring or a friction is not linear, or an actuator's rotor or friction is not on a hinge or slide.
+        ModelNote: A spring or a friction is not linear, an actuator's rotor or friction is not on a hinge or slide, or
+            its force is no linear function of command, length and velocity.
     """
     joints = [j for j in range(model.njnt) if set(freedom_names(model, j)) & set(freedoms)]
     out: dict[str, Drive] = {}
@@ -91,6 +95,7 @@ def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
             "gear": float(model.actuator_gear[a, 0]),
             "rotor": float(_values(model, "actuator_armature", a)[0]),
             "viscous": _unless_disabled(model, "viscous", float(_values(model, "actuator_damping", a)[0])),
+            "coulomb": _friction_of_motor(model, a)[0],
             "forcerange": tuple(model.actuator_forcerange[a].tolist()) if model.actuator_forcelimited[a] else None,
         }
         yield Actuator(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a), **own, **law(model, a))
@@ -98,11 +103,36 @@ def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
 
 def law(model: mujoco.MjModel, a: int) -> dict[str, Any]:
     """Gains of an actuator's force, all zero if it is not linear in command, length and velocity."""
+    if _is_dc_motor(model, a):
+        return _law_of_motor(model, a)
     linear = model.actuator_gaintype[a] == _FIXED_GAIN and model.actuator_biastype[a] in _BIASES
     if not linear or model.actuator_dyntype[a] != _NO_DYNAMICS or model.actuator_plugin[a] >= 0:
         return {"gain": 0.0}
     bias, kp, kv = model.actuator_biasprm[a, :3].tolist()
     return {"gain": float(model.actuator_gainprm[a, 0]), "kp": 0.0 - kp, "kv": 0.0 - kv, "bias": bias}
+
+
+def _is_dc_motor(model: mujoco.MjModel, a: int) -> bool:
+    """True for a `dcmotor`, which MuJoCo has since 3.7."""
+    return bool(model.actuator_gaintype[a] == int(getattr(mujoco.mjtGain, "mjGAIN_DCMOTOR", -1)))
+
+
+def _law_of_motor(model: mujoco.MjModel, a: int) -> dict[str, Any]:
+    """Gains of a DC motor from its voltage and, by back-EMF, its velocity: `F = K/R u - K²/R l'`.
+
+    All are zero if it has a controller, cogging, or dynamics of its current or temperature.
+    """
+    (R, K), gain, dynamics = model.actuator_gainprm[a, :2], model.actuator_gainprm[a], model.actuator_dynprm[a]
+    by_voltage = int(model.actuator_ctrlspec[a]) in _VOLTAGE if hasattr(model, "actuator_ctrlspec") else not gain[8]
+    if not by_voltage or gain[2:8].any() or dynamics[[0, 2, 3, 4]].any() or model.actuator_biasprm[a, 0]:
+        return {"gain": 0.0}
+    return {"gain": float(K / R), "kv": float(K**2 / R)}
+
+
+def _friction_of_motor(model: mujoco.MjModel, a: int) -> tuple[float, float]:
+    """Coulomb friction of a DC motor (LuGre), and what it is more at rest; zero for others."""
+    coulomb, at_rest = model.actuator_biasprm[a, 3:5].tolist() if _is_dc_motor(model, a) else (0.0, 0.0)
+    return coulomb, max(at_rest - coulomb, 0.0) if coulomb else 0.0
 
 
 def acting_on(model: mujoco.MjModel, j: int) -> list[int]:
@@ -123,6 +153,12 @@ def _note_left_out(model: mujoco.MjModel, joints: Sequence[int]) -> None:
             f"The drives of {', '.join(odd)} are more than a spring, friction and a rotor with one number each; "
             "predicted joint torques leave the rest out."
         )
+    acting = {a: name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a) for j in joints for a in acting_on(model, j)}
+    if names := [name for a, name in acting.items() if not law(model, a)["gain"]]:
+        note(
+            f"The forces of {', '.join(names)} are no gain times a command less linear feedback; they are not computed "
+            "from commands."
+        )
 
 
 def _has_more(model: mujoco.MjModel, j: int) -> bool:
@@ -130,6 +166,8 @@ def _has_more(model: mujoco.MjModel, j: int) -> bool:
     acting, dof = acting_on(model, j), int(model.jnt_dofadr[j])
     places = [("jnt_stiffnesspoly", j), ("jnt_springyield", j), ("dof_dampingpoly", dof)]
     places += [("actuator_dampingpoly", a) for a in acting]
+    if any(_friction_of_motor(model, a)[1] for a in acting):
+        return True
     if model.jnt_type[j] in (_FREE, _BALL):
         places += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in acting]
     return any(_values(model, *place).any() for place in places)

@@ -14,6 +14,7 @@ from ident.mechanism.body import BASE
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from sim.models.couplings import loops_of, mimics_of
 from sim.models.drives import drives_of_model
 from sim.models.mujoco_model import (
     BEYOND,
@@ -28,6 +29,7 @@ from sim.models.mujoco_model import (
 )
 from sim.models.names import joint_name, name_of
 from sim.models.opensim.mechanism import is_opensim, mechanism_from_opensim
+from sim.models.plausible_units import note_units
 from sim.models.transmissions import transmissions
 
 
@@ -58,9 +60,10 @@ def mechanism(
     *,
     merge_welds: bool = False,
     ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
     packages: Sequence[str | Path] = (),
     drives: bool = True,
+    base_rpy_deg: Sequence[float] | None = None,
 ) -> Mechanism:
     """Mechanism of a body and all its descendants in a model.
 
@@ -70,24 +73,44 @@ def mechanism(
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         merge_welds: True to merge welded bodies into their parents.
         ignore: Names of equality constraints and tendons to leave out of the equations.
-        fix: Names of the tree's joints that do not move, with their coordinates.
+        fix: Names of the tree's joints that do not move, with their coordinates or alone.
         packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
             and in `ROS_PACKAGE_PATH` are searched as well.
         drives: False to leave out the drives of the joints.
+        base_rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees, for a base at rest that is mounted in
+            another way than in the model, as `(180, 0, 0)` upside down; by default as in the model.
 
     Returns:
         The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior if all bodies are massless.
 
     Warns:
-        ModelNote: As for `tree_from_model`, `drives_of_model` and `mechanism_from_opensim`.
+        ModelNote: As for `tree_from_model`, `drives_of_model`, `mechanism_from_opensim` and `note_units`.
 
     Raises:
         ModelError: As for `tree_from_model`, a body has numbers that are not finite, or the drive of a joint has
             negative ones.
+        InputError: `base_rpy_deg` is malformed.
     """
     if is_opensim(source):
         arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix, drives=drives)
-        return _with_merged_welds(arm) if merge_welds else arm
+    else:
+        arm = _from_mujoco(source, base, beyond, ignore, fix, packages, drives=drives)
+    arm = arm if base_rpy_deg is None else arm.mounted(base_rpy_deg)
+    note_units(arm)
+    return _with_merged_welds(arm) if merge_welds else arm
+
+
+def _from_mujoco(
+    source: Source,
+    base: str | None,
+    beyond: Sequence[str],
+    ignore: Collection[str],
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None,
+    packages: Sequence[str | Path],
+    *,
+    drives: bool,
+) -> Mechanism:
+    """Mechanism of a model that MuJoCo reads."""
     model = compiled(source, packages)
     members = mechanism_bodies(model, base, beyond)
     tree = tree_from_model(model, base, beyond, ignore=ignore, fix=fix)
@@ -98,7 +121,7 @@ def mechanism(
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
     stated = _drives(source, model, tree) if drives else {}
     arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=stated)
-    return _with_merged_welds(arm) if merge_welds else arm
+    return replace(arm, mimics=mimics_of(model, tree), loops=loops_of(model, tree))
 
 
 def _drives(source: Source, model: mujoco.MjModel, tree: Tree) -> dict[str, Drive]:

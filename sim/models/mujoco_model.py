@@ -9,7 +9,7 @@ import numpy as np
 
 import scenes
 from ident.annotations import typed
-from ident.arguments import check_type
+from ident.arguments import check_type, checked_coordinates
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameters_from_com
@@ -22,6 +22,7 @@ from sim.models.names import body_id, body_name, joint_name
 from sim.models.opensim.mechanism import is_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
+from sim.models.xacro import SUFFIX as XACRO
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
@@ -60,8 +61,8 @@ def _compiled_file(path: Path, packages: Sequence[str | Path]) -> mujoco.MjModel
     root = parsed(path)
     if is_opensim(path):
         raise ModelError(f"{path}: MuJoCo reads no OpenSim files; this needs a model in MJCF or URDF.")
-    if path.suffix.lower() not in (".xml", ".urdf"):
-        raise ModelError(f"A model file ends in .xml or .urdf, got '{path}'.")
+    if path.suffix.lower() not in (".xml", ".urdf", XACRO):
+        raise ModelError(f"A model file ends in .xml, .urdf or {XACRO}, got '{path}'.")
     if root.tag == "robot":
         return compiled_as_stated(model_from_urdf(path, packages), path)
     with refusals(path):
@@ -75,7 +76,7 @@ def tree_from_model(
     beyond: Sequence[str] = BEYOND,
     *,
     ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
 ) -> Tree:
     """Kinematic tree of a body and all its descendants.
 
@@ -86,8 +87,8 @@ def tree_from_model(
             all bodies are in the tree.
         beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         ignore: Names of equality constraints and tendons to leave out of the equations.
-        fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; an empty
-            sequence for those of the reference configuration.
+        fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; names
+            alone or empty sequences for those of the reference configuration.
 
     Returns:
         Bodies in MuJoCo's order, which puts parents first; the joints' coordinates and velocities are MuJoCo's own. Of
@@ -104,7 +105,8 @@ def tree_from_model(
     """
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)
-    check_couplings(model, base, members, ignore, fix or ())
+    fix = checked_coordinates("fix", fix or ())
+    check_couplings(model, base, members, ignore, fix)
     tree = _tree(model, members, base)
     if fix:
         rest = rest_coordinates(model, base, beyond)

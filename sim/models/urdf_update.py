@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
+from sim.models.urdf import text_of
 from sim.models.xml_places import Edit, Place, digits, edited, root_of
 
 SAME = 1e-12
@@ -34,7 +35,7 @@ def updated_urdf(
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
     """
-    data = path.read_bytes()
+    data = text_of(path)
     root = root_of(path, data)
     of_links, of_joints = (_first_of_each_name(root, tag) for tag in ("link", "joint"))
     edits = [edit for name, phi in links.items() for edit in _edits(data, of_links[name], phi)]

@@ -1,7 +1,7 @@
 """Collisions of a mechanism with itself and its surroundings, posture by posture, by MuJoCo."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -15,19 +15,23 @@ class _Contacts(NamedTuple):
     """Contacts of a posture.
 
     Attributes:
-        geoms: Ids of the two geoms (k, 2).
+        bodies: Ids of the two bodies (k, 2).
         distances: Distances, m (k,).
         places: Positions in the world, m (k, 3).
-        normals: Directions from the first geom to the second (k, 3).
+        normals: Directions from the first body to the second (k, 3).
     """
 
-    geoms: np.ndarray
+    bodies: np.ndarray
     distances: np.ndarray
     places: np.ndarray
     normals: np.ndarray
 
 
 NONE = _Contacts(np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+ROUND = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
+"""Kinds of geoms that are points and lines with a radius."""
 
 
 class Collisions:
@@ -38,13 +42,22 @@ class Collisions:
     bodies without a moving joint between them are ignored: their contacts, such as feet on the floor, are permanent.
     """
 
-    def __init__(self, model: mujoco.MjModel, joints: Sequence[str], clearance: float) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        joints: Sequence[str],
+        clearance: float,
+        still: Mapping[str, Sequence[float]] | None = None,
+        floor: float | None = None,
+    ) -> None:
         """Prepares a copy of the model.
 
         Args:
-            model: The model; other joints stay in its reference configuration.
+            model: The model; other joints stay in its reference configuration, but for those of `still`.
             joints: Names of the hinge and slide joints that move, in the order of q.
             clearance: Distance below which geoms count as touching, m.
+            still: Coordinates of some other joints.
+            floor: Height in the world's frame of a plane that no moving body may touch, m; None for none.
 
         Raises:
             ModelError: A joint does not exist.
@@ -55,7 +68,18 @@ class Collisions:
         self._data = mujoco.MjData(self._model)
         self._columns, self._freedoms = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
         self._body, self._apart = model.geom_bodyid, _apart(model, ids)
-        self.clearance = clearance
+        self.clearance, self.floor = clearance, floor
+        for joint, q in (still or {}).items():
+            first = model.jnt_qposadr[id_of(model, mujoco.mjtObj.mjOBJ_JOINT, joint)]
+            self._data.qpos[first : first + len(q)] = q
+        # Ids of the geoms that must not touch the floor.
+        solid = (model.geom_contype | model.geom_conaffinity) != 0
+        self._above_floor = np.flatnonzero(solid & (_carriers(model, ids)[self._body] != 0))
+
+    @property
+    def checks_floor(self) -> bool:
+        """True if there is a floor, and a geom that could touch it."""
+        return self.floor is not None and len(self._above_floor) > 0
 
     def depth(self, q: np.ndarray, clearance: float | None = None) -> np.ndarray:
         """Clearance less distance, summed over the contacts, m.
@@ -88,9 +112,9 @@ class Collisions:
         first, second = np.zeros((2, 3, self._model.nv))
         for sample, posture in enumerate(q):
             contacts = self._contacts(posture, far)
-            if not len(contacts.geoms):
+            if not len(contacts.bodies):
                 continue
-            room, depths, bodies = contacts.distances - near, far - contacts.distances, self._body[contacts.geoms]
+            room, depths, bodies = contacts.distances - near, far - contacts.distances, contacts.bodies
             if (room <= 0).any():
                 return np.inf, np.zeros(q.shape)
             barrier += float(np.sum(depths**2 / room)) / far
@@ -110,8 +134,7 @@ class Collisions:
         """
         contacts: dict[tuple[str, str], int] = {}
         for sample in np.flatnonzero(self.depth(q)):
-            geoms = self._contacts(q[sample], self.clearance).geoms
-            for a, b in np.sort(self._body[geoms], axis=1):
+            for a, b in np.sort(self._contacts(q[sample], self.clearance).bodies, axis=1):
                 contacts.setdefault((body_name(self._model, a), body_name(self._model, b)), int(sample))
         return contacts
 
@@ -123,11 +146,28 @@ class Collisions:
         with refusals("The model"):
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_collision(self._model, self._data)
-        if not self._data.ncon:
-            return NONE
-        contact = self._data.contact
-        counts = (contact.dist < clearance) & self._apart[tuple(self._body[contact.geom].T)]
-        return _Contacts(*(x[counts] for x in (contact.geom, contact.dist, contact.pos, contact.frame[:, :3])))
+        contacts = NONE
+        if self._data.ncon:
+            contact = self._data.contact
+            bodies = self._body[contact.geom]
+            counts = (contact.dist < clearance) & self._apart[tuple(bodies.T)]
+            contacts = _Contacts(*(x[counts] for x in (bodies, contact.dist, contact.pos, contact.frame[:, :3])))
+        if self.floor is None:
+            return contacts
+        return _Contacts(*map(np.concatenate, zip(contacts, self._on_floor(clearance), strict=True)))
+
+    def _on_floor(self, clearance: float) -> _Contacts:
+        """Contacts of the geoms of moving bodies with the floor: of spheres and capsules, else of boxes around them."""
+        geoms = self._above_floor
+        R, boxes = self._data.geom_xmat[geoms].reshape(-1, 3, 3), self._model.geom_aabb[geoms]
+        radius = np.where(np.isin(self._model.geom_type[geoms], ROUND), self._model.geom_size[geoms, 0], 0)
+        corners = boxes[:, :3] - np.sign(R[:, 2]) * (boxes[:, 3:] - radius[:, None])
+        places = self._data.geom_xpos[geoms] + np.einsum("gij,gj->gi", R, corners)
+        places[:, 2] -= radius
+        distances = places[:, 2] - self.floor
+        near = distances < clearance
+        bodies = np.stack([np.zeros(near.sum(), int), self._body[geoms[near]]], axis=1)
+        return _Contacts(bodies, distances[near], places[near], np.tile([0.0, 0.0, 1.0], (len(bodies), 1)))
 
     def pairs(self) -> int:
         """Number of pairs of geoms that are checked; zero if the model has no geoms that can collide."""

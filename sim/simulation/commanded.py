@@ -14,6 +14,7 @@ from sim.models.drives_update import changed_drives
 from sim.models.mechanism import mujoco_origin
 from sim.models.model_update import updated_spec
 from sim.models.names import joint_name
+from sim.models.refusals import without_log
 from sim.simulation.sensors import ONE_DOF
 
 LONGEST_STEP = 1e-3
@@ -66,6 +67,7 @@ class Driven:
         return out
 
 
+@without_log()
 def rolled_out(
     mechanism: Mechanism,
     recording: Recording,
@@ -115,6 +117,7 @@ def _driven(mechanism: Mechanism, recording: Recording, phi: np.ndarray, drives:
     if without := [joint for joint in joints if joint not in recording.servos]:
         raise InputError(f"A simulation needs a command of every joint; {', '.join(without)} have none.")
     model = updated_spec(mechanism, phi).compile()
+    model.opt.gravity = mechanism.pose[:3, :3] @ mechanism.gravity
     ids = {joint_name(model, j): j for j in range(model.njnt)}
     if others := [name for name, j in ids.items() if name not in joints or model.jnt_type[j] not in ONE_DOF]:
         raise InputError(f"A simulation needs a command of every joint of the model; {', '.join(others)} have none.")

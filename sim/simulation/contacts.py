@@ -10,6 +10,7 @@ from ident.arguments import described, is_number
 from ident.errors import InputError
 from sim.models.mujoco_model import mechanism_bodies
 from sim.models.names import body_name
+from sim.models.refusals import without_log
 from sim.simulation.rollout import steps_per_sample
 from sim.simulation.simulate import RATE
 
@@ -35,6 +36,7 @@ class Fall:
 
 
 @typed("seconds")
+@without_log()
 def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE) -> Fall:
     """Simulates a scene from its reference configuration with all controls at zero, and records motion and contacts.
 

@@ -7,6 +7,7 @@ import sys
 import traceback
 from contextlib import contextmanager, suppress
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -177,3 +178,17 @@ def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=30) == -signal.SIGINT
         assert process.stderr.read() == ""
+
+
+def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
+    for command in ("identify", "batch", "columns", "compare", "excite", "payload", "stream"):
+        parser = import_module(f"experiments.{command}").parser()
+        assert any("--base-rpy" in action.option_strings for action in parser._actions) or any(
+            "--base-rpy" in action.option_strings for group in parser._action_groups for action in group._group_actions
+        )
+    parser = argparse.ArgumentParser()
+    options.add_mechanism(parser)
+    args = parser.parse_args(["--base-rpy", "180", "0", "-90"])
+    assert options.of_model(args)["base_rpy_deg"] == [180.0, 0.0, -90.0]
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--base-rpy", "180"])

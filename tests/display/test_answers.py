@@ -1,13 +1,16 @@
 """What an estimate answers in an interpreter and in a notebook."""
 
 import re
+import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.util import find_spec
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from estimates import jointly, quick
+from matplotlib.figure import Figure
 from scipy import stats
 from test_commands import scaled
 
@@ -75,7 +78,7 @@ def test_estimated_scales_of_torques_are_parameters():
     estimate = scaled(("bend",), False)
     value, std = estimate.scales["bend"]
     scale = estimate["scale(bend)"]
-    assert (scale.kind, scale.body, scale.value, scale.std_setup, scale.model) == ("scale", "bend", value, std, 1.0)
+    assert (scale.kind, scale.body, scale.estimate, scale.std_setup, scale.model) == ("scale", "bend", value, std, 1.0)
     assert scale in estimate.by_body["bend"] and "scale(bend)" in estimate._repr_html_()
     assert estimate.to_dict()["scales"] == {"bend": {"value": value, "std": std}}
     assert re.search(r"^scale\(bend\) +bend +[0-9.]+", estimate.summary(), re.MULTILINE)
@@ -103,7 +106,7 @@ def test_a_parameter_has_its_unit_body_and_model_and_a_drive_is_not_negative():
     assert (moment.kind, moment.unit, moment.body) == ("base", "kg m", "fore")
     assert friction.model == pytest.approx(0.4) and moment.model == pytest.approx(1.5 * 0.15)
     assert str(moment).startswith("m3rx3 = 0.22") and "kg m, 95 % interval" in str(moment)
-    assert replace(friction, value=0.01, std_setup=1.0).interval() == (0.0, pytest.approx(0.01 + 1.959964))
+    assert replace(friction, estimate=0.01, std_setup=1.0).interval() == (0.0, pytest.approx(0.01 + 1.959964))
     with pytest.raises(InputError, match=r"has no parameter 'm3rx4'; near that are .*m3rx3"):
         estimate["m3rx4"]
     for name in ("M3RX3", "fc(bent)"):
@@ -180,7 +183,7 @@ def test_html_is_well_formed_and_escaped(tmp_path):
 def test_plots_are_figures_of_the_estimate(name):
     estimate = jointly()
     figure = getattr(estimate, name)()
-    assert type(figure).__module__ == "matplotlib.figure"
+    assert isinstance(figure, Figure)
     if name == "plot":
         (ax,) = figure.axes
         assert [label.get_text() for label in ax.get_yticklabels()] == list(estimate.names)
@@ -193,6 +196,45 @@ def test_plots_are_figures_of_the_estimate(name):
         np.testing.assert_allclose(lines[0].get_ydata() - lines[1].get_ydata(), estimate.held_out.residual[:, 0])
 
 
+def test_a_notebook_shows_a_figure_once_whatever_its_cell_ends_with(monkeypatch):
+    """`estimate.plot();` has no last value, and `estimate.plot()` shows it before the cell ends."""
+    shown, ends = [], []
+
+    def display(figure):
+        with pytest.raises(NotImplementedError):  # IPython goes on to other ways to show it
+            figure._ipython_display_()
+        shown.append(figure)
+
+    shell = SimpleNamespace(kernel=None, events=SimpleNamespace(register=lambda event, function: ends.append(function)))
+    monkeypatch.setitem(
+        sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell, display=SimpleNamespace(display=display))
+    )
+    first = quick().plot()
+    ends[-1]()
+    assert shown == [first]
+    second = quick().plot()
+    display(second)
+    ends[-1]()
+    assert shown == [first, second]
+    del shell.kernel
+    quick().plot()
+    ends[-1]()
+    assert len(shown) == 2
+
+
+def test_answers_are_sentences_and_tables_instead_of_their_fields():
+    estimate, other = quick(), jointly()
+    comparison = estimate.compare(estimate)
+    for answer in (estimate.verdict(), comparison, estimate.consistent(), estimate["m3rx3"], other.consistent()):
+        tags = Tags()
+        tags.feed(answer._repr_html_())
+        assert not tags.open and not re.search(r"\barray\(|outcome=|phi=|names=", repr(answer) + " ".join(tags.text))
+    assert str(estimate.verdict()) in repr(estimate.verdict()) and repr(estimate["m3rx3"]).startswith("m3rx3 = 0.22")
+    assert "χ² is 0.0 of" in repr(comparison) and "no more than noise" in repr(comparison)
+    assert "m3rx3 of fore" in comparison._repr_html_() and "<th>unit</th>" in comparison._repr_html_()
+    assert "column 4" in repr(estimate.consistent()) and "upper 3" in estimate.consistent()._repr_html_()
+
+
 @pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is an extra")
 def test_a_data_frame_has_every_parameter():
     estimate = jointly()
@@ -200,7 +242,7 @@ def test_a_data_frame_has_every_parameter():
     assert tuple(frame.index) == tuple(each.name for each in estimate.parameters)
     assert "scale(bend)" in scaled(("bend",), False).to_frame().index
     base = frame[frame["kind"] == "base"]
-    np.testing.assert_array_equal(base["value"], estimate.psi)
+    np.testing.assert_array_equal(base["estimate"], estimate.psi)
     np.testing.assert_array_equal(base["std_setup"], estimate.std_setup)
     np.testing.assert_allclose(base[["lower", "upper"]], estimate.interval())
     assert frame.loc["Fc(bend)", "unit"] == "N m" and frame.loc["Fc(bend)", "model"] == pytest.approx(0.4)
@@ -216,6 +258,6 @@ def test_digits_follow_the_standard_deviation():
     assert rounded(2.51934, 0.0312) == ("2.519", "0.031")
     assert rounded(2.51934, 0.0996) == ("2.52", "0.10")
     assert rounded(1234.5, 27.0) == ("1234", "27") and rounded(1234.5, 270.0) == ("1230", "270")
-    assert rounded(-0.001, 0.1) == ("0.00", "0.10")
+    assert rounded(-0.001, 0.1) == ("-0.001", "0.10") and rounded(0.0, 0.1) == ("0.00", "0.10")
     assert rounded(0.5, 0.0) == ("0.5", "0")
     assert aligned(["a", "n"], [["x", "1.5"], ["yy", "22"]], [1]) == ["a     n", "x   1.5", "yy   22"]

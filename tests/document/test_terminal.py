@@ -57,12 +57,12 @@ def test_tables_and_their_titles_fit(cells):
 
 def test_doubts_stand_below_the_verdict_that_counts_them():
     shown = Document(
-        verdict="Do not use it as it is: one finding below speaks against it.",
+        verdict="Not usable as it is: one finding below speaks against it.",
         findings=[("Logs disagree.", True), ("A remark.", False)],
         lines=["36 of 159."],
     ).text()
     assert shown.splitlines()[-3:] == [
-        "Do not use it as it is: one finding below speaks against it.",
+        "Not usable as it is: one finding below speaks against it.",
         "  ! Logs disagree.",
         "36 of 159.",
     ]

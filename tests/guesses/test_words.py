@@ -21,6 +21,17 @@ from ident.recordings.wrench_names import wrench_groups
         ("tau_j03_Nmm", "torque", "N mm", ("3",)),
         ("motor_current_2 [mA]", "current", "mA", ("motor", "2")),
         ("hip_flexion_r_moment", "torque", "", ("hip", "flexion", "right")),
+        ("q1rad", "position", "rad", ("1",)),
+        ("kneePosRad", "position", "rad", ("knee",)),
+        ("rad_knee", "position", "rad", ("knee",)),
+        ("position_rad_1", "position", "rad", ("1",)),
+        ("knee (rad/s)", "velocity", "rad", ("knee",)),
+        ("knee_deg_s2", "acceleration", "deg", ("knee",)),
+        ("speed_rad_per_s knee", "velocity", "rad", ("knee",)),
+        ("knee_nm", "torque", "N m", ("knee",)),
+        ("Achse3 Drehmoment mNm", "torque", "N mm", ("3",)),
+        ("jointpos1", "position", "", ("1",)),
+        ("x_axis_force", "force", "", ("x",)),
         ("room temperature", "", "", ("room", "temperature")),
     ],
 )
@@ -50,7 +61,7 @@ def test_likeness_needs_numbers_and_sides(column, joint, alike):
     [("field.q_d0", True), ("tau_J_d0", True), ("action.3", True), ("externalTorque_2", True), ("d_angle", False)],
 )
 def test_what_is_desired_or_of_something_else_is_told(name, commanded):
-    assert words(name).commanded == commanded
+    assert words(name).measured != commanded
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ MASSES = {"masses": {"link1": {"mass": 2.5, "std": 0.1, "model": 1.0}, "tool": {
 MOVED = {"moved": [{"name": "m2rz2", "body": "link2", "z": 1.2}, {"name": "Fv(hip)", "body": None, "z": -0.4}]}
 SPAN = {"start": 1.0, "end": 2.5, "carries": 0.3}
 CLIPPED = {"channel": "Fz", "limits": (-500.0, 500.0), "unit": "N", "share": 0.1}
+GRAVITY = {"rpy_deg": (180.0, 0.0, 0.0), "stated": 0.8, "misfit": 0.1}
+DELAY = {"delay": 0.5, "std": 0.01, "stated": 0.8, "misfit": 0.1}
 TURN = {"x": "-y", "y": "x", "z": "z"}
 FRAME = {"wrench": "ground", "error": 1.4, "error_turned": 0.2}
 STEPS = [
@@ -55,7 +57,9 @@ EXAMPLES = {
         FRAME | {"opposite": True, "frame": "as stated", "axes": TURN},
         FRAME | {"opposite": False, "frame": "transposed", "axes": TURN},
         FRAME | {"opposite": True, "frame": "turned", "axes": TURN},
+        FRAME | {"opposite": True, "frame": "as stated", "axes": TURN, "rpy_deg": [180.0, 0.0, 0.0]},
     ],
+    "mirrored_components": [{"wrench": "ground", "components": parts} for parts in (("Fy",), ("Fy", "Mx"))],
     "total_wrench_sign": [{"error": 2.0, "error_turned": 0.01}],
     "other_base": [{"body": "foot", "error": 1.2, "error_there": 0.1}],
     "contact_left_out": [{"body": "hand", "point": [0.0, 0.1, 0.25], "explained": 0.8}],
@@ -89,6 +93,11 @@ EXAMPLES = {
     "torque_scale_estimated": [
         {"joints": ("hip", "knee"), "fixed_by": fixed} for fixed in ((), ("the wrench", "bodies"))
     ],
+    "motion_not_by_torques": [
+        {"joints": {"hip": {"weight": 1.02, "weight_std": 0.01, "inertia": 0.004, "inertia_std": 0.012}}},
+    ],
+    "loop_left_out": [{"loop": "close", "joints": ("knee", "ankle")}],
+    "computed_torques": [{"joints": ("hip", "knee"), "largest": 0.0132}],
     "body_not_carried": [{"body": "tool", "explained": 0.9}],
     "friction_not_fitted": [{"shares": {"hip": 0.4}, "drives": ("viscous", "coulomb")}],
     "drive_at_bound": [
@@ -111,6 +120,8 @@ EXAMPLES = {
     "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
+    "gravity_direction": [{**GRAVITY, "joint": None}, {**GRAVITY, "joint": "hip"}],
+    "channels_late": [DELAY | {"of": "wrench"}, DELAY | {"of": "torques", "delay": -0.4}],
     "setup_unexplained": [{"changed": True}, {"changed": False}],
     "not_converged": [
         {"status": "interrupted", "rounds": 1},
@@ -120,7 +131,7 @@ EXAMPLES = {
     "halves_disagree": [{"rms_z": 2.3}],
     "logs_disagree": [{"logs": (1, 4), "rms_z": (2.5, 5.0), "best": best} for best in ((), (4,), (1, 4))],
     "own_in_logs": [{"values": {"Fc(hip)": (0.3, 0.45), "offset(hip)": (0.0, -0.12)}}],
-    "prior_as_asked": [{}],
+    "prior_beside_data": [{}],
     "prior_needed": [{}],
     "beyond_joint_ranges": [{"shares": {"hip": 0.02}}],
     "unfiltered_wrenches": [{}],
@@ -135,6 +146,11 @@ EXAMPLES = {
     "rotor_not_fitted": [{"joints": {"link3": "joint3"}}],
     "rotor_inseparable": [{"joints": {"link1": "joint1", "link2": "joint2"}}],
     "heavier_last_link": [{"body": "hand", "mass": 0.81, "std": 0.07}],
+    "payload_forces_unexplained": [{"ratios": {"Fx": 0.97, "Fz": 0.93}}],
+    "payload_mass_unlikely": [
+        {"mass": 799.6, "robot": 8.7},
+        {"mass": 210500.0, "robot": None},
+    ],
     "payload_mass_unknown": [{}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
 }
@@ -151,6 +167,10 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
         finding = Finding(code, values, False)
         assert re.fullmatch(r"[A-Z].*\.", finding.text) and finding.text in finding.line
         assert not re.search(r"[{}]|  |None|\bnan\b|\.\.", finding.text)
+        # Lists of names and numbers may be longer.
+        sentences = [each.split(": ")[0] for each in re.split(r"(?<=\.) (?=[A-Z])", finding.text)]
+        assert max(len(each.split()) for each in sentences) <= 25
+        assert not re.search(r"\d%", finding.text)
         read = json.loads(json.dumps(finding.to_dict(), allow_nan=False))
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
 

@@ -1,9 +1,11 @@
+import driven_arm
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
+from ident.estimation.equations import COMPONENTS
 from ident.geometry.se3 import inverse, pose
 from ident.judgement import diagnosis, residuals
 from ident.mechanism.body import Body
@@ -193,3 +195,18 @@ def test_a_turn_is_blamed_only_if_it_fits_better_than_a_tie():
     exact = diagnosis.check_frame(WRENCH, WRENCH, np.eye(3))
     assert exact.sign == 1 and not exact.suspicious
     assert (exact.error, exact.error_turned) == pytest.approx((0, 0), abs=1e-12)
+
+
+@pytest.mark.parametrize("component", range(6))
+def test_one_component_of_the_opposite_sign_is_mirrored_and_all_of_them_are_an_opposite_sign(component):
+    arm, rng = driven_arm.mechanism(**driven_arm.NONE), np.random.default_rng(1)
+    _, *states = driven_arm.motion(rng)
+    predicted = base_wrench_regressor(arm.tree, *states, gravity=arm.gravity) @ arm.known
+    # Another arm than the model's, a sensor that is not tared, and noise.
+    measured = 1.2 * predicted + np.array([2, -3, 0, 1, 1, -1]) + rng.normal(scale=0.5, size=predicted.shape)
+    signs = 1 - 2 * (np.arange(6) == component)
+    check = diagnosis.check_frame(measured * signs, predicted, np.eye(3))
+    assert check.mirrored == (COMPONENTS[component],) and not check.suspicious
+    for whole in (np.ones(6), -np.ones(6), np.array([1, -1, -1, 1, -1, -1])):
+        check = diagnosis.check_frame(measured * whole, predicted, np.eye(3))
+        assert not check.mirrored and check.suspicious == bool((whole < 0).any())

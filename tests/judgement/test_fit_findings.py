@@ -85,7 +85,9 @@ def test_more_than_a_sensors_noise_is_a_remark_from_three_times_on():
 
 def test_residuals_over_signals_are_sorted_by_what_they_mean():
     ratios = {"a": 0.2, "b": 0.6, "c": 0.97, "d": 1.7, "e": 0.61}
-    findings = judged_by(quality_findings, ratios=ratios, part="held-out")
+    frames = {"ground": SimpleNamespace(mirrored=("f",))}
+    given = {"ratios": ratios | {"f": 2.0, "g": 2.0}, "checks": SimpleNamespace(frames=frames), "idle": {"g": "noise"}}
+    findings = judged_by(quality_findings, part="held-out", **given)
     assert [(finding.code, finding.doubt, finding.place.channels) for finding in findings] == [
         ("residual_above_signal", True, ("d",)),
         ("unexplained_channels", False, ("c",)),

@@ -135,7 +135,7 @@ def test_logs_that_the_estimate_predicts_best_are_no_doubt(second, third, best, 
     (finding,) = halves_findings(result)
     assert finding.doubt is doubt and finding.values["best"] == best and finding.values["logs"] == (2, 3)
     ends = {(2, 3): "predicts log 2, 3 best", (2,): "predicts log 2 best", (3,): "predicts log 3 best"}
-    assert ends.get(best, "look at them one by one.") in finding.text
+    assert ends.get(best, "identify the logs one by one.") in finding.text
 
 
 @pytest.mark.parametrize(("own", "doubt"), [(0.35, False), (0.45, True)])

@@ -44,7 +44,7 @@ def test_right_torques_of_a_model_with_too_light_a_tool_are_no_finding():
     estimate = identified(light=True)
     assert estimate.verdict().usable and not coded(estimate, *OF_TORQUES, "setup_gain")
     (mass,) = [each for each in estimate.parameters if each.name == "m1"]
-    assert mass.value == pytest.approx(14.8, abs=0.05)
+    assert mass.estimate == pytest.approx(14.8, abs=0.05)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Findings and verdicts of identifications from short simulated recordings."""
 
+import re
 from dataclasses import replace
 
 import mujoco
@@ -88,9 +89,8 @@ def test_all_three_candidates_are_compared_and_the_best_is_named(estimate):
     assert verdict.usable and squares == ("least squares", ("Fy", "My"), ("Fz", "Mx"), ("Mz",))
     assert model == ("model", ("Fy", "Fz", "Mx", "My", "Mz"), (), ())
     assert (
-        "It predicts better than least squares in Fy, My, as well as least squares in Fz, Mx, worse than least squares "
-        "in Mz. It predicts better than the model as it came in Fy, Fz, Mx, My, Mz. Over all channels the estimate "
-        "predicts best." in str(verdict)
+        "Beside least squares it is better in 2 of 5 channels, as good in 2, worse in 1: Mz. Beside the model as it "
+        "came it is better in 5 of 5 channels. Over all channels the estimate predicts best." in str(verdict)
     )
     assert other.to_dict()["best_candidate"] == "estimate" and other.to_dict()["filtered_at_hz"] == 3.21
 
@@ -98,7 +98,7 @@ def test_all_three_candidates_are_compared_and_the_best_is_named(estimate):
 def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(estimate):
     other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[0.5, 0.9, 0.6, 1, 1])
     verdict, doubt = other.verdict(), other.findings[0]
-    assert verdict.outcome is Outcome.DOUBTFUL and verdict.doubts == ("worse_than_candidate",)
+    assert verdict.outcome is Outcome.NOT and verdict.doubts == ("worse_than_candidate",)
     assert verdict.best == "least squares" and verdict.worse is doubt and str(verdict).startswith(doubt.text)
     assert doubt.doubt and doubt.place.channels == ("Fy", "Mx")
     assert doubt.values["worse"]["least squares"].keys() == {"Fy", "Mx"}
@@ -116,20 +116,71 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
 def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estimate):
     other = replace(with_ratios(estimate, squares=[0.5, 0.9, 0.6, 1, 1]), singular_values=np.array([1, 1e-5]))
     worse = other.verdict().worse
-    assert worse.values["take"] is None and "brackets: move the joints further; " in worse.text
+    assert (
+        worse.values["take"] is None and worse.text.endswith("Move the joints further.") and "as a prior" in worse.text
+    )
 
 
 def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):
     doubted = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1, 1, 1, 1, 1])
     verdict = Verdict.of(doubted.evidence, [Finding.of("weight_drifts", drift=2.0)])
-    assert verdict.outcome is Outcome.DOUBTFUL and verdict.doubts == ("weight_drifts",) and verdict.best == "estimate"
+    assert verdict.outcome is Outcome.NOT and verdict.doubts == ("weight_drifts",) and verdict.best == "estimate"
     assert [each.other for each in verdict.candidates.compared()] == ["least squares", "model"]
     residual = estimate.held_out.residual * 1e6
     rivals = {"model": 9 * residual, "least squares": 8 * residual}
     nothing = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals))
     verdict = Verdict.of(nothing.evidence, [])
-    assert verdict.outcome is Outcome.PREDICTS_NOTHING and verdict.best is None and not verdict.predicted
-    assert str(verdict).endswith("on the held-out part. No candidate explains any channel, so that none is best.")
+    assert verdict.outcome is Outcome.NOT and verdict.best is None and not verdict.predicted
+    assert str(verdict).startswith("Not usable: it predicts none of 6 channels on the held-out part.")
+    assert "No candidate explains any channel, so that none is best." in str(verdict)
+
+
+@pytest.mark.parametrize(
+    ("ratios", "outcome", "predicted"),
+    [
+        ([0.1], Outcome.USABLE, 6),
+        ([0.1, 0.8], Outcome.USABLE, 5),
+        ([0.1, 0.95], Outcome.PARTLY, 5),
+        ([0.1, 0.6, 0.6], Outcome.PARTLY, 4),
+        ([0.1, 0.95, 0.95, 0.95, 0.95, 0.95], Outcome.PARTLY, 1),
+        ([0.95, 0.95, 0.95, 0.95, 0.95, 0.95], Outcome.NOT, 0),
+    ],
+)
+def test_a_verdict_counts_all_channels_that_move(estimate, ratios, outcome, predicted):
+    """Three quarters are predicted, and none is unexplained."""
+    every = dict(zip(estimate.channels, [*ratios, *(6 - len(ratios)) * [0.1]], strict=True))
+    verdict = Verdict.of(replace(estimate.evidence, ratios=every, idle={}), [])
+    assert verdict.outcome is outcome and len(verdict.predicted) == predicted and len(verdict.counted) == 6
+    assert set(verdict.missed) == set(verdict.ratios) - set(verdict.predicted) and not verdict.idle
+    shown = verdict.to_dict()
+    assert shown["channels"]["predicted"] == list(verdict.predicted) and shown["outcome"] == outcome.value
+    assert str(verdict) == shown["verdict"] == repr(verdict)
+    words = {
+        Outcome.USABLE: "Usable to predict wrenches: ",
+        Outcome.PARTLY: f"Partly usable: it predicts {predicted} of 6 channels: ",
+        Outcome.NOT: "Not usable: it predicts none of 6 channels on the held-out part.",
+    }
+    assert str(verdict).startswith(words[outcome])
+
+
+def test_channels_that_do_not_count_are_named_with_the_reason(estimate):
+    """The first component is along the pendulum's axis."""
+    verdict = estimate.verdict()
+    assert dict(verdict.idle) == {"Fx": "plane"} and verdict.usable and "Fx" not in verdict.counted
+    assert "in all 5 channels. Not counted: Fx (out of the plane that the model moves in)." in str(verdict)
+    none = Verdict.of(replace(estimate.evidence, idle=dict.fromkeys(estimate.channels, "noise")), [])
+    assert none.outcome is Outcome.NOT and str(none).startswith("Not usable: it predicts nothing, as no channel counts")
+
+
+def test_what_is_known_is_in_the_verdict(estimate):
+    verdict = estimate.verdict()
+    assert not verdict.precision.poor and f"Of {estimate.base.rank} base parameters it knows" in str(verdict)
+    assert re.search(r"It determines the whole mass, 20\.\d+ ± 0\.\d+ kg, but no single ones\.", str(verdict))
+    poor = replace(verdict, precision=replace(verdict.precision, known=(0, 1, 2), mass=None))
+    assert "Usable to predict wrenches, not to read off single parameters:" in str(poor)
+    assert "Single masses are not determined." in str(poor)
+    weighed = replace(verdict.precision, weighed=("link1", "link2"))
+    assert "It determines the mass of link1, link2." in str(replace(verdict, precision=weighed))
 
 
 def test_worse_in_a_channel_and_better_overall_is_no_doubt(estimate):
@@ -173,9 +224,9 @@ def test_drives_at_their_bound_are_at_most_so_much(estimate):
     assert "Fc(joint1), Ia(joint2) are at their bound of zero: at most 0.13 N m, 0.02 kg m² (95 %)" in finding.text
 
 
-def test_a_prior_that_was_asked_for_is_not_blamed_on_the_motion(estimate):
-    (asked,) = prior_findings(replace(estimate, trajectory=replace(estimate.trajectory, known=True)).evidence)
-    assert asked.code == "prior_as_asked"
+def test_a_prior_that_the_data_do_not_need_is_not_blamed_on_the_motion(estimate):
+    (beside,) = prior_findings(replace(estimate, trajectory=replace(estimate.trajectory, known=True)).evidence)
+    assert beside.code == "prior_beside_data"
     base, fit = estimate.base, estimate.fit
     covariance = fit.covariance.copy()
     covariance[: base.rank, : base.rank] = estimate.widening**2 * known_covariance(PENDULUM, base)
@@ -188,7 +239,7 @@ def test_a_prior_that_was_asked_for_is_not_blamed_on_the_motion(estimate):
 
 def test_rounds_are_counted_in_english(estimate):
     joint = estimate.trajectory
-    for trace, words in (([1.0], "after 1 round;"), ([1.0, 1.0], "after 2 rounds;")):
+    for trace, words in (([1.0], "after 1 round."), ([1.0, 1.0], "after 2 rounds.")):
         stuck = joint.with_fit(replace(joint.fit, status="stuck", trace=tuple(trace)))
         (finding,) = course_findings(replace(estimate, trajectory=stuck).evidence)
         assert finding.values == {"status": "stuck", "rounds": len(trace)} and words in finding.text

@@ -62,7 +62,8 @@ def test_actuators_have_their_gear_and_gains():
     <general joint="elbow" gaintype="fixed" gainprm="2" biastype="affine" biasprm="1 -4 -5"/>
     <damper name="d" joint="elbow" kv="1" ctrlrange="0 1"/>
     """
-    found = arm(actuators=actuators).drives["elbow"].actuators
+    with pytest.warns(ModelNote, match="The forces of d are no gain times a command"):
+        found = arm(actuators=actuators).drives["elbow"].actuators
     assert found == (
         Actuator("m", gear=50, forcerange=(-2, 3)),
         Actuator("p", gear=5, gain=10, kp=10, kv=2),
@@ -79,6 +80,21 @@ def test_rotors_of_actuators_count_with_the_square_of_their_gear():
     drive = arm(actuators=actuators).drives["shoulder"]
     assert (drive.viscous, drive.rotor) == (0.5, 0.0)
     assert (drive.all_viscous, drive.all_rotor) == pytest.approx((0.8, 2.0))
+
+
+@pytest.mark.skipif(not hasattr(mujoco.mjtGain, "mjGAIN_DCMOTOR"), reason="this MuJoCo has no DC motors")
+def test_a_dc_motor_has_its_friction_and_its_gains_in_the_drive():
+    motor = '<dcmotor name="m" joint="elbow" gear="-10" motorconst=".1 .1" resistance="2" armature=".02" {}/>'
+    drive = arm(actuators=motor.format('lugre="1e4 10 .3 .3 .5"')).drives["elbow"]
+    own = drive.actuators[0]
+    assert (own.gain, own.kv, own.kp, own.coulomb) == pytest.approx((0.05, 0.005, 0, 0.3))
+    assert drive.value("coulomb") - drive.coulomb == pytest.approx(3.0) and drive.all_rotor > 2.0 - 1e-12
+    assert drive.with_value("coulomb", 3.5).coulomb == pytest.approx(0.5)
+    with pytest.warns(ModelNote, match="The drives of elbow are more than a spring"):
+        arm(actuators=motor.format('lugre="1e4 10 .3 .4 .5"'))
+    for more in ('cogging="1 2 3"', 'inductance="1 .1"', 'thermal="1 2 3 4 5 6"'):
+        with pytest.warns(ModelNote, match="The forces of m are no gain times a command"):
+            assert arm(actuators=motor.format(more)).drives["elbow"].actuators[0].kind == "general"
 
 
 @pytest.mark.skipif(not hasattr(mujoco.MjModel, "dof_dampingpoly"), reason="this MuJoCo's dampers are linear")

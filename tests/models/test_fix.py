@@ -107,7 +107,7 @@ def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(file
     Recording(TIME, channels | moving).save(log)
     assert prepare(model, log, base="base").equations.channels[-1] == "shoulder"
     (note,) = (note for note in prepare(model, log, base="base", fix=fingers).notes if "--fix" in note)
-    assert "joints that --fix holds still were not read: finger1_position, finger1_velocity, finger1_acc" in note
+    assert "joints that are fixed (--fix) were not read: finger1_position, finger1_velocity, finger1_acc" in note
     Recording(TIME, channels | moving | {"finger2_torque": 0.1 * np.sin(TIME)}).save(log)
     with pytest.raises(ModelError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
         prepare(model, log, base="base")

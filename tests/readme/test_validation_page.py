@@ -48,7 +48,7 @@ def test_verdicts_are_words_in_the_table_and_folded_sentences(shown):
     verdicts = block("validation.md", "verdicts")
     assert verdicts.startswith("<details><summary>Verdicts in words</summary>")
     assert verdicts.count("<li>") == len(shown.validations)
-    assert "Usable:" not in block("validation.md", "sentences") + block("validation.md", "recordings")
+    assert "Usable to" not in block("validation.md", "sentences") + block("validation.md", "recordings")
     for each in shown:
         assert f"<li>{each.entry.title}: " in verdicts and f" {each.outcome} |" in block("validation.md", "recordings")
 

@@ -127,7 +127,7 @@ def test_joints_behind_motors_keep_power_and_position(matrix, seed):
     def values(kind, readings):
         cells = dict(zip("abc", readings.T, strict=True))
         joints = joints_behind_motors(matrix, kind, motors)
-        return np.stack([s.of([cells[c] for c in s.columns]) for column in joints for s in column.sums], axis=1)
+        return np.stack([s.of([cells[c] for c in s.columns], 4) for column in joints for s in column.sums], axis=1)
 
     np.testing.assert_allclose(values("position", q @ matrix.T / factors), q, atol=1e-9)
     np.testing.assert_allclose(values("torque", torque / factors), torque @ matrix, atol=1e-9)

@@ -337,9 +337,16 @@ def test_bad_archives_are_one_sentence(tmp_path):
 
 
 def test_files_that_are_no_logs(tmp_path):
-    for name in ("missing.csv", "log.xlsx", "."):
-        with pytest.raises(ValueError, match=r"a log is a \.csv, \.tsv, \.txt or \.npz file that exists"):
+    (tmp_path / "log.xlsx").write_text("")
+    for name, reason in {
+        "missing.csv": "there is no such file",
+        "missing.bag": "there is no such file",
+        "log.xlsx": r"logs end in \.csv, \.tsv, ",
+        ".": "the folder needs metadata.yaml",
+    }.items():
+        with pytest.raises(ValueError, match=reason) as error:
             read_log(tmp_path / name, MECHANISM)
+        assert len(str(error.value).split()) <= 25
     (tmp_path / "log.csv").write_text(text(PLAIN))
     with pytest.raises(ValueError, match=r"no.toml: a mapping of columns is a TOML file that exists"):
         read_log(tmp_path / "log.csv", MECHANISM, columns=tmp_path / "no.toml")

@@ -187,7 +187,7 @@ def test_late_faults_of_an_archive_name_the_sample(tmp_path, samples):
 
 
 def test_pieces_need_a_file_and_samples(tmp_path):
-    with pytest.raises(ValueError, match=r"missing\.csv: a log is a .* file that exists"):
+    with pytest.raises(ValueError, match=r"missing\.csv: there is no such file"):
         next(Recording.chunks("missing.csv"))
     (tmp_path / "r.csv").write_text("time\n0\n")
     with pytest.raises(InputError, match="needs at least one sample, got 0"):

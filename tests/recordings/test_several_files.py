@@ -153,8 +153,8 @@ def test_files_that_cannot_be_put_together(tmp_path):
     joints, wrench = log.split("+")
     for name, sentence in {
         f"{joints}+{joints}": "is made of different files, but joints.csv is given twice",
-        f"{joints}+{tmp_path / 'none.csv'}": "none.csv: a log is a .csv",
-        f"{joints}+": "a log is a .csv",
+        f"{joints}+{tmp_path / 'none.csv'}": "none.csv: there is no such file",
+        f"{joints}+": "joints.csv+: there is no such file",
         f"{joints}+{tmp_path / 'run.bag'}": "a bag counts its times from its first message",
     }.items():
         with pytest.raises(LogError) as error:
@@ -190,3 +190,13 @@ def test_points_of_a_c3d_file_go_with_forces_of_another(tmp_path):
     log = read_log(f"{tmp_path}/trial.c3d+{tmp_path}/wrench.csv", arm(), mapping)
     np.testing.assert_allclose(log.streams["joint1_position"].values, angles()["joint1"], atol=1e-5)
     np.testing.assert_allclose(log.streams["ground_force"].time, forces()["time"])
+
+
+def test_times_of_one_file_are_shifted_by_a_constant(tmp_path):
+    plain = read_log(pair(tmp_path), arm())
+    columns = mapped(tmp_path, 'time = ["time", { column = "time", constant = 0.25 }]')
+    later = read_log(pair(tmp_path), arm(), columns)
+    before, after = (log.as_measured("ground_force").time for log in (plain, later))
+    np.testing.assert_allclose(after - before, 0.25, atol=1e-9)
+    angles_at = [log.as_measured("joint1_position").time for log in (plain, later)]
+    np.testing.assert_allclose(*angles_at, atol=1e-9)

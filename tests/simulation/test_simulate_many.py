@@ -135,7 +135,7 @@ def test_servos_that_lose_the_excitation_are_refused():
 
 @pytest.mark.parametrize("reset", [True, False])
 def test_a_simulation_that_diverges_is_refused(reset, tmp_path, monkeypatch):
-    # MuJoCo notes divergence in a file of the working directory; by default it resets the motion and goes on.
+    # By itself MuJoCo writes a log into the working folder, and by default it resets the motion and goes on.
     monkeypatch.chdir(tmp_path)
     spec = scenes.load("double_pendulum")
     for actuator in spec.actuators:
@@ -145,7 +145,7 @@ def test_a_simulation_that_diverges_is_refused(reset, tmp_path, monkeypatch):
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     with pytest.raises(ValueError, match=r"lost the excitation after 0\.00 s by nan rad"):
         simulate(spec, DOUBLE_PENDULUM, samples=3)
-    assert "Nan, Inf or huge value" in (tmp_path / "MUJOCO_LOG.TXT").read_text()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_bystander_that_diverges_is_no_recording_either(tmp_path, monkeypatch):
@@ -157,4 +157,4 @@ def test_a_bystander_that_diverges_is_no_recording_either(tmp_path, monkeypatch)
     assert simulate(spec, DOUBLE_PENDULUM, samples=20).provenance["tracking_error_rad"] < 0.001
     with pytest.raises(ValueError, match=r"lost the excitation after 0\.[34]\d s by nan rad"):
         simulate(spec, DOUBLE_PENDULUM, samples=60)
-    assert (tmp_path / "MUJOCO_LOG.TXT").read_text().count("WARNING") == 1
+    assert not list(tmp_path.iterdir())

@@ -45,7 +45,7 @@ def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
     assert main([*arguments, "--out", str(tmp_path / "out"), "--formats", "pdf", *own]) == 0
     assert r"\caption{Ours.}" in (tmp_path / "out" / "figure_residuals.tex").read_text(encoding="utf-8")
     output = capsys.readouterr().out
-    assert "54 markers in 40 frames; {0} is the frame of 'pelvis'." in output
+    assert "54 markers in 40 frames; the base is the frame of 'pelvis'." in output
     out = tmp_path / "out"
     with np.load(folder / "truth.npz") as archive:
         truth = dict(archive)

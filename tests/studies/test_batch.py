@@ -1,11 +1,13 @@
 """Many logs, each identified by itself: one table, failures by name, and nothing done twice."""
 
 import errno
+import gc
 import json
 import os
 import shutil
 import subprocess
 import sys
+import weakref
 from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +18,8 @@ import pytest
 
 from experiments import batch, identify
 from experiments.data.batch import Outcome, spreads
+from experiments.data.log_agreement import agreement
+from experiments.reports import batch_report
 from experiments.runs import checkpoint
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
 from ident.errors import InputError
@@ -74,11 +78,12 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
     assert identify.main(["arm.xml", "run1.csv", "--out", "alone", "--name", "x", *OPTIONS[:-2]]) == 0
     alone = json.loads((folder / "alone" / "x" / "estimate.json").read_text(encoding="utf-8"))
     assert json.loads((folder / "out" / "run1" / "estimate.json").read_text(encoding="utf-8")) == alone
-    assert second["verdict"] in ("usable", "doubtful")
+    assert second["verdict"] in ("usable", "not")
     assert (folder / "out" / "run0" / "model.xml").exists() and (folder / "out" / "report.html").exists()
     assert not list((folder / "out" / "run0").glob("*.pdf"))
     table = (folder / "out" / "table_parameters.csv").read_text(encoding="utf-8")
-    assert "Fc(bend),2," in table
+    assert "Fc(bend),,2," in table and "m3rx3,fore,2," in table
+    assert (folder / "out" / "figure_logs.png").exists() and "The 2 logs agree within " in shown.out
 
 
 def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatch, here):
@@ -105,7 +110,9 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
     assert "are of another run: files (run1.csv) differ" in capsys.readouterr().err
 
 
-DONE = Outcome("run0.csv", "run0", "usable", [], {"q": 0.5}, {"m1": 1.0}, {"m1": 0.1}, {"m1": "kg"}, 2.0).to_dict()
+DONE = Outcome(
+    "run0.csv", "run0", "usable", [], ["q"], [], {"q": 0.5}, {"m1": 1.0}, {"m1": 0.1}, {"m1": "kg"}, 2.0
+).to_dict()
 
 
 @pytest.mark.parametrize(
@@ -399,3 +406,84 @@ def test_the_spread_over_logs_tells_if_their_deviations_are_right():
     assert spread.rms_z == pytest.approx(1, rel=0.1)
     (alone,) = spreads(outcomes[:1])
     assert np.isnan(alone.between) and np.isnan(alone.rms_z) and alone.mean == outcomes[0].values["m1"]
+
+
+NAMES = ("m1", "m2rz2", "Fc(hip)")
+MIXED = np.array([[4.0, 1.9, 0.0], [1.9, 1.0, 0.0], [0.0, 0.0, 1e-12]]) * 1e-2
+
+
+def drawn(rng, count, moved=(), by=(0.0, 1.0, 0.0), std=1.0):
+    """Logs around one truth, some of them moved, and the covariances that they state."""
+    x = rng.multivariate_normal([20.0, 3.0, 1e-5], MIXED, count) * [std, std, std] + np.outer(
+        np.isin(np.arange(count), moved), by
+    )
+    return [dict(zip(NAMES, each, strict=True)) for each in x.tolist()], [MIXED] * count
+
+
+@pytest.mark.parametrize("moved", [(3,), (0, 4, 9, 12, 17), tuple(range(9))])
+def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
+    values, covariances = drawn(np.random.default_rng(1), 20, moved)
+    agreed = agreement(values, covariances)
+    assert np.flatnonzero(agreed.differ).tolist() == list(moved) and agreed.spread < 1.5
+    outcomes = [
+        Outcome(
+            f"run{k}.csv",
+            f"run{k}",
+            "usable",
+            values=each,
+            std=dict.fromkeys(NAMES, 1.0),
+            units=dict.fromkeys(NAMES, "u"),
+        )
+        for k, each in enumerate(values)
+    ]
+    failed = Outcome("bad.csv", error="No.")
+    document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, ("base", "shank"), {})
+    (sentence, doubt), _ = document.findings
+    names = ", ".join(f"run{k}.csv" for k in moved)
+    assert (
+        doubt
+        and f"{len(moved)} of 20 logs differ" in sentence.replace("differs", "differ")
+        and f" from the others: {names}. χ² is " in sentence
+    )
+    assert "most in m2rz2 of shank by +" in sentence and "identify these logs apart" in sentence
+    table = document.tables["table_logs"].csv().splitlines()
+    assert [("m2rz2 of shank by +" in row) for row in table[2:]] == agreed.differ.tolist()
+    numbers = document.numbers["batch"]["agreement"]["logs"]
+    assert [name for name, each in numbers.items() if each["differs"]] == [f"run{k}.csv" for k in moved]
+
+
+def test_logs_that_differ_by_noise_alone_agree():
+    rng = np.random.default_rng(0)
+    wrong = [agreement(*drawn(rng, 6)).differ.any() for _ in range(300)]
+    assert np.mean(wrong) < 0.04
+    assert agreement(*drawn(rng, 1)) is None and agreement([], []) is None
+    assert agreement([{"m1": 1.0}, {"m2": 1.0}], [np.eye(1)] * 2) is None
+
+
+def test_what_all_logs_differ_by_is_said_of_all():
+    agreed = agreement(*drawn(np.random.default_rng(2), 12, std=20.0))
+    assert not agreed.differ.any() and agreed.spread > 10
+    outcomes = [Outcome(f"{k}", f"{k}", "usable") for k in range(12)]
+    sentence, doubt = batch_report.verdict(outcomes, agreed, ("base", "shank"))
+    assert doubt and "differ from each other by" in sentence and "None stands out" in sentence
+
+
+def test_nothing_is_left_of_a_log_when_the_next_begins(monkeypatch):
+    class Figure:
+        """An object in a cycle."""
+
+    left = []
+
+    def outcome(task):
+        figure = Figure()
+        figure.itself = figure
+        left.append(weakref.ref(figure))
+        return Outcome("run0.csv", error="No.")
+
+    monkeypatch.setattr(batch, "outcome_of", outcome)
+    gc.disable()
+    try:
+        batch.outcome_in_json(None)
+    finally:
+        gc.enable()
+    assert left[0]() is None

@@ -67,7 +67,7 @@ def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (None, "a log is a .csv"),
+        (None, "there is no such file"),
         ("", "the file is empty"),
         ("hello\n", "needs a table with two columns of numbers"),
         ("a,b\nx,y\n", "needs"),

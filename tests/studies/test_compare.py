@@ -67,7 +67,9 @@ def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, m
     assert [row["body"] for row in rows] == ["base", "shank", "shank"]
     assert float(rows[1]["interval_95"]) == pytest.approx(1.959964 * compared["std"][1])
     output = capsys.readouterr().out
-    assert "agree within noise, if their logs are independent" in output and "late" in output and "as stated" in output
+    assert "'first' and 'second' agree within noise." in output and "late" in output and "as stated" in output
+    z = next(line for line in output.splitlines() if line.startswith("m2rz2 of shank")).split()[-2]
+    assert z == f"{(a - b)[1] / compared['std'][1]:.1f}"
 
 
 def test_the_chance_of_disagreement_is_right(tmp_path):
@@ -109,9 +111,18 @@ def test_a_page_and_figures_are_written(tmp_path):
     run(tmp_path, *folders, more=["--parameters", "shank", "--caption", "figure_differences", "Mine."])
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Usable, first_run" in page and "&lt;i&gt;" in page and "<i>" not in page
+    assert '<p class="verdict">' in page and "agree within noise." in page
     assert "Mine." in (tmp_path / "out" / "figure_differences.tex").read_text()
     tex = (tmp_path / "out" / "table_differences.tex").read_text()
     assert r"\emph{shank}" in tex and r"\emph{base}" not in tex
+
+
+@pytest.mark.parametrize(("log", "last"), [("b", 9.0), ("a", 3.0)])
+def test_a_page_that_says_differ_or_cannot_tell_is_not_green(tmp_path, log, last):
+    folders = [result(tmp_path / "a", [1.0, 2.0, 3.0]), result(tmp_path / "b", [1.0, 2.0, last], log=log)]
+    run(tmp_path, *folders)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert '<p class="verdict doubt">' in page and ("differ by more than noise." in page) == (log == "b")
 
 
 @pytest.mark.parametrize(

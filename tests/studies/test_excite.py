@@ -1,5 +1,6 @@
 import csv
 import json
+import re
 
 import mujoco
 import numpy as np
@@ -20,6 +21,7 @@ from sim.motion.fourier import FourierTrajectory
 from sim.motion.walls import Walls
 
 TIME = np.arange(943) / 100
+TIMES = np.arange(0.5, 19.5, 0.01)
 LIMITS = Limits([-1.0, -2.0], [1.5, 0.0], [1.0, 3.0], [2.0, 8.0])
 JOINTS = ("lift", "fold")
 QUICK = ["--starts", "1", "--iterations", "5", "--formats", "png"]
@@ -231,6 +233,79 @@ def test_collisions_are_found_and_named(arm):
     assert Collisions(model, JOINTS[1:], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
 
 
+def test_a_floor_is_touched_where_a_plane_of_the_model_is(arm):
+    plane = '<geom name="floor" type="plane" size="2 2 0.1"/>'
+    bare = mujoco.MjModel.from_xml_string(FOLDING.replace(plane, ""))
+    postures = np.random.default_rng(0).uniform(-2.9, 2.9, (200, 2))
+    with_plane, with_floor = (
+        Collisions(mujoco.MjModel.from_xml_path(str(arm)), JOINTS, 0.01),
+        Collisions(bare, JOINTS, 0.01, floor=0.0),
+    )
+    touched = [each.touching(postures) for each in (with_plane, with_floor)]
+    assert touched[0] == touched[1] and ("world", "hand") in touched[0]
+    high = Collisions(bare, JOINTS, 0.01, {"lift": [2.9]}, floor=0.0)
+    assert ("world", "hand") in Collisions(bare, JOINTS[1:], 0.01, {"lift": [2.9]}, 0.0).touching(np.zeros((1, 1)))
+    assert not Collisions(bare, JOINTS[1:], 0.01, floor=0.0).touching(np.zeros((1, 1)))
+    q = postures[(high.depth(postures, 0.02) == 0) & (high.depth(postures, 0.2) > 0)][:20]
+    for j, step in enumerate(1e-7 * np.eye(2)):
+        for posture in q:
+            slope = high.barrier_and_slope(posture[None], 0.01, 0.2)[1][0, j]
+            up, down = (high.barrier_and_slope(posture[None] + s * step, 0.01, 0.2)[0] for s in (1, -1))
+            assert slope == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_design_stays_off_stops_and_floor_and_holds_fixed_joints(arm, tmp_path, capsys):
+    def designed(*options):
+        assert excite.main([str(arm), "--seconds", "5", *QUICK, *options, "--out", str(tmp_path / "out")]) == 0
+        return Recording.load(tmp_path / "out" / "trajectory.npz")
+
+    designed()
+    rows = [*csv.DictReader((tmp_path / "out" / "table_limits.csv").read_text().splitlines())]
+    stops = {(row["joint"], row["quantity"]): float(row["limit"]) for row in rows}
+    assert stops["lift", "highest position, rad"] == pytest.approx(np.radians(170 - 0.02 * 340))
+    designed("--margin", "0.1", "--floor", "0.2")
+    rows = [*csv.DictReader((tmp_path / "out" / "table_limits.csv").read_text().splitlines())]
+    assert float(rows[0]["limit"]) == pytest.approx(-np.radians(170 - 0.1 * 340))
+    assert "all geoms stay that far above the floor at 0.2 m" in " ".join(capsys.readouterr().out.split())
+    fixed = designed("--fix", "lift", "1.5")
+    assert "lift_position" not in fixed.measured and "fold_position" in fixed.measured
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("rate", [50, 400])
+def test_a_log_of_ones_own_is_compared_with_the_design(arm, tmp_path, capsys, rate):
+    """Of angles alone, at another rate, and twice as long."""
+    time = np.arange(0, 20, 1 / rate)
+    q = np.stack([0.3 * np.sin(time), 0.2 * np.cos(1.7 * time)], axis=1)
+    log = Recording(time, {"lift_position": q[:, 0], "fold_position": q[:, 1]})
+    log.save(tmp_path / "mine.csv")
+    given = ["--log", str(tmp_path / "mine.csv"), "--out", str(tmp_path / "out")]
+    assert excite.main([str(arm), *QUICK, *given]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert (
+        "mine.csv: " in shown and "random" not in shown and re.search(r"Before lasts 1[89]\.?\d* s, after 10 s", shown)
+    )
+    *rows, _ = csv.DictReader((tmp_path / "out" / "table_deviations.csv").read_text().splitlines())
+    states = [
+        np.stack(x, axis=1)
+        for x in (
+            (0.3 * np.sin(TIMES), 0.2 * np.cos(1.7 * TIMES)),
+            (0.3 * np.cos(TIMES), -0.34 * np.sin(1.7 * TIMES)),
+            (-0.3 * np.sin(TIMES), -0.578 * np.cos(1.7 * TIMES)),
+        )
+    ]
+    problem = excitation.problem(mechanism(arm), None, sensors="wrench")
+    expected = criteria.predicted_deviations(problem, Motion(*states))
+    np.testing.assert_allclose([float(row["std_before"]) for row in rows], expected, rtol=0.1)
+
+
+def test_without_a_log_no_gain_over_a_random_motion_is_claimed(arm, tmp_path, capsys):
+    assert excite.main([str(arm), *QUICK, "--out", str(tmp_path / "out")]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "a random motion within the same limits: " in shown and " %." not in shown and "--log LOG compares" in shown
+
+
 def test_the_pairs_that_can_collide_are_counted():
     # Forearm and hand with column and floor, and the upper arm with the floor.
     assert Collisions(mujoco.MjModel.from_xml_string(FOLDING), JOINTS, 0.005).pairs() == 5
@@ -316,8 +391,17 @@ ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body><
         ("arm", ["--acceleration", "nan"], "needs a number within ±1e+08, got 'nan'"),
         ("arm", ["--harmonics", "1"], "needs a whole number of 2 to 100, got '1'"),
         ("arm", ["--position", "1", "-1"], "a lower limit below the upper one, got 1 to -1 rad"),
-        ("arm", ["--position", "4", "5"], "where the model allows -2.96706 to 2.96706"),
+        ("arm", ["--position", "4", "5"], "where the model allows -2.84838 to 2.84838"),
         ("arm", ["--position", "nan", "1"], "needs a number within ±1e+08"),
+        ("arm", ["--margin", "0.5"], "needs a number from 0 to below 0.5, got '0.5'"),
+        ("arm", ["--floor", "0", "--collisions", "ignore"], "--floor belongs to --collisions avoid"),
+        ("arm", ["--log", "absent.csv"], "absent.csv"),
+        ("arm", ["--fix", "elbow", "0"], "elbow"),
+        (
+            ALONE.format('<joint name="j" range="-1 1"/>').replace("<geom", '<geom contype="0" conaffinity="0"'),
+            ["--floor", "0"],
+            "--floor needs moving bodies with geoms that can collide",
+        ),
         ("arm", ["--base", "pelvis"], "no body named 'pelvis'"),
         ("arm", ["--criterion", "beauty"], "invalid choice: 'beauty'"),
         ("nowhere.xml", [], "an MJCF, URDF or OpenSim file that exists, got 'nowhere.xml'"),

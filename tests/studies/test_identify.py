@@ -18,8 +18,10 @@ from scipy.spatial.transform import Rotation
 import scenes
 from experiments import identify
 from experiments.studies.identification import prepare
+from ident.estimate import Estimate
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
+from ident.judgement.finding import Finding
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.recording import STATES, Recording
 from sim.models.mechanism import mechanism
@@ -131,8 +133,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert abs(value["m1"] - 61.65) < 0.1
     assert abs(value["m3rz3"] - 8.5) < 0.4
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
-    assert "Not explained by this motion, held-out residual over standard deviation in brackets: Fy" in printed
-    assert "Mx (1." in printed
+    assert "It predicts 3 of 3 channels. Not counted: Fy, Mx, Mz" in " ".join(printed.split())
     suffix = Path(model).suffix
     assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
         "report.html",
@@ -167,10 +168,7 @@ def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, 
         identify.main([*arguments, "--cutoff", "3", "--estimator", "weighted", "--no-offsets", "--out", str(tmp_path)])
         == 0
     )
-    assert (
-        "Constant offsets are in the measurements and were not fitted (--offsets does): Fx 4.5"
-        in capsys.readouterr().out
-    )
+    assert "The measurements have constant offsets that were not fitted: Fx 4.5" in capsys.readouterr().out
 
 
 @needs_data
@@ -331,7 +329,7 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys,
     links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
     assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
     assert all((tmp_path / "me" / link).is_file() for link in links)
-    assert "Usable: held-out residuals are at most" in capsys.readouterr().out
+    assert "Usable to predict wrenches: held-out residuals are at most" in capsys.readouterr().out
 
 
 def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
@@ -379,7 +377,7 @@ def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
     log = recording()
     files = {"LOG": log}
     files["SHORT"] = replace(
-        log, time=log.time[:30], measured={k: x[:30] for k, x in log.measured.items()}, true={}, noise={}
+        log, time=log.time[:15], measured={k: x[:15] for k, x in log.measured.items()}, true={}, noise={}
     )
     still = {f"{j}_{k}": 0 * log.time for j in ("joint1", "joint2") for k in STATES}
     files["STILL"] = with_channels(log, **still)
@@ -441,7 +439,8 @@ def test_a_log_of_joint_torques_alone(tmp_path, capsys):
     arguments = [str(PENDULUM), str(path), "--base", "base", "--drive", "viscous", "--name", "t"]
     assert identify.main([*arguments, "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert "channels joint1, joint2" in printed and "with the base wrench: m1" in printed
+    assert "channels joint1, joint2" in printed
+    assert "with the base wrench: " in (tmp_path / "t" / "report.html").read_text(encoding="utf-8")
     estimate = json.loads((tmp_path / "t" / "estimate.json").read_text(encoding="utf-8"))
     assert estimate["columns"][-4:] == ["Fv(joint1)", "Fv(joint2)", "offset(joint1)", "offset(joint2)"]
 
@@ -598,3 +597,23 @@ def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
     _, result = doubts_and_result(tmp_path, with_channels(log, **scaled))
     (weight,) = coded(result, "weight_differs")
     assert weight.doubt == doubt
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("remarks", [0, 20])
+def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch, remarks):
+    """However many findings, channels and parameters there are, files and page have them all."""
+    long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1) for k in range(12)})
+    plain = vars(Estimate)["findings"].func
+    findings = property(lambda estimate: [*plain(estimate), *[long] * remarks])
+    monkeypatch.setattr(Estimate, "findings", findings)
+    recording().save(tmp_path / "log.csv")
+    arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path), "--name", "x"]
+    assert identify.main([*arguments, "--estimator", "weighted"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("Verdict: ") and len(lines) <= 45
+    shown = " ".join(lines)
+    assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
+    assert ("more remarks" in shown) == (remarks > 0)
+    page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
+    assert page.count("Constant offsets are taken out") >= remarks

@@ -35,9 +35,9 @@ def relative_rms(estimate):
     return np.array([each["relative_rms"] for each in estimate["held_out"].values()])
 
 
-def doubts(estimate):
-    """Values of the doubts by their codes."""
-    return {each["code"]: each["values"] for each in estimate["findings"] if each["doubt"]}
+def found(estimate, *, doubt):
+    """Values of the doubts or remarks by their codes."""
+    return {each["code"]: each["values"] for each in estimate["findings"] if each["doubt"] == doubt}
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -56,7 +56,9 @@ def test_link_torques_with_late_samples_and_a_hand_that_was_not_there(tmp_path):
     (tmp_path / "columns.toml").write_text("\n".join(mapping), encoding="utf-8")
 
     estimate = identified(tmp_path, "--gaps", *FRICTION)
-    assert doubts(estimate)["body_not_carried"]["body"] == "tool" and "friction_not_fitted" not in doubts(estimate)
+    assert found(estimate, doubt=False)["body_not_carried"]["body"] == "tool" and "friction_not_fitted" not in found(
+        estimate, doubt=True
+    )
     arm = sim.mechanism(str(tmp_path / "arm.xml"))
     assert (relative_rms(estimate) <= 1.1 * rigs.by_hand(arm, [(stamps[there], q, torque)])).all()
     assert estimate["halves"]["rms_z"] <= 1.3
@@ -78,7 +80,7 @@ def test_motor_currents_with_gains_in_several_files(tmp_path):
     (tmp_path / "columns.toml").write_text("\n".join(mapping), encoding="utf-8")
 
     estimate = identified(tmp_path, *FRICTION, logs=("run1.csv", "run2.csv"))
-    assert doubts(estimate)["body_not_carried"]["body"] == "tool"
+    assert found(estimate, doubt=False)["body_not_carried"]["body"] == "tool"
     assert (relative_rms(estimate) <= 1.1 * rigs.by_hand(sim.mechanism(str(tmp_path / "arm.xml")), logs)).all()
     assert estimate["halves"]["rms_z"] <= 1.3
     assert (tmp_path / "out" / "model.xml").is_file()
@@ -123,4 +125,4 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     assert len(apart) == 6 and apart.argmax() == 3 and apart[3] > FAR_APART
     # The wrong log is found by comparison with the others.
     assert np.delete(apart, 3).max() < 0.5 * apart[3]
-    assert 4 in doubts(estimate)["logs_disagree"]["logs"]
+    assert 4 in found(estimate, doubt=True)["logs_disagree"]["logs"]

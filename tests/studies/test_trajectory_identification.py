@@ -90,8 +90,8 @@ def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
 @pytest.mark.usefixtures("undrawn")
 def test_a_forgotten_base_is_named(tmp_path, capsys):
     estimate = by_command(tmp_path, [shortened(faulty(), 600)])
-    assert estimate["outcome"] == "doubtful" and "other_base" in {each["code"] for each in estimate["findings"]}
-    assert "--base is probably 'base', not what it is now" in " ".join(capsys.readouterr().out.split())
+    assert estimate["outcome"] == "not" and "other_base" in {each["code"] for each in estimate["findings"]}
+    assert "Try --base base." in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.usefixtures("undrawn")

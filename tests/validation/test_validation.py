@@ -104,8 +104,8 @@ def test_the_report_has_all_tables_and_figures(result):
     text = " ".join(document.text().split())
     assert "of 1 pairs of parameters that are equal by construction 0 differ by at most 1.96 s.d." in text
     # Its verdict is a word of the table, and a sentence that is folded.
-    assert document.tables["table_recordings"].rows[0][3] == "usable" and "Usable: " not in text
-    assert document.folded["Verdicts in words"][0].startswith("Arm: Usable: ")
+    assert document.tables["table_recordings"].rows[0][3] == "usable" and "Usable to predict" not in text
+    assert document.folded["Verdicts in words"][0].startswith("Arm: Usable to predict ")
 
 
 def test_tables_and_figures_follow_from_the_numbers(result):
@@ -134,14 +134,14 @@ def made_worse(result, factors):
 def test_where_it_loses_it_says_so(result):
     worse = made_worse(result, [0.9, 1.04, 1.5])
     first, *others = report.lines(worse)
-    assert first.startswith("In 1 of 3 channels") and "in 1 it is worse by at most 5%" in first
+    assert first.startswith("In 1 of 3 channels") and "in 1 it is worse by at most 5 %" in first
     assert first.endswith("in 1 by more.")
-    assert "Another candidate predicts better by more than 5% in 1 of 3 channels: Arm (1 of 3)." in others
+    assert "Another candidate predicts better by more than 5 % in 1 of 3 channels: Arm (1 of 3)." in others
     (loss,) = next(iter(worse)).losses
-    row = ("Arm", "bend", loss.own, "least squares", loss.best, "50%")
+    row = ("Arm", "bend", loss.own, "least squares", loss.best, "50 %")
     assert validation_tables.table_worse(worse).rows == (row,) and loss.own == pytest.approx(1.5 * loss.best)
     notes = [row[-1] for row in validation_tables.table_held_out(worse).rows[::2]]
-    assert notes == ["best", "as good", "worse by 50%"]
+    assert notes == ["best", "as good", "worse by 50 %"]
     row = dict(zip(*(lambda t: (t.columns, t.rows[0]))(validation_tables.table_recordings(worse)), strict=True))
     assert (row["channels"], row["best"], row["worse"]) == (3, 1, 1)
     good = made_worse(result, [0.9, 1.0, 1.05])

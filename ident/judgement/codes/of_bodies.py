@@ -7,16 +7,16 @@ from ident.judgement.codes.row import Row, listed
 
 
 def _within(moved: Sequence[Mapping[str, Any]]) -> str:
-    return f"The updated model has the base parameters within their joint 95 % region: {_moves(moved)}."
+    return f"The updated model has the base parameters within their joint 95 % region. {_moves(moved)}"
 
 
 def _none_near(moved: Sequence[Mapping[str, Any]]) -> str:
-    return f"No physical bodies near the model's have these base parameters; of the updated model's, {_moves(moved)}."
+    return f"No physical bodies near the model's have these base parameters. {_moves(moved)}"
 
 
 def _moves(moved: Sequence[Mapping[str, Any]]) -> str:
     each = listed(f"{x['name']}{_of(x['body'])} by {x['z']:+.1f}" for x in moved)
-    return f"it moves {each} standard deviations" if moved else "it moves none of them"
+    return f"In standard deviations, the updated model moves {each}." if moved else "It moves none of them."
 
 
 def _of(body: str | None) -> str:
@@ -41,7 +41,7 @@ def _mass_or_none(mass: float) -> str:
 def _rotor(what: str) -> Row:
     def sentence(joints: Mapping[str, str]) -> str:
         each = listed(f"{body} (joint {joint})" for body, joint in joints.items())
-        return f"Rotor inertia may explain the masses of {each}: it turns with the joint and {what}."
+        return f"Rotor inertia may explain the masses of {each}. {what}"
 
     return Row(sentence, doubt=False)
 
@@ -54,10 +54,8 @@ BODIES = {
     "no_physical_bodies": Row(_none_near, doubt=None),
     "masses_shown": _masses("which the data show"),
     "masses_hardly_shown": _masses("though the data hardly see them"),
-    "rotor_not_fitted": _rotor("was not fitted beside the inertias of the links, which take it up (--drive rotor)"),
-    "rotor_inseparable": _rotor(
-        "cannot be told from the inertias of the links, which take it up, with or without --drive rotor"
-    ),
+    "rotor_not_fitted": _rotor("The links take it up, as it was not fitted: add --drive rotor."),
+    "rotor_inseparable": _rotor("The links take it up: this motion does not separate it, even with --drive rotor."),
     "heavier_last_link": Row(
         "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model: a tool? "
         "`multicontact payload` identifies it.",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ident.judgement.codes.row import Row, bracketed, listed
+from ident.judgement.codes.row import Row, bracketed, listed, percent
 
 CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
 """Candidates in words."""
@@ -15,10 +15,7 @@ def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) ->
         + listed(f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items())
         for name, channels in worse.items()
     ]
-    return (
-        f"Worse than {', and than '.join(parts)}, residual over standard deviation in brackets: "
-        f"{_advice('model' in worse, **advice)}."
-    )
+    return f"Worse than {', and than '.join(parts)}, residual over signal. {_advice('model' in worse, **advice)}"
 
 
 SHOWN = 8
@@ -30,21 +27,21 @@ def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]
     more = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
     name = CANDIDATES[candidate]
     return (
-        f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {behind - 1:.0%} in the median channel "
-        f"({listed(pairs[:SHOWN])}{more}): for prediction alone it is the better choice."
+        f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {percent(behind - 1)} in the median "
+        f"channel. Take it if you only want to predict; residual over signal: {listed(pairs[:SHOWN])}{more}."
     )
 
 
 def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
     if take == "model":
-        return "keep the model"
+        return "Keep the model."
     if take == "least squares":
         cutoff = "" if cutoff_hz is None else f" --cutoff {cutoff_hz:.3g}"
-        return f"take least squares, --estimator weighted{cutoff}"
-    keep = "keep the model, or " if model_too else ""
+        return f"Take least squares, --estimator weighted{cutoff}."
+    keep = "Keep the model, or move" if model_too else "Move"
     return (
-        f"{keep}move the joints further; least squares had the model's bodies for a prior here, without which "
-        "--estimator weighted does not separate the parameters"
+        "Least squares had the model's bodies as a prior, without which --estimator weighted does not separate the "
+        f"parameters. {keep} the joints further."
     )
 
 
@@ -52,13 +49,13 @@ def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
     if all_channels:
         least, most = _times(min(factors.values())), _times(max(factors.values()))
         times = least if least == most else f"{least} to {most}"
-        what = f"In all channels what is left is far more than the fast noise of the sensors, {times} times."
+        what = f"In all channels the residual is far above the fast noise of the sensors, {times} times."
     else:
         each = listed(f"{channel} {_times(factor)} times" for channel, factor in factors.items())
-        what = f"What is left is far more than the fast noise of the sensors: {each}."
+        what = f"The residual is far above the fast noise of the sensors: {each}."
     return (
         f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
-        "before; what is left, and how slow it is, is in the standard deviations."
+        "before. The standard deviations include this residual and its correlation."
     )
 
 
@@ -66,38 +63,42 @@ def _times(factor: float) -> str:
     return "over 100" if factor > 100 else f"{factor:.0f}"
 
 
-def _ratios(what: str, *, doubt: bool) -> Row:
+def _ratios(what: str, do: str = "", *, doubt: bool) -> Row:
     def sentence(ratios: Mapping[str, float], part: str) -> str:
-        return f"{what}, {part} residual over standard deviation in brackets: {bracketed(ratios)}."
+        return f"{what}, {part} residual over signal in brackets: {bracketed(ratios)}.{do}"
 
     return Row(sentence, doubt)
 
 
 def _follow_motion(channels: Sequence[str]) -> str:
-    return f"Residuals of {listed(channels)} go with the motion: the model is not quite that of the mechanism."
+    return (
+        f"Residuals of {listed(channels)} depend on the motion: the model lacks something of the mechanism. Check its "
+        "dimensions, joints and contacts."
+    )
 
 
 LACKS = {
-    "force": "a force on '{body}' that depends on where it is, as of a cable, a hose or a spring",
+    "force": "a force on '{body}' that depends on where it is, as of a cable or spring",
     "length": "another distance of the joint of '{body}' from the body that carries it",
 }
 """Words for the forces and lengths that a model may lack, by kind."""
 
 
 def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
-    each = ", or ".join(LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
+    first, *others = (LACKS[cause["kind"]].format(body=cause["body"]) for cause in causes)
     return (
-        f"The model lacks something that the parameters take up in part: what it is judged by would be predicted with "
-        f"{1 - ratio:.0%} less residual by {each}."
+        "The model lacks something, which the parameters take up in part. "
+        f"The residual where it is judged would be {percent(1 - ratio)} smaller with {first}."
+        f"{''.join(f' Or it is {other}.' for other in others)} Add it to the model."
     )
 
 
-_DEAD = "More is left over than the channel varies, as of a constant offset or a sensor that died"
+_DEAD = "Residuals larger than the channel's own variation"
 
 PREDICTION = {
     "worse_than_candidate": Row(_worse, doubt=True),
     "candidate_better": Row(_better, doubt=False),
-    "residual_above_signal": _ratios(_DEAD, doubt=True),
+    "residual_above_signal": _ratios(_DEAD, " Look for a constant offset or a dead sensor.", doubt=True),
     "unexplained_channels": _ratios("Not explained by this motion", doubt=False),
     "poor_prediction": _ratios("Predicted poorly", doubt=False),
     "residual_follows_motion": Row(_follow_motion, doubt=True),

@@ -4,22 +4,22 @@ from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any
 
-from ident.judgement.codes.row import Row, in_log, listed
+from ident.judgement.codes.row import Row, in_log, listed, percent
 
 
 def _clipped(channel: str, limits: Sequence[float], unit: str, share: float, kept: bool, log: int | None) -> str:
     ends = " and ".join(f"{value:.4g} {unit}" for value in limits)
-    done = "these samples are left out" if kept else "so much that the channel is left out"
+    done = "These samples are" if kept else "The whole channel is"
     return (
-        f"{channel} is clipped at {ends}{in_log(log)}, which {share:.0%} of its samples read while the motion goes on; "
-        f"{done}. A sensor with a larger range, or a slower motion, would show the rest."
+        f"{channel} is clipped at {ends}{in_log(log)}, in {percent(share)} of its samples. {done} left out. Use a "
+        "sensor with a larger range, or move more slowly."
     )
 
 
 def _coarse(steps: Sequence[Mapping[str, Any]]) -> str:
     return (
-        f"Recorded in steps that are most of the noise: {listed(_step(**each) for each in steps)}. A finer range, or "
-        "more digits in the log, would tell more."
+        f"Recorded in steps that are most of the noise: {listed(_step(**each) for each in steps)}. Use a finer range "
+        "of the sensor, or write more digits."
     )
 
 
@@ -35,13 +35,13 @@ def _stuck(channels: Mapping[str, float], in_fitted: Sequence[str]) -> str:
         f"{name} ({value:g}{' in what is fitted' if name in in_fitted else ''})" for name, value in channels.items()
     )
     return (
-        f"Stuck at one value, though the model says that they change, and so left out: {each}. Mend the sensor, or map "
-        'what is not connected as missing, by "" in --columns.'
+        f"Stuck at one value, though the model predicts a change, and so left out: {each}. Mend the sensor, or map "
+        'columns that are not connected as missing, by "" in --columns.'
     )
 
 
 def _constant(channels: Sequence[str]) -> str:
-    return f"Constant, though the motion would change it: {listed(channels)}."
+    return f"Constant, though the motion would change it: {listed(channels)}. Check the sensor and its columns."
 
 
 def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str = "") -> str:

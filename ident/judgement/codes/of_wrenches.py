@@ -2,29 +2,48 @@
 
 from collections.abc import Mapping, Sequence
 
+from ident.arguments import rpy_text
 from ident.estimation.equations import COMPONENTS
-from ident.judgement.codes.row import Row, listed
+from ident.judgement.codes.row import Row, listed, percent
 
 
-def _frame(wrench: str, opposite: bool, frame: str, axes: Mapping[str, str], error: float, error_turned: float) -> str:
+def _frame(
+    wrench: str,
+    opposite: bool,
+    frame: str,
+    axes: Mapping[str, str],
+    error: float,
+    error_turned: float,
+    rpy_deg: Sequence[float] | None = None,
+) -> str:
     turned = listed(f"{own} -> {other}" for own, other in axes.items())
     frames = {
         "as stated": "",
-        "transposed": "a frame that is transposed (its rotation is that of the base in the sensor)",
-        "turned": f"a frame that is turned (its axes look like {turned})",
+        "transposed": "a transposed frame (its rotation is that of the base in the sensor)",
+        "turned": f"a turned frame (axes {turned})",
     }
+    base = f" A base turned to rpy_deg = {rpy_text(rpy_deg)} would look alike." if rpy_deg else ""
     both = " and ".join(filter(None, ["the opposite sign" if opposite else "", frames[frame]]))
     return (
-        f"The wrench '{wrench}' looks as if it had {both}: against the model's own prediction its relative error "
-        f"would fall from {error:.2f} to {error_turned:.2f}."
+        f"The wrench '{wrench}' seems to have {both}. Its relative error against the model's prediction would fall "
+        f"from {error:.2f} to {error_turned:.2f}. Mend its sign or frame in the columns file.{base}"
+    )
+
+
+def _mirrored(wrench: str, components: Sequence[str]) -> str:
+    one = len(components) == 1
+    return (
+        f"{listed(components)} of the wrench '{wrench}' {'looks' if one else 'look'} mirrored: the opposite sign is "
+        f"far nearer to the model's own prediction. Give {'its column' if one else 'their columns'} gain = -1 in the "
+        "columns file."
     )
 
 
 def _contact(body: str, point: Sequence[float], explained: float) -> str:
     at = listed(f"{x:.2f}" for x in point)
     return (
-        f"A contact may be left out: forces through one point of body '{body}', ({at}) m in its frame, "
-        f"would explain {explained:.0%} of the residual moment."
+        f"A contact may be left out: forces through one point of '{body}' would explain {percent(explained)} of the "
+        f"residual moment. In its frame the point is ({at}) m. Measure that contact, or avoid it."
     )
 
 
@@ -32,17 +51,16 @@ def _unmeasured(start: float, end: float, carries: float, body: str | None, log:
     on = f", as on '{body}'" if body else ""
     where = "" if log is None else f"Log {log}: "
     return (
-        f"{where}From {start:.2f} to {end:.2f} s something that is not measured carries up to {carries:.0%} of the "
-        f"weight{on}; these samples are left out."
+        f"{where}From {start:.2f} to {end:.2f} s an unmeasured contact carries up to {percent(carries)} of the "
+        f"weight{on}. These samples are left out."
     )
 
 
 def _common_gain(mass: float, std: float, model: float) -> str:
     more = mass / model - 1
     return (
-        f"The estimate's mass, {mass:.2f} ± {std:.2g} kg, is {abs(more):.1%} {'more' if more > 0 else 'less'} than the "
-        "model's. A gain common to all channels is one with the mass: the recording cannot tell them apart, a scale "
-        "can."
+        f"The estimate's mass, {mass:.2f} ± {std:.2g} kg, is {percent(abs(more), 1)} {'more' if more > 0 else 'less'} "
+        "than the model's. The recording cannot separate it from a gain that all channels share: weigh the mechanism."
     )
 
 
@@ -55,20 +73,19 @@ def _unit(channel: str) -> str:
 
 
 def _large(offsets: Mapping[str, Sequence[float]], shares: Mapping[str, float]) -> str:
-    each = listed(f"{_offset(channel, *offset)} ({shares[channel]:.0%})" for channel, offset in offsets.items())
+    each = listed(f"{_offset(channel, *offset)} ({percent(shares[channel])})" for channel, offset in offsets.items())
     return (
-        f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
-        f"reach they are so much: {each}: a sensor may not be tared, gravity or mass of the "
-        "model may be wrong, or a support is not measured."
+        "Constant offsets are large, in brackets relative to the model's weight, or to its moment at the mechanism's "
+        f"reach: {each}. Tare the sensor, and check the model's mass and gravity, and unmeasured supports."
     )
 
 
 def _taken_out(offsets: Mapping[str, Sequence[float]]) -> str:
-    return f"Constant offsets were found and taken out: {_all(offsets)}."
+    return f"Constant offsets are taken out: {_all(offsets)}."
 
 
 def _not_fitted(offsets: Mapping[str, Sequence[float]]) -> str:
-    return f"Constant offsets are in the measurements and were not fitted (--offsets does): {_all(offsets)}."
+    return f"The measurements have constant offsets that were not fitted: {_all(offsets)}. Fit them with --offsets."
 
 
 def _all(offsets: Mapping[str, Sequence[float]]) -> str:
@@ -76,48 +93,51 @@ def _all(offsets: Mapping[str, Sequence[float]]) -> str:
 
 
 def _inseparable(channels: Sequence[str]) -> str:
-    return f"Constant offsets of {listed(channels)} cannot be told from masses and first moments: those take them up."
+    return (
+        f"This motion does not separate constant offsets of {listed(channels)} from masses and first moments, which "
+        "take them up. Tare these channels."
+    )
 
 
 def _out_of_plane(normal: str, channels: Sequence[str]) -> str:
     return (
-        f"The model moves in the plane normal to {normal}; how the mechanism sways out of it, which "
-        f"{listed(channels)} show, it cannot explain: --leave-out {' '.join(channels)} leaves them out."
+        f"The model moves in the plane normal to {normal} alone, and cannot explain {listed(channels)}. Leave them "
+        f"out: --leave-out {' '.join(channels)}."
     )
 
 
 WRENCHES = {
     "wrench_sign_or_axes": Row(_frame, doubt=True),
+    "mirrored_components": Row(_mirrored, doubt=True),
     "total_wrench_sign": Row(
-        "The total wrench looks as if it had the opposite sign: against the model's own prediction its relative "
-        "error would fall from {error:.2f} to {error_turned:.2f}.",
+        "The total wrench seems to have the opposite sign: its relative error against the model's prediction would "
+        "fall from {error:.2f} to {error_turned:.2f}. Turn the sign of its columns.",
         doubt=True,
     ),
     "other_base": Row(
-        "The wrench 'ground' looks as if it were measured in the frame of '{body}': --base is probably '{body}', not "
-        "what it is now. Against the model's own prediction its relative error would fall from {error:.2f} to "
-        "{error_there:.2f}.",
+        "The wrench 'ground' seems to be measured in the frame of '{body}'. There its relative error against the "
+        "model's prediction would fall from {error:.2f} to {error_there:.2f}. Try --base {body}.",
         doubt=True,
     ),
     "contact_left_out": Row(_contact, doubt=True),
     "unmeasured_contact": Row(_unmeasured, doubt=False),
     "weight_differs": Row(
-        "The wrenches weigh {measured:.2f} kg, the model {model:.2f} kg: a contact or support may be unmeasured, a "
-        "unit may be wrong, or the model is of somebody else.",
+        "The wrenches weigh {measured:.2f} kg, the model {model:.2f} kg. Check unmeasured contacts and supports, "
+        "units, and whether the model is of this mechanism.",
         doubt=None,
     ),
     "weight_drifts": Row(
-        "The weighed mass drifts by {drift:+.2f} kg over the recording, as an unmeasured contact or a drifting sensor "
-        "would make it.",
+        "The weighed mass drifts by {drift:+.2f} kg over the recording. Look for an unmeasured contact or a drifting "
+        "sensor.",
         doubt=True,
     ),
     "kilonewtons": Row(
-        "The force is at most {largest:.3g} N where the mechanism weighs {weight:.4g} N: its unit may be kN.",
+        "The force is at most {largest:.3g} N, but the mechanism weighs {weight:.4g} N: its unit may be kN.",
         doubt=True,
     ),
     "mass_by_setup": Row(
-        "By the set-up that was found the mechanism has {mass:.2f} ± {std:.2g} kg; the wrenches weigh {weighed:.2f} "
-        "kg, the model {model:.2f} kg. Weigh it: if the wrenches are right, that set-up is not.",
+        "By the estimated set-up the mechanism has {mass:.2f} ± {std:.2g} kg. The wrenches weigh {weighed:.2f} kg, the "
+        "model {model:.2f} kg. Weigh it: if the wrenches are right, that set-up is not.",
         doubt=None,
     ),
     "mass_or_common_gain": Row(_common_gain, doubt=False),

@@ -40,3 +40,13 @@ def followed(values: Mapping[str, float], form: str = ".2g") -> str:
 def in_log(log: int | None) -> str:
     """Phrase ` in log N`, with a leading space; empty for None."""
     return "" if log is None else f" in log {log}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """A share in per cent."""
+    return f"{round(100 * share, digits) + 0.0:.{digits}f} %"
+
+
+def number_of(number: int, noun: str) -> str:
+    """A number with its noun, in the plural for all but one."""
+    return f"{number} {noun}{'s' * (number != 1)}"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arguments import is_number
 from ident.errors import LogError
 from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
 from ident.files.table import short
@@ -18,9 +19,10 @@ TERM = ("column", "columns", "weights", "gain", "constant")
 
 
 def single(where: str, entry: Any, quantity: str) -> Columns:
-    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, perhaps with a gain or as a sum of several."""
+    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, perhaps with a gain, or a sum, or a constant."""
     if isinstance(entry, str):
         return Columns((entry.strip(),))
+    entry = {"constant": entry} if is_number(entry) and quantity.endswith(" position") else entry
     check_keys(where, table(where, entry), (*TERM, "unit"))
     current = CURRENT.get(str(entry.get("unit"))) if quantity.endswith(" torque") else None
     if current is None:
@@ -34,6 +36,9 @@ def single(where: str, entry: Any, quantity: str) -> Columns:
 
 def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:
     """Name of a column and, if it is computed, its sum: factor · gain · Σ weight · column + constant."""
+    if entry.keys() & set(TERM) == {"constant"}:
+        alone = Sum((), (), factor * _number(f"{where}.constant", entry["constant"]))
+        return alone.name, (alone,)
     given: Any = entry["columns"] if "columns" in entry else [entry.get("column")]
     if "column" in entry and "columns" in entry:
         raise LogError(f"{where} needs a column or several columns, got both.")
@@ -55,9 +60,16 @@ def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[st
 
 
 def several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
-    """Columns of a vector, each a name or an entry for `_term`; with gaps, "" stands for a missing one."""
-    if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str | dict) for name in names):
+    """Columns of a vector, each a name or an entry for `_term`; with gaps, "" stands for a missing one.
+
+    Positions and quaternions may be constant numbers.
+    """
+    given = names if isinstance(names, list) else []
+    if where.endswith((".position", ".quaternion")):
+        given = [{"constant": each} if is_number(each) else each for each in given]
+    if len(given) != size or not all(isinstance(name, str | dict) for name in given):
         raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
+    names = given
     for entry in names:
         check_keys(where, entry if isinstance(entry, dict) else {}, TERM)
     terms = [_term(where, entry) if isinstance(entry, dict) else (entry.strip(), ()) for entry in names]

@@ -5,12 +5,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ident.arguments import OF_BODIES, checked_deviations
+from ident.arguments import OF_BODIES, checked_deviations, checked_rpy
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
+from ident.files.counted import clock_of_rate
 from ident.files.csv_file import Layout
 from ident.files.selection import Selection
 from ident.files.table import short
+from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates
 from ident.recordings.columns.column_entries import factor_of, joints_of_motors, several, single
@@ -43,15 +45,19 @@ class ColumnMapping:
             `base.position` and `base.quaternion`, or `base.pose`.
         sensors: Sensors of the wrenches by name.
         plates: Those of them that rest in the world, by name.
-        held: True if something holds the base, as for `Recording`.
+        held: True if something holds the base, as for `Recording`; likewise `base_rpy_deg`.
         servos: Servos of commanded joints, as for `Recording`.
         scales: Uncertainties of the scales of torques, as for `Recording`.
         couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
+        still: True if rows are poses at rest, as for `Recording`.
+        followers: Joints that follow another one; until columns are complete, those that do if they have none.
         clocks: Columns of times, one for each file, if they are stated one by one.
         layouts: Layouts of text files, one for all or one for each.
         selection: Rows and times that are selected.
+        of_fixed: Columns of joints that are fixed, which are not read.
+        turns: Numbers that may be a whole turn, by columns of angles, as for `with_continuous_angles`.
     """
 
     columns: dict[str, Columns] = field(default_factory=dict)
@@ -61,12 +67,17 @@ class ColumnMapping:
     known_bodies: dict[str, dict[str, float]] = field(default_factory=dict)
     plates: dict[str, Plate] = field(default_factory=dict)
     held: bool | None = None
+    base_rpy_deg: tuple[float, ...] | None = None
     servos: dict[str, Servo] = field(default_factory=dict)
     scales: dict[str, float] = field(default_factory=dict)
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
+    still: bool = False
+    followers: Mapping[str, Follower] = field(default_factory=dict)
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
+    of_fixed: tuple[str, ...] = ()
+    turns: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def has_base(self) -> bool:
@@ -104,7 +115,7 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
     """
     entries = external_loads(path, tree.names) if path.suffix.lower() == LOADS else toml(path)
     try:
-        return _mapping(entries, joint_kinds(tree), tree.names)
+        return _mapping(entries, tree)
     except LogError as error:
         raise LogError(f"{path}: {error}") from None
 
@@ -115,7 +126,7 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     Raises:
         LogError: It is malformed, or names joints or bodies that the mechanism does not have.
     """
-    return _mapping(dict(entries), joint_kinds(tree), tree.names)
+    return _mapping(dict(entries), tree)
 
 
 def check_text_alone(mapping: ColumnMapping) -> None:
@@ -132,12 +143,15 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
     for user, used in columns.items():
         for name in used.alone:
             if name in users:
-                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
+                shared = all(each.startswith("joints.") and each.endswith(".position") for each in (user, users[name]))
+                hint = " Joints that share it, as coupled fingers, need it under [joints] each." * shared
+                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.{hint}")
             users[name] = user
 
 
-def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
-    tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
+def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
+    joints, bodies, of_rows = joint_kinds(tree), tree.names, ("time", "rate", "poses")
+    tables = (*of_rows, "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
@@ -148,9 +162,17 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
         mapping.columns["time"] = times[0]
     else:
         mapping.clocks = times
+    mapping.still = entries.get("poses", False)
+    if not isinstance(mapping.still, bool):
+        raise LogError(f"poses needs true, if each row is a pose at rest, or false; got {short(mapping.still)}.")
+    if mapping.still:
+        # Whatever is stated of times; rows need an order alone.
+        mapping.clocks, mapping.columns["time"] = (), clock_of_rate("poses", 1.0)
     of_joints = table("joints", entries.get("joints", {}))
-    check_keys("[joints]", of_joints, tuple(joints))
-    for joint, quantities in of_joints.items():
+    still = (name for joint in tree.still for name in _columns_in(of_joints.get(joint, {})))
+    mapping.of_fixed = tuple(name for name in still if isinstance(name, str))
+    check_keys("[joints]", of_joints, (*joints, *tree.still))
+    for joint, quantities in ((joint, of_joints[joint]) for joint in of_joints if joint in joints):
         keys = KINDS if joints[joint] == "ball" else (*KINDS, "command", *GAINS, *SCALES)
         check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(keys))
         mapping.servos |= servo_of(joint, quantities)
@@ -162,7 +184,7 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
                 if joints[joint] == "ball"
                 else single(key, entry, f"{joints[joint]} {kind}")
             )
-    with_axes = {joint: kind for joint, kind in joints.items() if kind != "ball"}
+    with_axes = dict.fromkeys(tree.still, "hinge") | {joint: kind for joint, kind in joints.items() if kind != "ball"}
     for name, entry in table("motors", entries.get("motors", {})).items():
         of_motors, couplings = joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes)
         mapping.couplings |= couplings
@@ -177,16 +199,35 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
         mapping.sensors[name] = _sensor(name, entry, bodies, plate)
     if "base" in entries:
         entry = table("base", entries["base"])
-        check_keys("[base]", entry, ("position", "quaternion", "unit", "held"))
+        check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
+        if "rpy_deg" in entry:
+            mapping.base_rpy_deg = checked_rpy("base.rpy_deg", entry["rpy_deg"], LogError)
         mapping.held = entry.get("held")
         if not isinstance(mapping.held, bool | None):
             raise LogError(f"base.held needs true or false, got {short(mapping.held)}.")
-        if entry.keys() != {"held"}:
+        if entry.keys() - {"held", "rpy_deg"}:
+            if "rpy_deg" in entry:
+                raise LogError("[base] has rpy_deg, for a base at rest, and columns of a moving one; keep one of them.")
             length = factor_of("base", entry, "unit", "length")
             mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
             mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
-    check_no_column_twice(mapping.columns)
-    return mapping
+    # Joints that share a column of positions follow each other, which shows when all columns are known.
+    check_no_column_twice({k: used for k, used in mapping.columns.items() if not k.startswith("joints.")})
+    return _without_still(mapping, tree.still)
+
+
+def _without_still(mapping: ColumnMapping, still: Sequence[str]) -> ColumnMapping:
+    """The mapping without what motors state of joints that are fixed."""
+    columns = {key: used for key, used in mapping.columns.items() if key[7:].rpartition(".")[0] not in still}
+    rows = {motor: {j: x for j, x in row.items() if j not in still} for motor, row in mapping.couplings.items()}
+    return replace(mapping, columns=columns, couplings={motor: row for motor, row in rows.items() if row})
+
+
+def _columns_in(entry: Any) -> list[Any]:
+    """Names of columns, and numbers, in an entry of a joint, which is not checked."""
+    if isinstance(entry, dict):
+        entry = [value for key, value in entry.items() if key not in ("unit", "weights")]
+    return [name for each in entry for name in _columns_in(each)] if isinstance(entry, list) else [entry]
 
 
 def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:

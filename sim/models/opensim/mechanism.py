@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.arguments import checked_coordinates
 from ident.errors import ModelError
 from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.mechanism.body import BASE
@@ -52,7 +53,7 @@ def mechanism_from_opensim(
     beyond: Sequence[str] = (),
     *,
     ignore: Collection[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
+    fix: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
     drives: bool = True,
 ) -> Mechanism:
     """Mechanism of an OpenSim file.
@@ -81,9 +82,9 @@ def mechanism_from_opensim(
         ModelError: Something in the file cannot be read; the message names it.
     """
     path = Path(path)
-    model = model_element(path)
+    model, fix = model_element(path), checked_coordinates("fix", fix or ())
     try:
-        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix or {}, drives=drives)
+        return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix, drives=drives)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
 
@@ -105,7 +106,9 @@ def _mechanism(
         gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
         tree = skeleton.carried(base)
     tree = _without(tree, origin.beyond)
-    tree = tree.fixed({name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()})
+    rest = {name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()}
+    # The model itself holds locked coordinates at their default.
+    tree = tree.fixed({name: q for name, q in rest.items() if len(fix[name]) or not skeleton.coordinates[name].locked})
     bodies = [tree.names[i] for i in tree.inertial]
     prior = np.concatenate([body_parameters(frames.bodies[name]) for name in bodies])
     _note_inertias(frames, bodies)

@@ -228,7 +228,7 @@ def test_bags_that_are_refused(tmp_path):
         (tmp_path / "folder" / "metadata.yaml").write_text(text)
         assert "needs to be a ROS bag" in refusal(tmp_path / "folder")
     (tmp_path / "folder" / "metadata.yaml").unlink()
-    assert "a log is a .csv, .tsv, .txt or .npz file that exists" in refusal(tmp_path / "folder")
+    assert "the folder needs metadata.yaml" in refusal(tmp_path / "folder")
 
 
 def test_c3d_files_that_are_refused(tmp_path):

@@ -196,7 +196,7 @@ def test_descriptions_that_are_refused(tmp_path):
         (folder / "meta/info.json").write_text(text)
         assert "a LeRobot dataset, whose meta/info.json describes it in JSON" in refusal(folder)
     (folder / "meta/info.json").unlink()
-    assert refusal(folder).endswith("or the folder of a ROS 2 bag or of a LeRobot dataset, which has meta/info.json.")
+    assert refusal(folder) == "the folder needs metadata.yaml of a ROS 2 bag or meta/info.json of a LeRobot dataset."
 
 
 def test_data_that_are_refused(tmp_path):

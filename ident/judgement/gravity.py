@@ -1,0 +1,150 @@
+"""Direction of gravity that explains a recording best, for a mechanism whose base rests."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+from scipy.spatial.transform import Rotation
+
+from ident.estimation.preparation import Prepared
+from ident.geometry.se3 import roll_pitch_yaw
+from ident.judgement.model_fit import EXPLAINED, FAR_BETTER, SAMPLES, ModelFit
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+
+AXIS, AWAY = np.cos(np.radians(8)), np.cos(np.radians(15))
+"""Cosine of the angle from an axis up to which a fitted direction is taken as that axis; and of the one from the stated
+direction up to which the set-up's tilt of gravity explains it."""
+
+TURNS = 0.4, 0.2, 0.1, 0.05, 0.025, 0.0125
+"""Turns by which a direction is searched about the best axis or corner, rad: first less than half their distance."""
+
+TIE, BRAKING = 1.25, -0.02
+"""Factor between misfits that are alike; and mean power of the torques over their size, below which they would drive
+against friction, so that their signs are wrong: masses and springs return their energy."""
+
+
+@dataclass(frozen=True, eq=False)
+class GravityCheck:
+    """Directions of gravity in the base frame, compared.
+
+    Attributes:
+        misfits: Misfit of gravity along each axis of the base frame, by `+x` to `-z`.
+        stated: Misfit of the stated direction.
+        direction: Direction that explains best, of all (3,); `misfit` is its misfit.
+        other: Misfit of the stated direction with the signs or offsets of channels, or axes of the wrench, that explain
+            best; what is alike counts for or against it as it is likelier.
+        turned: Cosine of the angle between the stated direction and the best one.
+        rpy_deg: Orientation of the base in the world with the best direction: roll, pitch and yaw, degrees.
+        joint: Joint of which another zero would explain the same; None if there is none.
+    """
+
+    misfits: Mapping[str, float]
+    stated: float
+    direction: np.ndarray
+    misfit: float
+    other: float
+    turned: float
+    rpy_deg: tuple[float, ...]
+    joint: str | None = None
+
+    @property
+    def suspicious(self) -> bool:
+        """True if another direction explains far more than the stated one, and more than other signs do."""
+        return self.possible and self.misfit < self.other
+
+    @property
+    def possible(self) -> bool:
+        """True if another direction explains far more than the stated one, whatever other signs do."""
+        return bool(self.turned < AWAY and self.misfit < min(FAR_BETTER * self.stated, EXPLAINED, TIE**2 * self.other))
+
+
+def gravity_check(
+    mechanism: Mechanism, motion: Motion, measured: Mapping[str, np.ndarray], frame: np.ndarray | None = None
+) -> GravityCheck | None:
+    """Comparison of directions of gravity.
+
+    Args:
+        mechanism: The mechanism, with a prior.
+        motion: Its motion (N samples).
+        measured: Components of the total wrench, `Fx` to `Mz`, and joint torques by the freedoms' names (N,) each.
+        frame: Pose of the frame of these components in the base frame (4, 4).
+
+    Returns:
+        The comparison; None without gravity, for a base that moves or floats, or if nothing is measured.
+    """
+    some = np.linspace(0, len(motion) - 1, min(SAMPLES, len(motion))).astype(int)
+    few = {name: x[some] for name, x in measured.items()}
+    fit = ModelFit.of(mechanism, motion[some], few, np.eye(4) if frame is None else frame)
+    if fit is None:
+        return None
+    axes = {f"{sign}{'xyz'[k]}": e if sign == "+" else -e for sign in "+-" for k, e in enumerate(np.eye(3))}
+    misfits, best = {name: fit.misfit(direction) for name, direction in axes.items()}, _best(fit)
+    likelier = 1 / TIE if not fit.felt or _power(mechanism, motion, measured) < BRAKING else TIE
+    return GravityCheck(
+        misfits=misfits,
+        stated=fit.misfit(fit.down),
+        direction=best,
+        misfit=fit.misfit(best),
+        other=likelier * fit.otherwise(),
+        turned=float(fit.down @ best),
+        rpy_deg=rpy_deg(mechanism, best),
+        joint=None if fit.wrench else _joint_of(mechanism, best - fit.down),
+    )
+
+
+def _best(fit: ModelFit) -> np.ndarray:
+    """Direction with the least misfit, searched from the best axis or corner; an axis if it is near one."""
+    corners = [np.array([x, y, z]) / np.sqrt(3) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
+    first = min((*np.eye(3), *-np.eye(3), *corners), key=fit.misfit)
+    across, best, least = linalg.null_space(first[None]).T, first, fit.misfit(first)
+    for turn in TURNS:
+        while True:
+            nearest = min((_unit(best + sign * turn * e) for e in across for sign in (1, -1)), key=fit.misfit)
+            if (misfit := fit.misfit(nearest)) >= least:
+                break
+            best, least = nearest, misfit
+    return np.round(best) if np.abs(best).max() > AXIS else best
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    return x / np.linalg.norm(x)
+
+
+def recorded_gravity(prepared: Prepared) -> GravityCheck | None:
+    """Comparison of directions of gravity in a recording; None where nothing holds a base at rest."""
+    if not prepared.recording.is_held(prepared.mechanism.tree):
+        return None
+    samples = prepared.samples[prepared.taken(slice(prepared.edge, len(prepared.samples) - prepared.edge))]
+    measured = dict(zip(prepared.equations.channels, samples.measured.T, strict=True))
+    return gravity_check(prepared.mechanism, samples.motion, measured, prepared.frame) if len(samples) else None
+
+
+def rpy_deg(mechanism: Mechanism, direction: np.ndarray) -> tuple[float, ...]:
+    """Roll, pitch and yaw of the base frame in the world that give gravity a direction in it, in whole degrees."""
+    world = mechanism.in_world @ mechanism.gravity
+    upright, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [world / np.linalg.norm(world)])
+    x, y, z = -direction
+    turned = Rotation.from_euler("xyz", [np.arctan2(y, z) if y or z else 0.0, -np.arcsin(np.clip(x, -1, 1)), 0.0])
+    angles = np.rint(roll_pitch_yaw((upright.inv() * turned).as_matrix())) + 0.0
+    return tuple(np.where(angles == -180, 180.0, angles).tolist())
+
+
+def _power(mechanism: Mechanism, motion: Motion, measured: Mapping[str, np.ndarray]) -> float:
+    """Mean power of the measured torques, over their sizes times those of the velocities."""
+    felt = [k for k, name in enumerate(mechanism.tree.freedoms) if name in measured]
+    torques = np.stack([measured[mechanism.tree.freedoms[k]] for k in felt], axis=1)
+    dq = motion.dq[:, felt] - motion.dq[:, felt].mean(axis=0)
+    size = float((torques.std(axis=0) * dq.std(axis=0)).sum())
+    return float((torques * dq).mean(axis=0).sum()) / max(size, 1e-300)
+
+
+def _joint_of(mechanism: Mechanism, change: np.ndarray) -> str | None:
+    """The hinge that alone carries all others, if gravity changes by as much as by another zero of it."""
+    tree = mechanism.tree
+    first = [i for i in tree.moving if not any(i in tree.carried(k) for k in tree.moving if k != i)]
+    body = tree.bodies[first[0]]
+    if len(first) > 1 or body.is_ball or not body.turns:
+        return None
+    return body.joint if abs(tree.screws[first[0]][3:, 0] @ change) < 0.02 else None

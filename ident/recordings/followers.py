@@ -1,0 +1,105 @@
+"""Joints that follow another one: they share its column, or have none and are coupled to it in the model."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from ident.errors import LogError, ModelError
+from ident.files.column import Columns, Sum, combined
+from ident.files.table import short
+from ident.mechanism.follower import Follower
+from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
+
+MOTION = ("position", "velocity", "acceleration")
+"""Quantities of a joint that a follower has from its leader."""
+
+
+def with_followers(mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnMapping:
+    """The mapping without the columns of followers, whose torques add to their leaders'.
+
+    Of joints that share a column of positions, the first that has a torque or a command leads.
+
+    Args:
+        mapping: The complete mapping, with the model's couplings as its followers.
+        joints: Kind of each joint whose positions the mapping states; others share none, as after a slip.
+
+    Raises:
+        LogError: A follower has a command, or an uncertain torque; or a column of torques is used twice.
+    """
+    columns = dict(mapping.columns)
+    check_no_column_twice({key: used for key, used in columns.items() if key.rpartition(".")[2] not in MOTION})
+    followers = {joint: lead for joint, lead in mapping.followers.items() if not _position(columns, joint).read}
+    followers |= _sharing(columns, {joint: kind for joint, kind in joints.items() if kind != "ball"})
+    for joint, lead in followers.items():
+        if joint in mapping.servos or joint in mapping.scales or _of(columns, joint, "command").read:
+            raise LogError(
+                f"joint '{joint}' follows '{lead.joint}': state commands, gains and deviations of torques for "
+                f"'{lead.joint}' alone."
+            )
+        for kind in (*MOTION, "command"):
+            columns.pop(f"joints.{joint}.{kind}", None)
+        own, of_leader = columns.pop(f"joints.{joint}.torque", Columns(("",))), _of(columns, lead.joint, "torque")
+        if own.read and len(lead.coefficients) == 2:
+            terms = [(1.0, of_leader), (lead.coefficients[1], own)]
+            weights, parts = zip(*((w, each) for w, each in terms if each.read), strict=True)
+            columns[f"joints.{lead.joint}.torque"] = combined(weights, parts)
+    return replace(mapping, columns=columns, followers=followers)
+
+
+def follower_notes(followers: Mapping[str, Follower]) -> list[str]:
+    """Sentences on the joints that follow another one."""
+    return [
+        f"'{joint}' follows '{lead.joint}': {joint} = {_polynomial(lead)}. A torque of '{lead.joint}' moves both."
+        for joint, lead in followers.items()
+    ]
+
+
+def followers_of(entries: Mapping[str, Any]) -> dict[str, Follower]:
+    """Followers from the metadata of a saved recording, by joint.
+
+    Raises:
+        LogError: An entry is none.
+    """
+    out = {}
+    for joint, entry in entries.items():
+        try:
+            out[joint] = Follower(str(entry["joint"]), tuple(map(float, entry["coefficients"])))
+        except (KeyError, TypeError, ValueError, ModelError):
+            raise LogError(
+                f"the follower '{short(joint)}' needs the name of a joint and coefficients, got {short(entry)}."
+            ) from None
+    return out
+
+
+def _sharing(columns: Mapping[str, Columns], joints: Mapping[str, str]) -> dict[str, Follower]:
+    """Followers of joints with the same column of positions."""
+    users: dict[str, list[str]] = {}
+    for joint in joints:
+        if len(names := _position(columns, joint).alone) == 1 and _position(columns, joint).read == names:
+            users.setdefault(names[0], []).append(joint)
+    out = {}
+    for several in users.values():
+        leader = next((joint for joint in several if _is_driven(columns, joint)), several[0])
+        gain, constant = _position(columns, leader).line
+        for joint in (each for each in several if each != leader):
+            own, offset = _position(columns, joint).line
+            out[joint] = Follower(leader, (offset - own / gain * constant, own / gain))
+    return out
+
+
+def _is_driven(columns: Mapping[str, Columns], joint: str) -> bool:
+    return any(_of(columns, joint, kind).read for kind in ("torque", "command"))
+
+
+def _position(columns: Mapping[str, Columns], joint: str) -> Columns:
+    return _of(columns, joint, "position")
+
+
+def _of(columns: Mapping[str, Columns], joint: str, kind: str) -> Columns:
+    return columns.get(f"joints.{joint}.{kind}", Columns(("",)))
+
+
+def _polynomial(lead: Follower) -> str:
+    powers = [lead.joint, *(f"{lead.joint}^{k}" for k in range(2, len(lead.coefficients)))]
+    constant, *weights = lead.coefficients
+    return Sum(tuple(powers[: len(weights)]), tuple(weights), constant).name

@@ -1,0 +1,100 @@
+"""JSON lines give the same as the arrays that they hold, and every error names the row."""
+
+import gzip
+import json
+
+import numpy as np
+import pytest
+from malformed_logs import N, Q, T
+
+from ident.errors import LogError
+from ident.files.readers import read_tables
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.recordings.log import read_log
+
+JOINTS = Mechanism(
+    Tree(tuple(Body(f"b{k}", k - 1, np.eye(4), np.eye(6)[4], f"j{k}") for k in range(2))), np.array([0, 0, -9.81])
+)
+COLUMNS = {f"joints.j{k}.{kind}": f"{key}.{k}" for k in range(2) for kind, key in (("position", "q"), ("torque", "e"))}
+
+
+def lines(n=N):
+    force = [{"x": 1, "y": 2.5, "z": k} for k in range(n)]
+    rows = zip(T.tolist(), Q.tolist(), force, strict=True)
+    return [
+        {"time": t, "q": q, "e": [2 * x for x in q], "ft": {"F": f, "M": [0, 0, t]}, "mode": "run", "on": True}
+        for t, q, f in rows
+    ]
+
+
+def written(path, rows):
+    text = "\n".join(row if isinstance(row, str) else json.dumps(row) for row in rows) + "\n"
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text, encoding="utf-8")
+    return path
+
+
+def table(path):
+    (whole,) = read_tables(path)
+    return whole
+
+
+@pytest.mark.parametrize("name", ["log.jsonl", "LOG.NDJSON", "log.jsonl.gz"])
+def test_arrays_and_objects_are_columns(tmp_path, name):
+    path = written(tmp_path / name, lines())
+    columns = table(path).cells
+    assert list(columns) == [
+        *("time", "q.0", "q.1", "e.0", "e.1", "ft.F.x", "ft.F.y", "ft.F.z", "ft.M.x", "ft.M.y", "ft.M.z", "mode", "on")
+    ]
+    np.testing.assert_array_equal(np.stack([columns["q.0"], columns["q.1"]], axis=1), Q)
+    mapping = {"joints": {f"j{k}": {"position": f"q.{k}", "torque": f"e.{k}"} for k in range(2)}}
+    log = read_log(path, JOINTS, mapping)
+    np.testing.assert_array_equal(log.of_joints(("j0", "j1"), "torque"), 2 * Q)
+    np.testing.assert_allclose(log.time, T, atol=1e-12)
+
+
+def test_arrays_in_arrays_and_other_numbers(tmp_path):
+    row = {"T": [[1, 0], [0, 2]], "q": [1, None, 3, -4e-3], "one": [7], "bodies": [{"m": 1}, {"m": 2}], "empty": []}
+    columns = table(written(tmp_path / "log.jsonl", [row, {**row, "n": 10**400, "x": float("nan")}])).cells
+    numbers = {name: x[1] for name, x in columns.items()}
+    assert numbers == pytest.approx(
+        {"T.0.0": 1, "T.0.1": 0, "T.1.0": 0, "T.1.1": 2, "q.w": 1, "q.x": np.nan, "q.y": 3, "q.z": -4e-3}
+        | {"one.0": 7, "bodies.0.m": 1, "bodies.1.m": 2, "n": np.inf, "x": np.nan},
+        nan_ok=True,
+    )
+    assert np.isnan(columns["n"][0])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda rows: [*rows[:4], "[1, 2]", *rows[4:]], r"row 5 needs an object of JSON, .*; got \[1.0, 2.0\]"),
+        (lambda rows: [*rows[:4], '{"time": 0.04, "q":', *rows[4:]], r"row 5 needs an object of JSON, .* \(Expecting"),
+        (lambda rows: [*rows, "[" * 100_000], rf"row {N + 1} needs an object of JSON"),
+        (lambda rows: ["", *rows[:3], {**rows[3], "q.1": 2}, *rows[4:]], r"row 5 has two values named 'q.1'"),
+        (lambda rows: [*rows[:9], {"time": T[9], "q": [0.1]}, *rows[10:]], "row 10, column 'q.1' is empty"),
+        (
+            lambda rows: [*rows[:9], {**rows[9], "q": [0.1, "x"]}, *rows[10:]],
+            "row 10, column 'q.1' needs a number, .*x",
+        ),
+        (lambda rows: [*rows[:9], {**rows[9], "q": [0.1, 1e400]}, *rows[10:]], "row 10, column 'q.1' needs a finite"),
+        (lambda rows: [json.dumps(rows)], "row 1 needs an object of JSON"),
+        (lambda rows: rows[:3], "at least 10 samples, it has 3"),
+        (lambda rows: [], "at least 10 samples, it has 0"),
+    ],
+)
+def test_errors_name_the_row(tmp_path, change, message):
+    path = written(tmp_path / "log.jsonl", change(lines()))
+    with pytest.raises(LogError, match=message) as raised:
+        read_log(path, JOINTS, {"joints": {f"j{k}": {"position": f"q.{k}"} for k in range(2)}})
+    assert "\n" not in str(raised.value)
+
+
+def test_lines_with_names_of_their_own_take_no_more_memory_than_allowed(tmp_path):
+    path = written(tmp_path / "log.jsonl", [{f"a{k}": k} for k in range(2000)])
+    with pytest.raises(LogError, match="--max-size"):
+        read_tables(path, limit=2_000_000)

@@ -1,0 +1,258 @@
+"""Names and sensors of laboratories: series, units in names, commands, slides, wrist sensors and markers."""
+
+import re
+
+import mujoco
+import numpy as np
+import pytest
+import wrist
+from guesses.odd_logs import DEG, text, vector
+from guesses.robots import seven
+
+import ident
+import sim
+from experiments import columns as command
+from experiments.guesses.belief import LIKELY, SURE
+from experiments.guesses.guess import believed, write_mapping
+from experiments.guesses.wrenches import is_doubtful
+from ident.estimation.loads import predicted_channels
+from ident.mechanism.motion import Motion
+from ident.payload.identification import identify_payload
+
+TIME = np.arange(1500) / 100
+JOINTS = ("pan", "lift", "elbow")
+LINK = (
+    '<body name="{1}" pos="{2}"><joint name="{0}" axis="{3}" type="{4}"/><inertial mass="{5}" pos=".12 .02 .05" {6}/>'
+)
+
+
+def model(*kinds):
+    """MJCF of a chain of three joints."""
+    places, axes = ("0 0 .1", "0 0 .2", ".3 0 0"), ("0 0 1", "0 1 0", "0 1 0")
+    parts = zip(JOINTS, ("l1", "l2", "l3"), places, axes, kinds, strict=True)
+    links = [LINK.format(*part, 2, 'diaginertia=".02 .01 .02"') for part in parts]
+    return f"<mujoco><worldbody>{''.join(links)}{'</body>' * len(links)}</worldbody></mujoco>"
+
+
+def waves(seed):
+    """Positions, velocities and accelerations (N, 3)."""
+    rng, out = np.random.default_rng(seed), [np.zeros((len(TIME), 3)) for _ in range(3)]
+    for k in range(3):
+        for w in (0.9, 1.7, 2.9, 4.1):
+            size, phase = 0.5 * rng.uniform(0.3, 1), rng.uniform(0, 6)
+            for d, x in enumerate(out):
+                x[:, k] += size * w**d * np.sin(w * TIME + phase + d * np.pi / 2)
+    return out
+
+
+def log(kinds=("hinge",) * 3):
+    """An arm, its positions and torques with some noise (N, 3)."""
+    arm = sim.mechanism(mujoco.MjSpec.from_string(model(*kinds)))
+    q, dq, ddq = waves(3)
+    exact = predicted_channels(arm, Motion(q, dq, ddq), np.eye(4), torques=True)
+    tau = np.stack([exact[joint] for joint in arm.joints], axis=1)
+    rng = np.random.default_rng(0)
+    return arm, q + 1e-4 * rng.normal(size=q.shape), tau + 0.02 * rng.normal(size=tau.shape)
+
+
+ARM, Q, TAU = log()
+
+
+def columns_of(pattern, x):
+    return {pattern.format(k, n=joint): own for k, (joint, own) in enumerate(zip(JOINTS, x.T, strict=True), start=1)}
+
+
+def belief_of(folder, columns, mechanism=ARM):
+    path = folder / "log.csv"
+    path.write_text(text({"time": TIME[: len(next(iter(columns.values())))]} | columns), encoding="utf-8")
+    return believed(mechanism, [path])
+
+
+def mapped(belief, kind):
+    return {joint: x.column for joint, x in belief.of(kind).items()}
+
+
+SERIES = [
+    ("axis{}", "torque{}"),
+    ("A{}", "M{}"),
+    ("Achse{}", "Drehmoment{}"),
+    ("J{}", "T{}"),
+    ("Gelenk{} Winkel", "Gelenk{} Moment"),
+    ("jointpos{}", "jointtorque{}"),
+    ("q{}", "u{}"),
+    ("axis{}", "load{}"),
+    ("X{}", "Y{}"),
+    ("$AXIS_ACT.A{}", "$TORQUE_AXIS_ACT[{}]"),
+    ("{n}_rad", "{n}_nm"),
+    ("{n}Pos", "{n}Tau"),
+]
+
+
+@pytest.mark.parametrize(("position", "torque"), SERIES)
+def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, torque):
+    factor = 1.0 if "rad" in position else DEG
+    _, belief = belief_of(tmp_path, columns_of(position, factor * Q) | columns_of(torque, TAU))
+    assert mapped(belief, "position") == dict(zip(JOINTS, columns_of(position, Q), strict=True)), belief.open
+    assert mapped(belief, "torque") == dict(zip(JOINTS, columns_of(torque, Q), strict=True))
+    assert {x.unit for x in belief.of("position").values()} == {"deg" if factor > 1 else "rad"}
+
+
+@pytest.mark.parametrize("name", ["{n}_rad", "{n}PosRad", "rad_{n}", "{n} (rad)", "{n}_rad_measured"])
+def test_the_unit_of_a_name_wins_where_nothing_else_shows_it(tmp_path, name):
+    _, belief = belief_of(tmp_path, columns_of(name, 8 * Q))
+    assert {x.unit for x in belief.of("position").values()} == {"rad"}
+
+
+def test_a_unit_that_size_alone_suggests_is_not_sure(tmp_path):
+    columns = columns_of("{n}_position", 8 * Q)
+    _, belief = belief_of(tmp_path, columns)
+    assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("deg", LIKELY)}
+    _, belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU))
+    assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("rad", SURE)}
+
+
+def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
+    rates = np.gradient(8 * Q, TIME, axis=0)
+    _, belief = belief_of(tmp_path, columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates))
+    assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("rad", SURE)}
+
+
+@pytest.mark.parametrize(
+    ("measured", "commanded"),
+    [
+        ("observation.state.{n}.pos", "action.{n}.pos"),
+        ("observation.state.{n}", "action.{n}"),
+        ("{n}_pos", "{n}_goal"),
+        ("{n}_pos", "goal_{n}"),
+        ("{n}_pos", "{n}_command"),
+        ("{n}.present_position", "{n}.goal_position"),
+        ("position_{n}", "q_d_{n}"),
+        ("{n} ist", "{n} soll"),
+    ],
+)
+def test_commanded_positions_are_commands(tmp_path, measured, commanded):
+    columns = columns_of(commanded, DEG * (Q + 0.05 * TAU)) | columns_of(measured, DEG * Q)
+    contents, belief = belief_of(tmp_path, columns)
+    assert mapped(belief, "command") == dict(zip(JOINTS, columns_of(commanded, Q), strict=True)), belief.open
+    assert mapped(belief, "position") == dict(zip(JOINTS, columns_of(measured, Q), strict=True))
+    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    written = re.sub(r"^(\[joints\..*)$", r"\1\nkp = 20", (tmp_path / "c.toml").read_text(), flags=re.MULTILINE)
+    (tmp_path / "c.toml").write_text(written)
+    read = ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml")
+    np.testing.assert_allclose(read["lift_command"], Q[:, 1] + 0.05 * TAU[:, 1], atol=1e-6)
+
+
+def test_commands_beside_a_wrench_stay_remarks(tmp_path):
+    columns = columns_of("{n}_pos", Q) | columns_of("{n}_goal", Q + 0.05 * TAU)
+    exact = predicted_channels(ARM, Motion(*waves(3)), np.eye(4))
+    wrench = {f"plate_{name.lower()}": exact[name] for name in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+    contents, belief = belief_of(tmp_path, columns | wrench)
+    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    assert list(belief.groups) == ["ground"] and "lift_goal" in (tmp_path / "c.toml").read_text()
+    assert "lift_command" not in ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml").measured
+
+
+def test_a_column_that_no_position_follows_is_no_command(tmp_path):
+    noise = np.cumsum(np.random.default_rng(1).normal(size=Q.shape), axis=0)
+    _, belief = belief_of(tmp_path, columns_of("{n}_pos", Q) | columns_of("action.{n}", noise))
+    assert mapped(belief, "command") == {}
+
+
+@pytest.mark.parametrize("name", ["{n}_force", "force_{n}", "{n} force [N]", "{n}_effort"])
+def test_forces_of_slides_are_theirs(tmp_path, name):
+    arm, q, tau = log(("slide",) * 3)
+    contents, belief = belief_of(tmp_path, columns_of("{n}_pos", 1e3 * q) | columns_of(name, tau), arm)
+    assert mapped(belief, "torque") == dict(zip(JOINTS, columns_of(name, q), strict=True)) and not belief.groups
+    assert {x.unit for x in belief.of("torque").values()} == {"N"}
+    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    np.testing.assert_allclose(ident.read_log(tmp_path / "log.csv", arm, tmp_path / "c.toml")["pan_position"], q[:, 0])
+
+
+@pytest.mark.parametrize("names", [("position", "torque"), ("actual position", "commanded position"), ("angle", "x")])
+def test_the_only_position_is_that_of_the_only_joint(tmp_path, names):
+    fixed = ARM.fixed({"pan": [0.0], "elbow": [0.0]})
+    _, belief = belief_of(
+        tmp_path, dict(zip(names, (Q[:, 1], Q[:, 1] + 0.05 * np.roll(Q[:, 1], 3)), strict=True)), fixed
+    )
+    assert mapped(belief, "position") == {"lift": names[0]}
+    assert mapped(belief, "command") == ({"lift": names[1]} if "command" in names[1] else {})
+
+
+WRIST = [
+    ("FT{}", "MT{}"),
+    ("FT_{}", "FT_R{}"),
+    ("F{}_ATI", "T{}_ATI"),
+    ("ft_f{}", "ft_t{}"),
+    ("f{}", "t{}"),
+    ("Kraft_{}", "Drehmoment_{}"),
+    ("tool.force.{}", "tool.torque.{}"),
+]
+
+
+@pytest.mark.parametrize("torques", [False, True])
+@pytest.mark.parametrize(("force", "torque"), WRIST)
+def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque, torques):
+    robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
+    recording, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
+    columns = {"time": recording.time} | {f"{j}_position": recording[f"{j}_position"] for j in wrist.JOINTS}
+    columns |= vector(force, recording["wrist_force"] + 3) | vector(torque, recording["wrist_torque"])
+    if torques:
+        columns |= {f"joint{k + 1}_torque": x for k, x in enumerate(seven("joint{}").tau[: len(recording.time)].T)}
+    path.write_text(text(columns), encoding="utf-8")
+    _, belief = believed(robot, [path])
+    (group,) = belief.groups.values()
+    assert group.name != "ground" and group.entries["body"].value == "tool" and group.is_inner
+    assert is_doubtful(group) == torques and belief.open == []
+    assert group.entries["unit"].value == "N" and group.entries["torque_unit"].value == "N m"
+    if torques:
+        assert any("for `payload`" in note for note in belief.notes)
+        return
+    (tmp_path / "arm.xml").write_text(wrist.model())
+    assert command.main([str(tmp_path / "arm.xml"), str(path)]) == 0
+    last = capsys.readouterr().out.strip().splitlines()[-1]
+    mapping = tmp_path / "log.toml"
+    expected = f"--columns {mapping} --body tool --sensor {group.name}"
+    assert last == f"multicontact payload {tmp_path / 'arm.xml'} {path} {expected}"
+    if force == "FT{}":
+        payload = identify_payload(robot, ident.read_log(path, robot, mapping), body="tool", sensor=group.name)
+        assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
+
+
+def test_a_wrench_that_fits_nowhere_is_asked_about(tmp_path):
+    robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
+    recording, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
+    noise = 0.3 * np.random.default_rng(2).normal(size=(len(recording.time), 6))
+    columns = {"time": recording.time} | {f"{j}_position": recording[f"{j}_position"] for j in wrist.JOINTS}
+    path.write_text(text(columns | vector("f{}", noise[:, :3]) | vector("t{}", noise[:, 3:])), encoding="utf-8")
+    contents, belief = believed(robot, [path])
+    assert "ground" not in belief.groups and is_doubtful(belief.groups["sensor"])
+    assert belief.open[0].startswith("It is open where the wrench 'sensor' is measured.")
+    write_mapping(tmp_path / "c.toml", contents, belief, robot.joints)
+    assert ident.read_log(path, robot, tmp_path / "c.toml").sensors == {}
+
+
+def test_markers_lead_to_the_angles(tmp_path, capsys):
+    sites = "".join(f'<site name="M{k}" pos=".{k} 0 .0{k}"/>' for k in range(1, 5))
+    (tmp_path / "arm.xml").write_text(model("hinge", "hinge", "hinge").replace("</body>", sites + "</body>", 1))
+    path = tmp_path / "walk.csv"
+    markers = {f"M{k}.{axis}": np.sin(TIME + k) for k in range(1, 5) for axis in "xyz"}
+    path.write_text(text({"time": TIME} | markers))
+    assert command.main([str(tmp_path / "arm.xml"), str(path), "--fix", "pan"]) == 0
+    output = capsys.readouterr().out
+    assert output.endswith(f"\nmulticontact angles {tmp_path / 'arm.xml'} {path} --fix pan\n")
+    assert "positions of 4 markers: M1, M2, M3, M4" in output and "may be in" not in output
+
+
+def test_a_free_body_and_columns_without_names_end_in_a_sentence(tmp_path):
+    free = '<mujoco><worldbody><body name="tool"><freejoint name="root"/><geom size=".1"/></body></worldbody></mujoco>'
+    body = sim.mechanism(mujoco.MjSpec.from_string(free), base="tool")
+    block = np.column_stack([TIME, *waves(0)[0].T])
+    (tmp_path / "log.txt").write_text("\n".join(", ".join(f"{x:.6f}" for x in row) for row in block))
+    _, belief = believed(body, [tmp_path / "log.txt"])
+    assert belief.quantities == {} and any("has no wrench, torque or commanded" in note for note in belief.notes)
+
+
+def test_wrapped_columns_are_unwrapped_before_they_are_compared(tmp_path):
+    contents, belief = belief_of(tmp_path, columns_of("q_{}", (DEG * Q) % 360) | columns_of("tau_{}", TAU))
+    assert mapped(belief, "position") == dict(zip(JOINTS, ("q_1", "q_2", "q_3"), strict=True))
+    assert any("jumps by a whole turn" in line for line in contents.summary())

@@ -1,0 +1,134 @@
+"""Torques that are not what moves the joints: a hand, overridden commands, loops left out, and computed torques."""
+
+from dataclasses import replace
+
+import driven_arm
+import mujoco
+import numpy as np
+import pytest
+from coded import coded
+
+import ident
+import sim
+from ident.judgement.torque_causes import Parts
+from ident.setup import PRIORS
+
+JOINTS = driven_arm.JOINTS
+EXACT = dict.fromkeys(PRIORS, 0.0)
+
+LOOP = """<mujoco><compiler inertiafromgeom="true"/><worldbody><body name="base"><geom size=".1"/>
+  <body name="crank"><joint name="turn" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
+    <body name="rod" pos=".3 0 0"><joint name="pin" axis="0 1 0"/><geom size=".05" pos=".2 0 0"/>
+      <body name="tip" pos=".3 0 0"><joint name="end" axis="0 1 0"/><geom size=".03" pos="0 0 .1"/></body></body>
+    <body name="brace" pos=".1 0 0"><joint name="hold" axis="0 1 0"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 .2 0 .2"/></body></body></body></worldbody>
+  <equality>{}</equality></mujoco>"""
+
+CLOSE = '<connect name="close" body1="brace" body2="rod" anchor=".2 0 .2"/>'
+MIMIC = '<joint name="mimic" joint1="pin" joint2="end"/>'
+
+
+def arm():
+    """The arm without the drives that its model states."""
+    return replace(driven_arm.mechanism(), drives={})
+
+
+def recorded(torques, noise=0.03, seconds=10.0):
+    """Recording of the arm whose torques are a function of the inertial ones, the weight and the velocities."""
+    rng, mechanism = np.random.default_rng(1), arm()
+    t, q, dq, ddq = driven_arm.motion(rng, seconds, size=1.5)
+    moved, held = (
+        ident.joint_torque_regressor(mechanism.tree, q, *states, gravity=mechanism.gravity) @ mechanism.known
+        for states in ((dq, ddq), (0 * dq, 0 * ddq))
+    )
+    torque = torques(moved - held, held, q, dq) + noise * rng.normal(size=q.shape)
+    q = q + 2e-4 * rng.normal(size=q.shape)
+    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
+    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(JOINTS, torque.T, strict=True)})
+
+
+def rubs(dq):
+    return 0.8 * dq + 0.9 * np.tanh(dq / 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("torques", "joints"),
+    [
+        (lambda inertia, weight, q, dq: weight, JOINTS),
+        (lambda inertia, weight, q, dq: weight + 0.3 * rubs(dq), JOINTS),
+        (lambda inertia, weight, q, dq: 0 * weight, JOINTS),
+        (lambda inertia, weight, q, dq: inertia * [1, 1, 0] + weight + [1, 1, 0] * rubs(dq), ("bend",)),
+        (lambda inertia, weight, q, dq: inertia + weight + rubs(dq), ()),
+        (lambda inertia, weight, q, dq: 0.4 * (inertia + weight) + rubs(dq), ()),
+        (lambda inertia, weight, q, dq: inertia + weight + 20 * q, ()),
+    ],
+    ids=["gravity", "gravity and friction", "none", "a joint", "motors", "a lighter arm", "springs"],
+)
+def test_motion_that_the_torques_do_not_explain_is_a_doubt(torques, joints):
+    """A hand moves an arm whose torques hold its weight, or nothing; motors move the others."""
+    estimate = ident.identify(arm(), recorded(torques), setup=EXACT, estimator="weighted", cutoff=8.0)
+    findings = coded(estimate, "motion_not_by_torques")
+    assert tuple(finding.place.joints for finding in findings) == ((joints,) if joints else ())
+    assert all(finding.doubt for finding in findings) and (not joints or estimate.verdict().outcome.value == "not")
+
+
+def test_a_hand_s_log_is_a_doubt_of_the_trajectory_estimate_too():
+    estimate = ident.identify(arm(), recorded(lambda inertia, weight, q, dq: weight, seconds=6.0))
+    (finding,) = coded(estimate, "motion_not_by_torques")
+    assert "lift" in finding.place.joints and abs(finding.values["joints"]["lift"]["weight"] - 1) < 0.02
+
+
+def test_inertia_is_too_small_beside_the_weight_with_which_it_is_found():
+    assert not Parts(1.0, 0.01, 0.001, 0.01).moves and not Parts(0.0, 1e9, 0.02, 0.01).moves
+    assert Parts(1.0, 0.01, 0.09, 0.01).moves and Parts(0.3, 0.01, 0.03, 0.01).moves
+    # Too uncertain, or far below zero.
+    assert Parts(1.0, 0.01, 0.0, 0.05).moves and Parts(1.0, 0.01, -1.7, 0.3).moves
+
+
+def test_torques_without_friction_are_computed_or_simulated():
+    def found(torques, **options):
+        return coded(ident.identify(arm(), recorded(torques), setup=EXACT, **options), "computed_torques")
+
+    (finding,) = found(lambda inertia, weight, q, dq: inertia + weight)
+    assert not finding.doubt and finding.values["joints"] == JOINTS and finding.values["largest"] < 0.1
+    assert "without friction (turn, lift, bend)" in finding.text
+    squares = {"estimator": "weighted", "cutoff": 8.0, "drive": ()}
+    assert found(lambda inertia, weight, q, dq: inertia + weight, **squares)
+    assert not found(lambda inertia, weight, q, dq: inertia + weight + 0.3 * rubs(dq), **squares)
+    assert not found(lambda inertia, weight, q, dq: inertia + weight + 0.3 * rubs(dq))
+
+
+def test_joints_of_couplings_are_those_between_their_bodies():
+    spec = mujoco.MjSpec.from_string(LOOP.format(CLOSE + MIMIC))
+    mechanism = sim.mechanism(spec, base="base", ignore=["close", "mimic"])
+    assert mechanism.loops == {"close": ("pin", "hold"), "mimic": ("pin", "end")}
+    # A coupling of a joint that is fixed is none.
+    assert sim.mechanism(spec, base="base", ignore=["close"], fix={"pin": [0.0], "end": [0.0]}).loops == {
+        "close": ("hold",)
+    }
+
+
+def test_torques_of_a_loop_that_is_left_out_are_doubted_and_the_wrench_is_not():
+    spec = mujoco.MjSpec.from_string(LOOP.format(CLOSE))
+    mechanism = sim.mechanism(spec, base="base", ignore=["close"])
+    rng, t = np.random.default_rng(0), np.arange(600) / 100
+    q = np.stack([0.8 * np.sin(w * t + w) for w in (1.9, 2.7, 3.1, 4.3)], axis=1)
+    dq, ddq = (np.gradient(x, 0.01, axis=0) for x in (q, np.gradient(q, 0.01, axis=0)))
+    states = {"q": q, "dq": dq, "ddq": ddq}
+    torque = ident.joint_torque_regressor(mechanism.tree, **states, gravity=mechanism.gravity) @ mechanism.known
+    wrench = ident.base_wrench_regressor(mechanism.tree, **states, gravity=mechanism.gravity) @ mechanism.known
+    channels = {
+        f"{j}_{kind}": x
+        for kind, of in (("position", q), ("velocity", dq), ("acceleration", ddq))
+        for j, x in zip(mechanism.joints, of.T, strict=True)
+    }
+    felt = {f"{j}_torque": x + 0.01 * rng.normal(size=len(x)) for j, x in zip(mechanism.joints, torque.T, strict=True)}
+    options = {"estimator": "ordinary", "drive": ()}
+    estimate = ident.identify(mechanism, ident.Recording(t, channels | felt), **options)
+    (finding,) = coded(estimate, "loop_left_out")
+    assert finding.doubt and finding.values == {"loop": "close", "joints": ("pin", "hold")}
+    assert "--leave-out pin hold" in finding.text and not estimate.verdict().usable
+    without = ident.identify(mechanism, ident.Recording(t, channels | felt), leave_out=("pin", "hold"), **options)
+    assert not coded(without, "loop_left_out")
+    ground = {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
+    assert not coded(ident.identify(mechanism, ident.Recording(t, channels | ground), **options), "loop_left_out")

@@ -1,0 +1,205 @@
+"""Joints that share a column, or that the model couples and the log lacks, follow another one exactly."""
+
+import mujoco
+import numpy as np
+import pytest
+from malformed_logs import text as csv_text
+
+import ident
+import sim
+from experiments.studies.identification import prepare
+from ident.errors import LogError, ModelError
+from ident.estimation.preparation import prepared
+from ident.mechanism.follower import Follower
+from ident.recordings.followers import followers_of
+from ident.recordings.log import read_log
+from ident.recordings.recording import Recording
+from sim.models.mechanism import mechanism
+
+pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+
+T = np.arange(80) / 50
+ANGLE, GRIP = 0.7 * np.sin(3 * T), 0.3 * np.sin(5 * T) + 0.1
+
+
+def xml(equalities="", ref=0.0):
+    """An arm with a finger that turns, one that slides, and one that turns on the first."""
+    inertial = '<inertial mass="{}" pos="0.03 {} 0" diaginertia="2e-4 3e-4 3e-4"/>'
+    return f"""<mujoco><compiler angle="radian"/><worldbody><body name="arm"><joint name="lift" axis="0 1 0"/>
+    {inertial.format(2, 0.1)}<body name="left" pos="0.3 0.02 0"><joint name="left" axis="0 0 1" ref="{ref}"/>
+    {inertial.format(0.2, 0.01)}<body name="tip" pos="0.05 0 0"><joint name="tip" axis="0 0 1"/>
+    {inertial.format(0.1, 0)}</body></body><body name="right" pos="0.3 -0.02 0">
+    <joint name="right" type="slide" axis="0.6 0.8 0"/>{inertial.format(0.3, 0)}</body></body></worldbody>
+    <equality>{equalities}</equality></mujoco>"""
+
+
+def coupled(joint, lead, polycoef, name):
+    return f'<joint name="{name}" joint1="{joint}" joint2="{lead}" polycoef="{polycoef}"/>'
+
+
+def arm(*given, **options):
+    return sim.mechanism(mujoco.MjSpec.from_string(xml(*given, **options)))
+
+
+LOG = {"time": T, "lift_position": ANGLE, "gripper": np.degrees(GRIP), "force": np.cos(T), "own": np.sin(T)}
+ONE = {
+    "left": {"position": {"column": "gripper", "unit": "deg"}},
+    "tip": {"position": {"column": "gripper", "gain": -2.0, "constant": 3.0, "unit": "deg"}},
+    "right": {"position": {"column": "gripper", "gain": -0.5, "constant": 10.0, "unit": "mm"}},
+}
+
+
+def test_one_column_for_several_joints():
+    log = read_log(LOG, arm(), {"joints": {**ONE, "left": {**ONE["left"], "torque": "force"}}})
+    per_radian = np.degrees(1) * 1e-3
+    assert {name: each.joint for name, each in log.followers.items()} == {"tip": "left", "right": "left"}
+    np.testing.assert_allclose(log.followers["tip"].coefficients, [np.radians(3), -2])
+    np.testing.assert_allclose(log.followers["right"].coefficients, [0.01, -0.5 * per_radian])
+    assert log.measured.keys() == {"lift_position", "left_position", "left_torque"}
+    assert any(note.startswith("'tip' follows 'left': tip = -2*left + 0.05") for note in log.notes)
+    tree = prepared(arm(), log, filters=False).mechanism.tree
+    assert tree.joints == ("lift", "left") and tree.freedoms == ("lift", "left")
+
+
+@pytest.mark.parametrize("kind", ["torque", "command"])
+def test_the_driven_joint_leads(kind):
+    extra = {kind: "force"} | ({"kp": 3.0} if kind == "command" else {})
+    log = read_log(LOG, arm(), {"joints": {**ONE, "tip": {**ONE["tip"], **extra}}})
+    assert {name: each.joint for name, each in log.followers.items()} == {"left": "tip", "right": "tip"}
+    np.testing.assert_allclose(log.followers["left"].coefficients, [np.radians(1.5), -0.5])
+    assert f"tip_{kind}" in log.measured
+
+
+def test_torques_of_several_motors_move_the_leader_together():
+    joints = {key: {**ONE[key], "torque": name} for key, name in (("left", "force"), ("tip", "own"))}
+    log = read_log(LOG, arm(), {"joints": {**joints, "right": ONE["right"]}})
+    np.testing.assert_allclose(log["left_torque"], LOG["force"] - 2 * LOG["own"])
+
+
+def generalized(model_text, followers, q, dq, ddq):
+    """Torques of independent joints by MuJoCo's inverse dynamics without constraints, by virtual work (N, n)."""
+    model = mujoco.MjModel.from_xml_string(model_text)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
+    data, out = mujoco.MjData(model), []
+    names = [model.joint(j).name for j in range(model.njnt)]
+    for states in zip(q.T, dq.T, ddq.T, strict=True):
+        for values, at in zip((data.qpos, data.qvel, data.qacc), states, strict=True):
+            values[:] = at
+        mujoco.mj_inverse(model, data)
+        tau = dict(zip(names, data.qfrc_inverse.tolist(), strict=True))
+        own = dict(zip(names, states[0], strict=True))
+        for name, lead in followers.items():
+            tau[lead.joint] += lead.slope(own[lead.joint]) * tau.pop(name)
+        out.append([tau[name] for name in names if name in tau])
+    return np.array(out)
+
+
+POLYNOMIAL = (
+    coupled("tip", "left", "0.1 -2 0.7 0 0", "bend")
+    + coupled("right", "tip", "0.01 0.05 0 0 0", "chain")
+    + coupled("lift", "right", "0 1 0 0 0", "off").replace("/>", ' active="false"/>')
+)
+
+
+@pytest.mark.parametrize("ref", [0.0, 0.4])
+def test_a_joint_that_the_model_couples_needs_no_column(ref):
+    """Curved couplings, of which one follows a follower, against MuJoCo."""
+    log = read_log({**LOG, "left_position": GRIP, "left_torque": np.cos(T)}, arm(POLYNOMIAL, ref=ref))
+    assert {name: each.joint for name, each in log.followers.items()} == {"tip": "left", "right": "left"}
+    tip = 0.1 - 2 * (GRIP - ref) + 0.7 * (GRIP - ref) ** 2
+    np.testing.assert_allclose(log.followers["tip"].value(GRIP), tip, atol=1e-12)
+    np.testing.assert_allclose(log.followers["right"].value(GRIP), 0.01 + 0.05 * tip, atol=1e-12)
+    ready = prepared(arm(POLYNOMIAL, ref=ref), log, filters=False)
+    dq, ddq = (np.stack(x) for x in ((2.1 * np.cos(3 * T), 1.5 * np.cos(5 * T)), (0.2 * T, 0.1 - T)))
+    q, motion = np.stack([ANGLE, GRIP]), ident.Motion(np.stack([ANGLE, GRIP], axis=1), dq.T, ddq.T)
+    names, every = ("lift", "left", "tip", "right"), {}
+    for k, name in enumerate(("lift", "left")):
+        every[name] = q[k], dq[k], ddq[k]
+    for name, lead in log.followers.items():
+        every[name] = lead.states(*every[lead.joint])
+    states = (np.stack([every[name][k] for name in names]) for k in range(3))
+    expected = generalized(xml(ref=ref), log.followers, *states)
+    mech = ready.mechanism
+    Y = ident.joint_torque_regressor(mech.tree, *motion.states, gravity=mech.gravity)
+    np.testing.assert_allclose(Y[..., : len(mech.known)] @ mech.known, expected, atol=1e-10)
+
+
+def test_commands_read_such_logs_and_refuse_coupled_joints_with_columns_of_their_own(tmp_path):
+    (tmp_path / "arm.xml").write_text(xml(coupled("tip", "left", "0 -1 0 0 0", "pair")))
+    columns = {"time": T, "lift_position": ANGLE, "left_position": GRIP, "right_position": GRIP, "left_torque": GRIP}
+    (tmp_path / "log.csv").write_text(csv_text(columns))
+    ready = prepare(tmp_path / "arm.xml", tmp_path / "log.csv", filters=False)
+    assert ready.recording.followers.keys() == {"tip"} and ready.equations.channels == ("left",)
+    (tmp_path / "own.csv").write_text(csv_text({**columns, "tip_position": -GRIP}))
+    with pytest.raises(ModelError, match="do not hold the forces of equality \\(joint\\) 'pair' of left, tip"):
+        prepare(tmp_path / "arm.xml", tmp_path / "own.csv", filters=False)
+    fixed = mechanism(tmp_path / "arm.xml", fix={"left": 0.1})
+    assert not fixed.mimics and fixed.tree.joints == ("lift", "tip", "right")
+
+
+def test_an_arm_is_estimated_with_its_followers():
+    equal = coupled("tip", "left", "0.1 -1 0 0 0", "pair") + coupled("right", "left", "0 0.05 0 0 0", "slide")
+    model, t = arm(equal), np.arange(600) / 100
+    q = np.stack([0.8 * np.sin(2.1 * t) + 0.4 * np.sin(5 * t), 0.9 * np.sin(2.9 * t) + 0.5 * np.cos(6 * t)], axis=1)
+    dq, ddq = np.gradient(q, t, axis=0), np.gradient(np.gradient(q, t, axis=0), t, axis=0)
+    true = model.following(model.mimics)
+    torque = ident.joint_torque_regressor(true.tree, q, dq, ddq, gravity=true.gravity)[..., : len(true.known)]
+    rng = np.random.default_rng(0)
+    columns = {"time": t} | dict(zip(("lift_position", "left_position"), (q + 1e-4 * rng.normal(size=q.shape)).T))  # noqa: B905
+    tau = torque @ (1.2 * true.known) + 0.01 * rng.normal(size=q.shape)
+    columns |= dict(zip(("lift_torque", "left_torque"), tau.T, strict=True))
+    estimate = ident.identify(model, columns, drive=[])
+    distance = (estimate.psi - estimate.base.regroup(1.2 * true.known)) / estimate.std_setup
+    assert estimate.verdict().usable and np.abs(distance).max() < 4
+
+
+@pytest.mark.parametrize("end", ["npz", "csv"])
+def test_followers_are_saved_with_a_recording(tmp_path, end):
+    log = read_log(LOG, arm(), {"joints": ONE})
+    log.save(tmp_path / f"saved.{end}")
+    assert Recording.load(tmp_path / f"saved.{end}").followers == log.followers
+    for entry in (3, {"joint": "left"}, {"joint": "left", "coefficients": ["x"]}, {"joint": "a", "coefficients": []}):
+        with pytest.raises(LogError, match="the follower 'tip' needs the name of a joint and coefficients, got"):
+            followers_of({"tip": entry})
+
+
+@pytest.mark.parametrize(
+    ("joints", "message"),
+    [
+        ({"left": {"torque": "force"}, "tip": {"torque": "force"}}, "'force' is mapped to .* it can be one only"),
+        ({"left": {"torque": "gripper"}}, "'gripper' is mapped to .* it can be one only"),
+        (
+            {"left": {"torque": "force"}, "tip": {"torque": "own", "torque_std": 0.1}},
+            "joint 'tip' follows 'left': state",
+        ),
+        ({"left": {"torque": "force"}, "tip": {"command": "own", "kp": 2.0}}, "joint 'tip' follows 'left': state comm"),
+    ],
+)
+def test_what_cannot_be_shared_is_refused(joints, message):
+    mapping = {joint: {**entry, **joints.get(joint, {})} for joint, entry in ONE.items()}
+    with pytest.raises(LogError, match=message):
+        read_log(LOG, arm(), {"joints": mapping})
+
+
+def test_a_column_that_is_found_by_name_is_not_shared_by_a_slip():
+    columns = {"time": T, "lift_position": ANGLE, "left_position": GRIP, "right_position": GRIP}
+    with pytest.raises(
+        LogError, match=r"'left_position' is mapped to .* Joints that share it, .* need it under \[joints"
+    ):
+        read_log(columns, arm(), {"joints": {"tip": {"position": "left_position"}}})
+    log = read_log(columns, arm(), {"joints": {key: {"position": "left_position"} for key in ("left", "tip")}})
+    assert log.followers == {"tip": Follower("left", (0.0, 1.0))}
+
+
+def test_rates_cannot_be_shared_without_positions():
+    positions = {
+        joint: {"position": each, "velocity": "own"} for joint, each in (("left", "force"), ("tip", "gripper"))
+    }
+    with pytest.raises(LogError, match=r"column 'own' is mapped to .*; it can be one only"):
+        read_log(LOG, arm(), {"joints": {**positions, "right": {"position": 0.0}}})
+
+
+def test_couplings_in_a_ring_and_to_joints_outside_are_left_alone():
+    ring = coupled("tip", "left", "0 1 0 0 0", "a") + coupled("left", "tip", "0 1 0 0 0", "b")
+    assert not arm(ring).mimics
+    assert arm(coupled("tip", "left", "0 1 0 0 0", "a")).mimics == {"tip": Follower("left", (0.0, 1.0))}

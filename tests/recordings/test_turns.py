@@ -1,0 +1,148 @@
+"""Wrapped angles are continuous when they are read, and nothing else is changed."""
+
+import numpy as np
+import pytest
+from commands import refusal
+from guesses.odd_logs import text
+
+import ident
+import sim
+from experiments import identify
+from ident.recordings.log import read_log_pieces
+from ident.recordings.turns import unwrapped
+
+TIME = np.arange(900) / 100
+ANGLE = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5
+DEG = 180 / np.pi
+
+MODEL = """<mujoco><worldbody><body><inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/>
+<joint name="hip" axis="0 1 0"/><body pos=".3 0 0"><inertial pos=".1 0 0" mass="1" diaginertia=".1 .1 .1"/>
+<joint name="ram" type="slide" axis="1 0 0"/></body></body></worldbody></mujoco>"""
+
+
+def from_zero(x, turn):
+    return x % turn
+
+
+def about_zero(x, turn):
+    return (x + turn / 2) % turn - turn / 2
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "arm.xml").write_text(MODEL)
+    return sim.mechanism(tmp_path / "arm.xml")
+
+
+def log_of(tmp_path, hip, ram=0.1 * ANGLE):
+    """A log of both joints with torques."""
+    columns = {"time": TIME, "a": hip, "b": ram, "hip_torque": ANGLE, "ram_torque": ANGLE}
+    path = tmp_path / "log.csv"
+    path.write_text(text(columns), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("wrapped", [from_zero, about_zero])
+@pytest.mark.parametrize(
+    ("factor", "turn", "entry"),
+    [
+        (1.0, 2 * np.pi, {}),
+        (DEG, 360.0, {"unit": "deg"}),
+        (-DEG, 360.0, {"unit": "deg", "gain": -1}),
+        (4096 / (2 * np.pi), 4096.0, {"gain": 2 * np.pi / 4096}),
+        (5 * DEG, 360.0, {"unit": "deg", "gain": 0.2}),
+    ],
+    ids=["rad", "deg", "turned", "counts", "before a gear"],
+)
+def test_wrapped_angles_are_read_as_continuous(tmp_path, arm, wrapped, factor, turn, entry):
+    x = wrapped(factor * ANGLE, turn)
+    path = log_of(tmp_path, x)
+    mapping = {"joints": {"hip": {"position": {"column": "a"} | entry}, "ram": {"position": "b"}}}
+    log = ident.read_log(path, arm, mapping)
+    shift = log["hip_position"] - ANGLE
+    assert np.ptp(np.abs(np.diff(x))) > turn / 2 and np.abs(shift - shift[0]).max() < 1e-6
+    (note,) = (note for note in log.notes if "whole turn" in note)
+    number = int((np.abs(np.diff(x)) > turn / 2).sum())
+    assert note.startswith(f"Column 'a' jumps by a whole turn {number} times")
+    assert np.abs(log["ram_position"] - 0.1 * ANGLE).max() < 1e-9
+
+
+def test_pieces_go_on_where_those_before_ended(tmp_path, arm):
+    path = log_of(tmp_path, about_zero(ANGLE + 20, 2 * np.pi))
+    (tmp_path / "c.toml").write_text("[joints.hip]\nposition = 'a'\n[joints.ram]\nposition = 'b'\n")
+    whole = ident.read_log(path, arm, tmp_path / "c.toml")["hip_position"]
+    pieces = [piece["hip_position"] for piece in read_log_pieces(path, arm, tmp_path / "c.toml", 50)]
+    np.testing.assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
+
+
+def test_a_slide_that_jumps_by_two_pi_is_left_alone(tmp_path, arm):
+    ram = about_zero(ANGLE + 20, 2 * np.pi)
+    mapping = {"joints": {"hip": {"position": "a"}, "ram": {"position": "b"}}}
+    log = ident.read_log(log_of(tmp_path, ANGLE, ram), arm, mapping)
+    assert np.abs(log["ram_position"] - ram).max() < 1e-9 and not any("turn" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        ANGLE,
+        np.where(TIME < 4, 0.0, 5.5),
+        np.where(np.abs(TIME - 4) < 0.004, ANGLE + 6.28, ANGLE),
+        10 * ANGLE,
+    ],
+    ids=["no jump", "a step", "a spike", "several turns"],
+)
+def test_what_is_no_wrapped_angle_is_unchanged(x):
+    out, number = unwrapped(x, (2 * np.pi,))
+    spike = np.abs(out - ANGLE).max() < 0.01
+    assert (number == 0 and out is x) or (spike and number == 2)
+
+
+def test_a_joint_that_rests_at_the_end_of_its_range_rests():
+    noise = 0.001 * np.random.default_rng(0).normal(size=200)
+    out, number = unwrapped(about_zero(np.pi + noise, 2 * np.pi), (2 * np.pi,))
+    assert number > 20 and np.ptp(out) < 0.01
+
+
+def test_missing_samples_stay_missing():
+    x = about_zero(ANGLE + 20, 2 * np.pi)
+    x[200:203] = np.nan
+    out, number = unwrapped(x, (2 * np.pi,))
+    np.testing.assert_array_equal(np.isnan(out), np.isnan(x))
+    assert number and np.nanmax(np.abs(np.diff(out))) < 0.1
+
+
+def test_commands_are_in_the_turn_of_their_positions(tmp_path, arm):
+    columns = {"time": TIME, "a": from_zero(ANGLE, 2 * np.pi), "b": 0.1 * ANGLE, "hip_torque": ANGLE}
+    columns["u"] = from_zero(ANGLE - ANGLE[0] - 0.01, 2 * np.pi)
+    path = tmp_path / "log.csv"
+    path.write_text(text({name: x for name, x in columns.items() if name != "hip_torque"}))
+    mapping = {"joints": {"hip": {"position": "a", "command": "u", "kp": 5}, "ram": {"position": "b"}}}
+    log = ident.read_log(path, arm, mapping)
+    assert np.abs(log["hip_command"] - log["hip_position"]).max() < np.pi
+
+
+@pytest.mark.usefixtures("undrawn", "here")
+def test_a_joint_that_is_fixed_needs_no_entry_to_be_taken_out(tmp_path, arm, capsys):
+    path = log_of(tmp_path, ANGLE)
+    mapping = tmp_path / "c.toml"
+    mapping.write_text(
+        "[joints.hip]\nposition = 'a'\n[joints.ram]\nposition = { column = 'b', unit = 'mm' }\ntorque = 'ram_torque'\n"
+    )
+    fixed = sim.mechanism(tmp_path / "arm.xml", fix={"ram": []})
+    log = ident.read_log(path, fixed, mapping)
+    assert "ram_position" not in log.measured
+    assert "Columns of joints that are fixed (--fix) were not read: b, ram_torque." in log.notes
+    arguments = [
+        str(tmp_path / "arm.xml"),
+        str(path),
+        "--columns",
+        str(mapping),
+        "--fix",
+        "ram",
+        "--out",
+        str(tmp_path),
+    ]
+    assert identify.main(arguments) == 0
+    mapping.write_text("[joints.him]\nposition = 'a'\n")
+    assert "[joints] has no entry 'him'; valid are hip, ram." in refusal(identify.main, arguments, capsys)

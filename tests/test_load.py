@@ -1,0 +1,126 @@
+"""A load without a wrist sensor: the difference of what recordings with and without it show, in one fit."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import refusal
+
+import scenes
+from experiments import payload
+from experiments.noise.recordings import sinusoids
+from ident.errors import InputError
+from ident.geometry.inertia import parameters_from_com
+from ident.payload.load import identify_load
+from sim.models.mechanism import mechanism
+from sim.simulation.simulate import simulate
+
+MODEL = Path(scenes.__file__).parent / "arm.xml"
+MASS, CENTRE, RADIUS = 2.0, np.array([0.06, 0.12, 0.0]), 0.05
+INERTIA = 0.4 * MASS * RADIUS**2
+TRUE = parameters_from_com(MASS, CENTRE, INERTIA * np.eye(3))
+
+
+def arm_log(seed, *, loaded, seconds=8.0, scale=1.0):
+    """Angles and joint torques of the arm, whose joints rub, with or without a ball at its tool."""
+    spec = scenes.load("arm")
+    if loaded:
+        ball = spec.body("tool").add_body(name="ball", pos=CENTRE)
+        ball.mass, ball.ipos, ball.inertia, ball.explicitinertial = MASS, [0, 0, 0], [INERTIA] * 3, True
+    motion = sinusoids(np.random.default_rng(seed), 4, seconds)
+    log = simulate(spec, motion, samples=round(100 * seconds), seed=seed)
+    joints = mechanism(MODEL, "base").joints
+    torques = {f"{joint}_torque": scale * log.measured[f"{joint}_torque"] for joint in joints}
+    angles = {f"{joint}_position": log.measured[f"{joint}_position"] for joint in joints}
+    return replace(log, measured=angles | torques, true={}, noise={})
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return mechanism(MODEL, "base")
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return arm_log(0, loaded=False), arm_log(1, loaded=True)
+
+
+@pytest.fixture(scope="module")
+def load(arm, logs):
+    return identify_load(arm, *logs, body="tool")
+
+
+def test_a_load_is_weighed_by_torques_alone(load):
+    body = load.in_frame()
+    assert abs(body.values[0] - MASS) < 3 * body.std[0] < 0.1
+    np.testing.assert_array_less(np.abs(body.values[1:4] - CENTRE), 3 * body.std[1:4])
+    assert (body.std_setup >= body.std).all() and body.std_setup[0] < 0.1
+    z = (load.joint.fit.theta[:10] - TRUE) / np.sqrt(np.diag(load.joint.fit.covariance)[:10])
+    assert np.abs(z).max() < 3.5
+    assert load.verdict().usable and load.verdict().mass == pytest.approx(MASS, abs=0.05)
+    assert "The load" in repr(load)
+
+
+def test_links_and_drives_are_those_without_the_load(load, arm):
+    own = load.joint.fit.theta[10 : 10 + load.without.base.rank]
+    std = np.sqrt(np.diag(load.joint.fit.covariance))[10 : 10 + load.without.base.rank]
+    true = load.without.fit.equations.from_model[: len(own)]
+    assert np.abs((own - true) / std).max() < 4
+    # Twice the data: no parameter is known less well than from the recordings without the load alone.
+    assert (std <= 1.01 * load.without.fit.std[: len(std)] / load.without.widening).all()
+
+
+def test_the_model_carries_the_load_on_its_body(load, arm):
+    added = load.phi_of_robot() - arm.known
+    at = 10 * arm.bodies.index("tool")
+    assert added[at] == pytest.approx(MASS, abs=0.05)
+    assert not np.delete(added, range(at, at + 10)).any()
+
+
+def test_a_load_of_known_mass_fixes_the_scale_of_torques(arm):
+    logs = (replace(arm_log(k, loaded=bool(k), scale=0.9), scales=dict.fromkeys(arm.joints, 0.2)) for k in (0, 1))
+    load = identify_load(arm, *logs, body="tool", mass=MASS)
+    assert load.in_frame().values[0] == pytest.approx(MASS, abs=1e-3)
+    scales = [each for each in load.sensor_parameters if each.name.startswith("scale(")]
+    assert len(scales) == len(arm.joints)
+    for each in scales:
+        assert abs(each.value - -0.1) < 3 * each.std < 0.06
+
+
+def test_no_load_is_a_doubt(arm, logs):
+    load = identify_load(arm, logs[0], arm_log(2, loaded=False), body="tool")
+    assert "load_not_shown" in [finding.code for finding in load.findings if finding.doubt]
+    assert not load.verdict().usable
+
+
+def test_the_command_weighs_a_load(tmp_path, logs, capsys):
+    for name, log in zip(("empty", "full"), logs, strict=True):
+        log.save(tmp_path / f"{name}.npz")
+    files = [str(MODEL), str(tmp_path / "empty.npz"), "--loaded", str(tmp_path / "full.npz"), "--base", "base"]
+    assert payload.main([*files, "--body", "tool", "--name", "out", "--out", str(tmp_path), "--formats", "svg"]) == 0
+    printed = capsys.readouterr().out
+    assert "The load, in the frame of 'tool'" in printed and "Verdict: Usable" in printed
+    written = json.loads((tmp_path / "out" / "payload.json").read_text(encoding="utf-8"))
+    assert abs(written["frames"]["tool"]["values"][0] - MASS) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"body": "nose"}, "A load needs a body with mass that carries it, got 'nose'"),
+        ({"body": "tool", "mass": -1.0}, "mass needs kilograms above zero"),
+        ({"body": "tool", "loaded": []}, "A load needs recordings without it and with it"),
+    ],
+)
+def test_bad_input_is_one_sentence(arm, logs, given, message):
+    without, loaded = logs
+    with pytest.raises(InputError, match=message):
+        identify_load(arm, without, **{"loaded": loaded, **given})
+
+
+def test_the_command_needs_a_sensor_or_loaded_logs(tmp_path, capsys):
+    given = [str(MODEL), "a.csv", "--body", "tool", "--out", str(tmp_path)]
+    assert "either --sensor NAME, or --loaded LOG" in refusal(payload.main, given, capsys)
+    assert "--mass is the known mass" in refusal(payload.main, [*given, "--sensor", "s", "--mass", "2"], capsys)

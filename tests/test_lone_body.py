@@ -1,0 +1,117 @@
+"""A body without a robot: its pose and the wrench of a sensor on it, by Newton's and Euler's equations."""
+
+import json
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+from written_formats import write_csv
+
+import ident
+from experiments import payload as command
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.log import read_log
+
+MASS, CENTRE, INERTIA = 0.8, np.array([0.02, -0.03, 0.12]), np.diag([6e-3, 5e-3, 2e-3])
+TRUTH = np.array([MASS, *CENTRE, 6e-3, 5e-3, 2e-3, 0, 0, 0])
+NOISE = {"p": 1e-4, "r": 2e-4, "f": 0.05, "m": 0.002}
+COLUMNS = {
+    "base": {"position": ["px", "py", "pz"], "quaternion": ["qw", "qx", "qy", "qz"]},
+    "wrenches": {"ft": {"body": "tool", "force": ["fx", "fy", "fz"], "torque": ["mx", "my", "mz"]}},
+}
+COLUMNS["wrenches"]["ft"]["applied_to_link"] = False
+
+
+@cache
+def columns(seed=0, seconds=12.0):
+    """Columns of a log at 100 Hz: what the body exerts on the sensor at its origin, in its axes."""
+    rng, t = np.random.default_rng(seed), np.arange(round(100 * seconds)) / 100
+    angles, p = (
+        sum(s * np.sin(w * t[:, None] + rng.uniform(0, 6, 3)) for w in (1.1, 2.3, 4.7, 7.1)) for s in (0.45, 0.03)
+    )
+    turns = Rotation.from_euler("xyz", angles)
+    a = CubicSpline(t, p)(t, 2)
+    quaternion = turns.as_quat(canonical=False)
+    derivative = CubicSpline(t, quaternion)(t, 1)
+    v, s = quaternion[:, :3], quaternion[:, 3:]
+    omega = 2 * (s * derivative[:, :3] - derivative[:, 3:] * v - np.cross(v, derivative[:, :3]))
+    alpha = CubicSpline(t, omega)(t, 1)
+    own = (
+        turns.inv().apply(a + np.array([0, 0, 9.81]))
+        + np.cross(alpha, CENTRE)
+        + np.cross(omega, np.cross(omega, CENTRE))
+    )
+    force = -MASS * own
+    moment = np.cross(CENTRE, force) - alpha @ INERTIA - np.cross(omega, omega @ INERTIA)
+    p = p + NOISE["p"] * rng.normal(size=p.shape)
+    q = (turns * Rotation.from_rotvec(NOISE["r"] * rng.normal(size=p.shape))).as_quat(scalar_first=True)
+    force, moment = (x + NOISE[k] * rng.normal(size=x.shape) for k, x in (("f", force), ("m", moment)))
+    names = [
+        f"{what}{axis}" for what, axes in (("p", "xyz"), ("q", "wxyz"), ("f", "xyz"), ("m", "xyz")) for axis in axes
+    ]
+    return {"time": t} | dict(zip(names, np.hstack([p, q, force, moment]).T, strict=True))
+
+
+def test_a_body_is_known_from_its_pose_and_the_wrench_on_its_sensor():
+    tool, distances = Mechanism.lone_body("tool"), []
+    for seed in range(2):
+        payload = ident.identify_payload(tool, read_log(columns(seed), tool, COLUMNS), body="tool", sensor="ft")
+        body = payload.in_frame()
+        assert abs(body.values[0] - MASS) < 0.003 and np.abs(body.values[1:4] - CENTRE).max() < 0.002
+        np.testing.assert_allclose(body.values[4:7], TRUTH[4:7], rtol=0.1)
+        assert body.identifiable.all() and payload.verdict().usable and payload.model is None
+        distances.append((body.values - TRUTH) / body.std_setup)
+    assert (np.abs(distances) < 1.96).mean() > 0.85
+
+
+def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
+    write_csv(tmp_path / "swing.csv", columns())
+    text = (
+        '[base]\nposition = ["px", "py", "pz"]\nquaternion = ["qw", "qx", "qy", "qz"]\n[wrenches.ft]\nbody = "tool"\n'
+    )
+    text += 'force = ["fx", "fy", "fz"]\ntorque = ["mx", "my", "mz"]\napplied_to_link = false\n'
+    (tmp_path / "c.toml").write_text(text)
+    options = ["--body", "tool", "--sensor", "ft", "--columns", str(tmp_path / "c.toml"), "--formats", "svg"]
+    assert command.main([str(tmp_path / "swing.csv"), *options, "--out", str(tmp_path / "out")]) == 0
+    folder = tmp_path / "out" / "tool-swing"
+    assert not list(folder.glob("model.*"))
+    assert json.loads((folder / "payload.json").read_text())["outcome"] == "usable"
+    assert '"model": null' in (folder / "provenance.json").read_text()
+    assert "Carried: tool, at the recorded poses" in capsys.readouterr().out
+    (tmp_path / "c.toml").write_text(text[text.index("[wrenches") :])
+    for arguments, message in (
+        (
+            [str(tmp_path / "swing.csv")],
+            "No joint moves 'tool': its pose has to be that of the base, 'tool', and the log",
+        ),
+        (["arm.xml"], "payload needs a model and logs, or logs of a body alone; got 'arm.xml', no log."),
+    ):
+        assert command.main([*arguments, *options]) == 2
+        assert message in capsys.readouterr().err
+
+
+DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "tools"
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="MULTICONTACT_DATA has no folder of tools")
+@pytest.mark.parametrize("name", ["box_wrench", "screwdriver"])
+def test_workshop_tools_of_others(name):
+    """Mass and centre of a tool that a robot moves by its sensor, with noise as published: Nadeau et al. 2022."""
+    rng, table = np.random.default_rng(0), np.genfromtxt(DATA / f"{name}.csv", delimiter=",", names=True)
+    x = {key: table[key] for key in table.dtype.names}
+    x |= {key: x[key] + 1e-4 * rng.normal(size=len(table)) for key in ("x", "y", "z")}
+    turned = Rotation.from_quat(np.stack([x[f"q{k}"] for k in "wxyz"], axis=1), scalar_first=True)
+    noise = Rotation.from_rotvec(np.radians(0.01) * rng.normal(size=(len(table), 3)))
+    x |= dict(zip(("qw", "qx", "qy", "qz"), (turned * noise).as_quat(scalar_first=True).T, strict=True))
+    for kind, level in (("f", 0.1), ("m", 0.005)):
+        x |= {f"{kind}{k}": x[f"{kind}{k}"] + level * rng.normal(size=len(table)) for k in "xyz"}
+    mapping = {**COLUMNS, "base": {**COLUMNS["base"], "position": ["x", "y", "z"]}}
+    tool, truth = Mechanism.lone_body("tool"), json.loads((DATA / f"{name}.json").read_text())
+    log = read_log(x, tool, mapping)
+    body = ident.identify_payload(tool, log, body="tool", sensor="ft", offsets=False).in_frame()
+    distance = (body.values[:4] - [truth["mass"], *truth["centre"]]) / body.std_setup[:4]
+    assert np.abs(distance).max() < 3 and abs(body.values[0] / truth["mass"] - 1) < 0.05
