@@ -14,7 +14,6 @@ from test_torque_checks import NO_HAND, log
 import ident
 import sim
 from ident.estimation.preparation import LeftOut, Part
-from ident.judgement.body_findings import tool_findings
 from ident.judgement.finding import Finding
 from ident.judgement.fit_findings import course_findings, prior_findings, slow_residual_findings
 from ident.judgement.torque_findings import bound_findings
@@ -279,15 +278,6 @@ def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
     assert not finding.doubt and finding.place.bodies == ("link2",) and finding.values["body"] == "link2"
     more, std = finding.values["mass"], finding.values["std"]
     assert std < more / 2 and abs(more - 0.4 * PENDULUM.known[-10]) < 3 * std
-
-
-def test_a_link_that_only_the_physical_bodies_make_heavier_carries_no_tool(estimate):
-    """Determined combinations may require heavier physical bodies, although no mass is determined."""
-    other, full = replace(estimate), estimate.consistent()
-    phi = full.phi.copy()
-    phi[-10] *= 1.5
-    vars(other)["_consistent"] = replace(full, phi=phi)
-    assert not list(tool_findings(other.evidence, other.consistent()))
 
 
 def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
