@@ -66,6 +66,7 @@ class Outcome:
         verdicts = [""] if given["error"] else [each.value for each in Verdict]
         right = {name: fits(value, cls.__annotations__[name]) for name, value in given.items()}
         right["verdict"] = given["verdict"] in verdicts
+        right["seconds"] = right["seconds"] and bool(np.isfinite(given["seconds"]))
         for name in NUMBERS:
             right[name] = right[name] and bool(np.isfinite(list(given[name].values())).all())
         if wrong := [name for name, holds in right.items() if not holds]:

@@ -6,9 +6,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from experiments.guesses.belief import DOUBTFUL, Belief
+from experiments.guesses.belief import DOUBTFUL, Belief, Entry, Group
 from experiments.guesses.gains import set_gains
 from experiments.guesses.log_contents import LogContents
+from experiments.guesses.orientations import BASE
 from experiments.guesses.sensors import set_turn, set_unit
 from experiments.guesses.units import is_current
 from experiments.guesses.words import words
@@ -20,6 +21,7 @@ from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import CURRENT
 from ident.judgement.checks import wrench_checks
+from ident.judgement.gravity import recorded_gravity
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.log import read_log
 from ident.recordings.wrench import GROUND
@@ -59,6 +61,24 @@ def check_wrenches_and_torques(
             if is_current(quantity):
                 quantity.sure = DOUBTFUL
                 quantity.why.append("a current needs a gain")
+
+
+def mounted(belief: Belief, contents: LogContents, mechanism: Mechanism, limit: int) -> Mechanism:
+    """The mechanism on a base in the orientation that the log shows, if that explains far more than the model's.
+
+    It comes before any signs, which gravity in another direction would turn.
+    """
+    if mechanism.base_rpy_deg is not None or BASE in belief.poses:
+        return mechanism
+    try:
+        check = recorded_gravity(_tried(belief, contents, mechanism, limit))
+    except InputError:
+        return mechanism
+    if check is None or not check.suspicious:
+        return mechanism
+    why = f"gravity: the model leaves {100 * check.misfit:.0f} % unexplained then, as it is {100 * check.stated:.0f} %"
+    belief.poses[BASE] = Group(BASE, {"rpy_deg": Entry(list(check.rpy_deg), why)})
+    return mechanism.mounted(check.rpy_deg)
 
 
 def _tried(belief: Belief, contents: LogContents, mechanism: Mechanism, limit: int) -> Prepared:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.guesses.belief import Belief, Entry, Group
-from experiments.guesses.checked import check_wrenches_and_torques
+from experiments.guesses.checked import check_wrenches_and_torques, mounted
 from experiments.guesses.chosen import add_any, add_series
 from experiments.guesses.explained import Model
 from experiments.guesses.log_contents import LogContents, check_same_columns, log_contents
@@ -70,6 +70,7 @@ def believed(
         add_measured(belief, log, mechanism, held)
     moving = any(x.column in log.columns for x in belief.of("position").values())
     if signs and moving and mechanism.prior is not None and not belief.undecided:
+        mechanism = mounted(belief, log, mechanism, limit)
         model = Model.of(belief, log, mechanism, [])
         signs = check_positions(model, by_size)
         if signs:

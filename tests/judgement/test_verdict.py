@@ -130,7 +130,7 @@ def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(es
     nothing = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals))
     verdict = Verdict.of(nothing.evidence, [])
     assert verdict.outcome is Outcome.NOT and verdict.best is None and not verdict.predicted
-    assert str(verdict).startswith("Not usable: it predicts none of 6 channels on the held-out part.")
+    assert str(verdict).startswith("Not usable: it predicts none of 6 channels (held-out).")
     assert "No candidate explains any channel, so that none is best." in str(verdict)
 
 
@@ -157,7 +157,7 @@ def test_a_verdict_counts_all_channels_that_move(estimate, ratios, outcome, pred
     words = {
         Outcome.USABLE: "Usable to predict wrenches: ",
         Outcome.PARTLY: f"Partly usable: it predicts {predicted} of 6 channels: ",
-        Outcome.NOT: "Not usable: it predicts none of 6 channels on the held-out part.",
+        Outcome.NOT: "Not usable: it predicts none of 6 channels (held-out).",
     }
     assert str(verdict).startswith(words[outcome])
 
