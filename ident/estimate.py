@@ -1,9 +1,10 @@
 """Estimate of base parameters from recordings, with predictions, findings and a verdict."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from ident.display.frames import parameters_frame
 from ident.display.html import estimate_html
 from ident.display.numbers import estimate_numbers
 from ident.display.parameters import Groups, Parameter, intervals, parameters_of
-from ident.display.text import estimate_summary, headline, ratios
+from ident.display.text import decimals_of, estimate_summary, headline, ratios
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.estimation.preparation import Part, Prepared
@@ -34,10 +35,12 @@ from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
-from ident.model.stated import column_place, with_values
+from ident.model.stated import column_place, stated_values, with_values
 from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
+from ident.parameters.unstated import guessed
 from ident.recordings.servo import Servo
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
@@ -49,6 +52,13 @@ from ident.trajectory.result import TrajectoryEstimate
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+LINEARISED = 3
+"""Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
+time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
+
+ROUNDING = 1e-9
+"""Least eigenvalue of correlations of ψ: what the set-up adds to a covariance is definite to rounding only."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,7 +223,12 @@ class Estimate:
     @property
     def drives_updated(self) -> dict[str, Drive]:
         """The likeliest drives beside the physical bodies, and the servos, as of the updated model, by name."""
-        drives, stated = self._drives_of(self.fit.with_psi(self.psi_updated)), self.prepared.mechanism.drives
+        fit, full = self.fit.with_psi(self.psi_updated), self.consistent()
+        digits = [decimals_of(std) or 0 for std in fit.std.tolist()]
+        rounded = [round(x, 1 + k) + 0.0 for x, k in zip(fit.values.tolist(), digits, strict=True)]
+        rotors = {name: float(f"{x:.4g}") for name, x in full.rotors.items()}
+        drives = self._drives_of(replace(fit, values=np.array(rounded)), rotors)
+        stated = self.prepared.mechanism.drives
         for joint, servo in self.servos.items():
             drives[joint] = drives.get(joint, stated.get(joint, NO_DRIVE)).with_servo(servo.kp, servo.kv)
         return drives
@@ -231,10 +246,10 @@ class Estimate:
         each = self.prepared.recording.servos.items()
         return {joint: Servo(scales.get(joint, 1) * own.kp, scales.get(joint, 1) * own.kv) for joint, own in each}
 
-    def _drives_of(self, fit: Fit) -> dict[str, Drive]:
+    def _drives_of(self, fit: Fit, more: Mapping[str, float] = MappingProxyType({})) -> dict[str, Drive]:
         fitted = slice(self.base.rank, self.base.rank + len(fit.equations.drives))
         equations = fit.equations
-        values = dict(zip(equations.drives, fit.values[fitted].tolist(), strict=True))
+        values = dict(zip(equations.drives, fit.values[fitted].tolist(), strict=True)) | dict(more)
         of_joints = {name: x for name, x in values.items() if column_place(name)[1] not in equations.axes.motors}
         return with_values(self.prepared.mechanism, of_joints)
 
@@ -354,9 +369,25 @@ class Estimate:
     def _consistent(self) -> ConsistentParameters:
         arm = self.prepared.mechanism
         known = {**KNOWN, **self.prepared.recording.known}
-        return consistent_parameters(
-            self.psi_of_links, self.covariance, self.base, arm.known, bodies=arm.bodies, masses=known["mass"]
-        )
+        equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
+        stated = stated_values(arm, list(equations.absorbed))
+        rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
+        prior, covariance = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
+
+        def fitted(at: np.ndarray) -> ConsistentParameters:
+            return consistent_parameters(
+                *(self.psi_of_links, covariance, self.base, prior),
+                bodies=arm.bodies,
+                masses=known["mass"],
+                known=BodyPrior.of(arm, self.base, known, rotors, used=included, at=at),
+                rotors=rotors,
+            )
+
+        full = fitted(prior)
+        for _ in range(LINEARISED if included else 0):
+            full = fitted(full.phi)
+        # Frames stay without mass.
+        return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
 
     def consistent(self) -> ConsistentParameters:
         """Physical bodies as close to the mechanism's prior as the estimate allows."""
@@ -482,6 +513,13 @@ class Estimate:
     def checks(self) -> Checks:
         """Checks of recording, set-up and fit."""
         return checked(self.prepared, self.fit, self.part)
+
+
+def _regular(covariance: np.ndarray) -> np.ndarray:
+    """A covariance whose correlations have eigenvalues from `ROUNDING` on."""
+    std = np.sqrt(np.diag(covariance))
+    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
+    return np.asarray((axes * np.maximum(values, ROUNDING)) @ axes.T * np.outer(std, std))
 
 
 def _condition(singular_values: np.ndarray) -> float:

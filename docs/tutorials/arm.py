@@ -141,9 +141,10 @@ panel.legend()
 # ## The updated model
 #
 # Base parameters are not yet a model. The physically consistent bodies that have these base parameters and are closest
-# to the model's are:
+# to the model's are written. Their intervals include all physical bodies that the estimate allows:
 
 bodies = estimate.consistent()
+print(bodies)
 mc.write_model("arm_identified.xml", arm, bodies)
 written = mc.mechanism("arm_identified.xml", base="column")
 for name, was, now, true in zip(arm.bodies, *(x.known.reshape(-1, 10) for x in (arm, written, truth)), strict=True):

@@ -1,16 +1,14 @@
 """Outcomes of identifications of many logs, one by one."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ident.annotations import fits
 from ident.errors import InputError
 from ident.judgement.verdict import Outcome as Verdict
-
-NAMES = "doubts", "predicted", "missed"
-"""Fields of an outcome that are lists of names."""
 
 NUMBERS = "ratios", "values", "std"
 """Fields of an outcome that are numbers by name."""
@@ -65,28 +63,17 @@ class Outcome:
         """
         if not isinstance(given, dict) or given.keys() != cls.__dataclass_fields__.keys():
             raise InputError(f"an outcome needs {', '.join(cls.__dataclass_fields__)}")
-        failed, verdicts = bool(given["error"]), [each.value for each in Verdict]
-        right = {
-            **{name: isinstance(given[name], str) for name in ("log", "folder", "error", "remark")},
-            "verdict": given["verdict"] in ([""] if failed else verdicts),
-            **{name: isinstance(given[name], list) and _are_texts(given[name]) for name in NAMES},
-            **{name: isinstance(given[name], dict) and _are_texts(given[name].values()) for name in ("units", "files")},
-            **{name: isinstance(given[name], dict) and _are_numbers(given[name].values()) for name in NUMBERS},
-            "seconds": _are_numbers([given["seconds"]]),
-        }
+        verdicts = [""] if given["error"] else [each.value for each in Verdict]
+        right = {name: fits(value, cls.__annotations__[name]) for name, value in given.items()}
+        right["verdict"] = given["verdict"] in verdicts
+        right["seconds"] = right["seconds"] and bool(np.isfinite(given["seconds"]))
+        for name in NUMBERS:
+            right[name] = right[name] and bool(np.isfinite(list(given[name].values())).all())
         if wrong := [name for name, holds in right.items() if not holds]:
             raise InputError(f"'{wrong[0]}' of an outcome cannot be {given[wrong[0]]!r}")
         if not given["values"].keys() == given["std"].keys() == given["units"].keys():
             raise InputError("values, std and units of an outcome need the same names")
         return cls(**given)
-
-
-def _are_texts(values: Iterable[object]) -> bool:
-    return all(isinstance(value, str) for value in values)
-
-
-def _are_numbers(values: Iterable[object]) -> bool:
-    return all(isinstance(value, int | float) and type(value) is not bool and np.isfinite(value) for value in values)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from experiments.reports.identify_figures import (
 from experiments.reports.identify_replay import replay
 from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
-from ident.estimation.units import channel_unit, coefficient_unit, unit_of
-from ident.geometry.inertia import PARAMETERS, with_bodies
+from ident.estimation.units import channel_unit, coefficient_unit
+from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import ESTIMATE
 from ident.judgement.finding import line_of
 from ident.judgement.verdict import IDLE
@@ -154,19 +154,29 @@ def quality_table(result: Estimate) -> tabular.Table:
 
 
 def full_table(result: Estimate) -> tabular.Table:
-    """Physically consistent φ of each body beside the model's."""
-    units = [unit_of(name) or "" for name in result.base.parameters]
-    bodies = [name for name in result.prepared.mechanism.bodies for _ in PARAMETERS]
+    """Physically consistent bodies with their intervals beside the model's."""
+    rows, finite = result.consistent().rows, np.isfinite
+    decimals, whole = tuple(each.decimals for each in rows), (0,) * len(rows)
     return tabular.Table(
         "Full, physically consistent parameters, SI units",
         *tabular.columns(
-            body=bodies,
-            parameter=result.base.parameters,
-            unit=units,
-            estimate=result.consistent().phi,
-            model=result.prepared.mechanism.known,
+            body=[each.body for each in rows],
+            quantity=[each.quantity for each in rows],
+            unit=[each.unit for each in rows],
+            estimate=[each.estimate for each in rows],
+            lower=[each.lower if finite(each.lower) else None for each in rows],
+            upper=[each.upper if finite(each.upper) else None for each in rows],
+            from_data_percent=[100 * each.share for each in rows],
+            model=[each.model for each in rows],
+            note=["as stated" if each.stated else "" if each.determined else "not determined" for each in rows],
         ),
-        caption="Physically consistent parameters of all bodies beside the model's",
+        digits={**dict.fromkeys(("estimate", "lower", "upper", "model"), decimals), "from_data_percent": whole},
+        heads={"lower": "95 % from", "upper": "to", "from_data_percent": "from data (%)"},
+        caption="Physically consistent bodies, 95 % intervals, inertia about the origin of the body's frame",
+        notes=(
+            "Intervals include all physical bodies that the estimate allows.",
+            "From data: 1 less the variance over that of a model's word. Not determined: less than half.",
+        ),
     )
 
 
@@ -230,6 +240,7 @@ def screen(made: Document, result: Estimate) -> str:
         *(line_of(sentences(note)[0], doubt=False) for note in notes[:REMARKS]),
         "",
         *_ratios(result),
+        *_bodies(result),
         f"The page has {', '.join([*left, 'all details'])}.",
         f"Tables, also as .csv and .tex: {tables}.",
     ]
@@ -249,6 +260,16 @@ def _ratios(result: Estimate) -> list[str]:
     heads = {"model": "model as it came"}
     title = "Residual of the held-out part over its signal"
     return [tabular.Table(title, *tabular.columns(channel=channels, **ratios), heads=heads).text()]
+
+
+def _bodies(result: Estimate) -> list[str]:
+    """Table of masses and centres of mass with intervals, or a sentence if there are many bodies."""
+    full = result.consistent()
+    if len(full.bodies) > CHANNELS:
+        masses = [f"{each.body} {each.words} kg" for each in full.rows[::10] if each.determined]
+        known = f": {', '.join(masses)}" if masses else ""
+        return [f"The data determine {len(masses)} of {len(full.bodies)} masses{known}."]
+    return ["Bodies of the updated model, with 95 % intervals (-: not determined)", str(full), ""]
 
 
 def document(
@@ -367,7 +388,9 @@ def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
     # No file has friction or rotors of motors that move several joints.
     motors = result.fit.equations.axes.motors if updated else ()
     names = [
-        name for name in result.fit.equations.drives if name.startswith(columns) or column_place(name)[1] in motors
+        name
+        for name in (*result.fit.equations.drives, *result.consistent().rotors)
+        if name.startswith(columns) or column_place(name)[1] in motors
     ]
     return [f"{updated} cannot hold {', '.join(names)}."] if names else []
 

@@ -34,6 +34,15 @@ def parameters_frame(parameters: Sequence["Parameter"]) -> "pd.DataFrame":
     return pd.DataFrame(out, index=index)[order]
 
 
+def frame_of(columns: Sequence[str], rows: Sequence[Sequence[Any]], index: int) -> "pd.DataFrame":
+    """Data frame of rows, indexed by the first columns.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    return _pandas().DataFrame.from_records(rows, columns=list(columns)).set_index(list(columns[:index]))
+
+
 def channels_frame(time: np.ndarray, channels: Mapping[str, np.ndarray]) -> "pd.DataFrame":
     """Data frame of channels (N,) or (N, d) by name, a column for each component, with the times as its index.
 

@@ -1,9 +1,11 @@
 """All results of an estimate in JSON's types."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.display.bodies import BodyValue
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.summary import summary
 
@@ -40,7 +42,21 @@ def estimate_numbers(estimate: "Estimate") -> dict[str, Any]:
         "weights": _weights(estimate),
         "halves": {"rms_z": estimate.disagreement, "widening": estimate.widening},
         "logs": {"rms_z": list(estimate.disagreements)},
+        "intervals": {name: _limits(full.rows, name) for name in full.bodies},
         "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
+    }
+
+
+def _limits(rows: Sequence[BodyValue], body: str) -> dict[str, Any]:
+    """Limits of the 95 % interval of each quantity of a body, None without one, and the data's share."""
+    return {
+        each.quantity: {
+            "lower": each.lower if np.isfinite(each.lower) else None,
+            "upper": each.upper if np.isfinite(each.upper) else None,
+            "share": each.share,
+        }
+        for each in rows
+        if each.body == body
     }
 
 

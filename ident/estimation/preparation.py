@@ -141,7 +141,7 @@ def prepared(
     """Prepares a recording for a fit.
 
     Args:
-        mechanism: The mechanism, with a prior.
+        mechanism: The mechanism; without a prior, its bodies have no mass by the model.
         recording: The recording.
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
         drive: Columns of friction, rotor inertia and springs for joint torques; None for `usual_drives`,
@@ -157,6 +157,8 @@ def prepared(
     """
     mechanism = mechanism.following(recording.followers)
     tree = mechanism.tree
+    if mechanism.prior is None:
+        mechanism = replace(mechanism, prior=np.zeros(10 * len(mechanism.bodies)))
     mechanism, (recording,) = at_rest(mechanism, [recording])
     mechanism = _with_known_bodies(mounted(mechanism, recording), recording)
     asked = () if drive is None else drive_kinds(drive)

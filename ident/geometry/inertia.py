@@ -109,6 +109,13 @@ def com_from_parameters(phi: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]
     return float(phi[0]), com, symmetric(phi[4:]) + phi[0] * hat(com) @ hat(com)
 
 
+def with_centers(phi: np.ndarray) -> np.ndarray:
+    """Stacked φ with centres of mass in place of first moments, zero for massless bodies (10 b,) -> (b, 10)."""
+    out = np.array(phi, float).reshape(-1, 10)
+    out[:, 1:4] /= np.where(out[:, :1] == 0, np.inf, out[:, :1])
+    return out
+
+
 def pseudo_inertia(phi: np.ndarray) -> np.ndarray:
     """Pseudo-inertia `J = ∫ [x; 1] [x; 1]ᵀ dm = [[Σ, mr], [mrᵀ, m]]` with `Σ = tr(I)/2 - I`.
 

@@ -10,6 +10,7 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
 from ident.mechanism.mechanism import Mechanism
+from ident.model.stated import column_place
 from ident.parameters.consistency import ConsistentParameters
 from ident.parameters.prior import conditioned, known_deviations, updated
 from ident.tolerances import DRIVE
@@ -36,6 +37,9 @@ def consistency_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on the base parameters that are moved to make the bodies physical."""
     if evidence.consistent is not None:
         yield _consistency(evidence.consistent, evidence.mechanism.bodies)
+        if rotors := evidence.consistent.rotors:
+            joints = tuple(column_place(name)[1] for name in rotors)
+            yield Finding.of("rotors_apart", Place(joints=joints), rotors=dict(rotors))
 
 
 def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
@@ -55,16 +59,26 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     full, mechanism = evidence.consistent, evidence.mechanism
     if full is None:
         return
-    far: dict[bool, dict[str, dict[str, float]]] = {False: {}, True: {}}
-    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], full.unseen, strict=True)
-    for name, mass, std, before, hardly in masses:
-        if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
-            far[bool(hardly)][name] = {"mass": float(mass), "std": float(std), "model": float(before)}
-    for hardly, code in ((False, "masses_shown"), (True, "masses_hardly_shown")):
-        if masses_of := far[hardly]:
-            yield Finding.of(code, Place(bodies=tuple(masses_of)), masses=masses_of, factor=FACTOR)
-    yield from rotor_findings(evidence, [*far[True], *far[False]])
-    yield from tool_findings(evidence, full)
+    far: dict[str, dict[str, dict[str, float | None]]] = {}
+    whole = full.phi[::10].sum()
+    for each, before in zip(full.rows[::10], mechanism.known[::10].tolist(), strict=True):
+        if max(each.estimate, before) > SLIGHT * whole and not before / FACTOR <= each.estimate <= before * FACTOR:
+            outside = before and not each.lower <= before <= each.upper
+            code = "masses_hardly_shown" if not outside or np.isnan(each.lower) else "masses_limited"
+            limits = {
+                key: x if np.isfinite(x) and x else None for key, x in (("lower", each.lower), ("upper", each.upper))
+            }
+            far.setdefault("masses_shown" if outside and each.determined else code, {})[each.body] = {
+                "mass": each.estimate,
+                "model": before,
+                **limits,
+            }
+    for code, masses in far.items():
+        yield Finding.of(code, Place(bodies=tuple(masses)), masses=masses, factor=FACTOR)
+    yield from rotor_findings(
+        evidence, [name for masses in far.values() for name, each in masses.items() if each["model"]]
+    )
+    yield from tool_findings(evidence)
 
 
 def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
@@ -90,38 +104,27 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
             yield Finding.of(code, Place(bodies=tuple(of), joints=tuple(of.values())), joints=of)
 
 
-def tool_findings(evidence: Evidence, full: ConsistentParameters) -> Iterator[Finding]:
-    """Remarks on last links that are significantly heavier than the model, by the data rather than by the prior."""
-    mechanism, known = evidence.mechanism, evidence.known["mass"]
-    last = _last_links(mechanism)
-    heavier = _heavier(evidence)
-    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
-    for name, mass, std, before in masses:
-        more = mass - before
-        if name in last and name in heavier and more > max(INTERVAL * std, known * before):
-            place = Place(bodies=(name,))
-            yield Finding.of("heavier_last_link", place, body=name, mass=float(more), std=float(std))
+def tool_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remarks on last links that are heavier than the model if the other bodies are as well known as usually.
 
-
-def _heavier(evidence: Evidence) -> set[str]:
-    """Names of the bodies whose mass the data determine and whose first moment is significantly above the model's.
-
-    Torques determine combinations, not masses: physical bodies with these combinations may be heavier only because
-    heavier ones are likelier.
+    Data and that prior have to determine the mass; its interval and that of the first moment exclude the model's.
     """
     mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
     psi, covariance = evidence.fit.psi - evidence.fit.equations.from_drives[: base.rank], evidence.covariance
     if evidence.trajectory is None or not evidence.trajectory.known:
         psi, covariance = updated(mechanism, base, psi, covariance, known)
     after = conditioned(mechanism, base, psi, covariance, known)
-    phi, std, before, std_before = (
-        x.reshape(-1, 10)[:, :4] for x in (*after, mechanism.known, known_deviations(mechanism, known))
-    )
+    each = (*after, mechanism.known, known_deviations(mechanism, known))
+    phi, std, before, std_before = (x.reshape(-1, 10)[:, :4] for x in each)
     size = np.linalg.norm(phi[:, 1:], axis=1)
     grown = size - np.linalg.norm(before[:, 1:], axis=1)
     std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, TINIEST)
-    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size)
-    return {name for name, each in zip(mechanism.bodies, heavier, strict=True) if each}
+    more, least = phi[:, 0] - before[:, 0], np.maximum(INTERVAL * std[:, 0], known["mass"] * before[:, 0])
+    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
+    for k in np.flatnonzero(heavier).tolist():
+        if (name := mechanism.bodies[k]) in _last_links(mechanism):
+            mass, deviation = float(more[k]), float(std[k, 0])
+            yield Finding.of("heavier_last_link", Place(bodies=(name,)), body=name, mass=mass, std=deviation)
 
 
 def _last_links(mechanism: Mechanism) -> list[str]:

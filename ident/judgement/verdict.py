@@ -198,7 +198,7 @@ class Verdict(Worded):
             speak = "one finding below speaks" if len(self.doubts) == 1 else f"{len(self.doubts)} findings below speak"
             yield f"Not usable as it is: {speak} against it. It predicts {count}."
         elif self.outcome is Outcome.NOT:
-            yield f"Not usable: it predicts {f'none of {channels}' if self.counted else count} on the {self.part} part."
+            yield f"Not usable: it predicts {f'none of {channels} ({self.part})' if self.counted else count}."
             yield "Check names, units and signs of the columns, and that the motors alone move the joints."
         elif self.outcome is Outcome.PARTLY:
             yield f"Partly usable: it predicts {count}: {_shown(self.predicted)}."

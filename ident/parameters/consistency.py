@@ -10,18 +10,30 @@ the squared distance in these units. It is estimated from ψ, whose distance fro
 likely for some widths only (empirical Bayes).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import linalg
 
 from ident.annotations import typed
+from ident.display.bodies import QUANTITIES, UNITS, BodyValue, bodies_frame, bodies_text, comments
 from ident.display.brief import Brief, listed
 from ident.errors import InputError
-from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
+from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia, with_centers
 from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.body_bounds import NEAREST, Fitting
+from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
+from ident.parameters.prior import KNOWN, body_covariance
+
+INTERVAL = 1.96
+"""Half-width of a 95 % interval in standard deviations."""
+
+DETERMINED = 0.5
+"""Share of the data below which a parameter counts as not determined: the model's word would say more."""
 
 LOOSER = 1.0, 2.0, 4.0
 """Factors by which the deviation of hardly identifiable masses is increased if the bodies do not fit ψ otherwise."""
@@ -43,7 +55,10 @@ class ConsistentParameters(Brief):
             it equals the mass if ψ does not depend on it, kg (b,).
         prior: φ of the prior, made physical (10 b,).
         raised: Bodies, counted from 0, whose prior was not physical and had to be raised.
-        bodies: Names of the bodies, if they have any.
+        bodies: Names of the bodies (b,).
+        model: The prior φ as given (10 b,).
+        rotors: Rotor inertias that the bodies cannot take up, by their names; those that ψ lost beforehand included.
+        fitting: What the bodies are to fit.
     """
 
     phi: np.ndarray
@@ -56,12 +71,80 @@ class ConsistentParameters(Brief):
     mass_std: np.ndarray
     prior: np.ndarray
     raised: tuple[int, ...]
-    bodies: tuple[str, ...] = ()
+    bodies: tuple[str, ...]
+    model: np.ndarray
+    rotors: Mapping[str, float]
+    fitting: Fitting
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """Mass, centre of mass and inertia about the frame's origin of each body (b, 10)."""
+        return with_centers(self.phi)
+
+    @cached_property
+    def intervals(self) -> np.ndarray:
+        """95 % intervals of `values`, which are among them, over all physical bodies that ψ allows (b, 10, 2).
+
+        Where nothing bounds a value the limit is infinite; all are NaN where no physical bodies have ψ.
+        """
+        if self.fitting.prior.used and not self.attainable:
+            return np.full((*self.values.shape, 2), np.nan)
+        limits = self.fitting.bounds(self.phi)
+        each = np.stack([np.minimum(limits[..., 0], self.values), np.maximum(limits[..., 1], self.values)], axis=-1)
+        return np.where(np.isnan(limits), np.nan, each)
+
+    @cached_property
+    def share(self) -> np.ndarray:
+        """Share that data have in what is known of each value: 1 less its variance over that of the prior (b, 10).
+
+        Where there is no prior, the default one of a model with these values stands for it.
+        """
+        half, prior = np.diff(self.intervals)[..., 0] / 2 / INTERVAL, self.fitting.prior.std
+        usual = np.sqrt([np.diag(body_covariance(phi)) for phi in self.phi.reshape(-1, 10)])
+        usual[:, :4] = np.c_[KNOWN["mass"] * self.phi[::10], np.full((len(usual), 3), KNOWN["center"])]
+        prior = np.where(np.isinf(prior), usual, prior)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(half > 0, half / prior, 0) ** 2
+            share = 1 - ratio if self.fitting.prior.used else 1 / (1 + ratio)
+        return np.where(np.isfinite(half) & (prior > 0), np.clip(share, 0, 1), 0)
+
+    @cached_property
+    def rows(self) -> tuple[BodyValue, ...]:
+        """Each quantity of each body with its interval, the model's value and the data's share."""
+        models, std, out = with_centers(self.model), self.fitting.prior.std, list[BodyValue]()
+        for k, body in enumerate(self.bodies):
+            for j, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
+                (lower, upper), share = self.intervals[k, j].tolist(), float(self.share[k, j])
+                model = float(models[k, j]) if models[k, 0] else None
+                used = self.fitting.prior.used
+                how = (
+                    share >= DETERMINED,
+                    used and bool(np.isfinite(std[k, j])),
+                    not std[k, j] and (used or model is None),
+                )
+                out.append(BodyValue(body, quantity, unit, float(self.values[k, j]), lower, upper, model, share, *how))
+        return tuple(out)
+
+    @property
+    def comments(self) -> dict[str, str]:
+        """Comment on each body for a model's file, by name."""
+        return comments(self.rows)
+
+    def to_frame(self) -> Any:
+        """Values of all bodies as a pandas data frame, with their 95 % intervals and the data's share.
+
+        Raises:
+            InputError: pandas is not installed (extra `pandas`).
+        """
+        return bodies_frame(self.rows)
+
+    def __str__(self) -> str:
+        return bodies_text(self.rows)
 
     @property
     def _in_short(self) -> dict[str, object]:
-        names = self.bodies or [f"body {k}" for k in range(1, 1 + len(self.phi) // 10)]
-        masses = (f"{name} {mass:.3g}" for name, mass in zip(names, self.phi[::10].tolist(), strict=True))
+        rows = self.rows[::10]
+        masses = (f"{x.body} {x.estimate:.3g}{'' if x.determined else ' (not determined)'}" for x in rows)
         moved = f"{self.distance:.1f} standard deviations from the estimate, " + "not " * (not self.attainable)
         return {"masses (kg)": listed(masses), "base parameters": f"{moved}within its 95 % region"}
 
@@ -90,6 +173,8 @@ def consistent_parameters(
     bodies: Sequence[str] | None = None,
     masses: float | None = None,
     widest: bool = False,
+    known: BodyPrior | None = None,
+    rotors: Rotors | None = None,
 ) -> ConsistentParameters:
     """Physical φ closest to a prior, for given base parameters.
 
@@ -115,6 +200,10 @@ def consistent_parameters(
             with these masses leave its confidence region, the deviation is increased, and finally dropped.
         widest: True for the widest prior that ψ allows, as for a prior that is a guess from the same data; by default
             bodies keep the prior unless ψ contradicts it.
+        known: What is known of the bodies beside ψ, and how well, for `intervals` and the data's share; by default
+            nothing is. If the estimate of ψ includes it, so do the bodies, and `masses` is not used.
+        rotors: Rotors of which ψ has lost the model's values. If links cannot take up the difference, which no body
+            could have, the rotors get it.
 
     Returns:
         Full parameters with a report.
@@ -128,52 +217,105 @@ def consistent_parameters(
         raise InputError(f"masses needs a relative standard deviation of zero or more, got {masses:g}.")
     _check(psi, C, base, prior)
     physical, raised = physical_prior(prior, bodies=bodies)
-    std, names = np.sqrt(np.diag(C)), tuple(bodies or ())
+    std = np.sqrt(np.diag(C))
     L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
     root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
-    problem = NearestBodies.of(psi, base, L, root)
-    K = problem.bodies(problem.widest if widest else None)
-    closest = _report(problem, K, L, root, psi, base, physical, raised, names)
-    for kept in () if masses is None else (masses * factor for factor in LOOSER):
+    rotors = rotors or Rotors.none(base.rank)
+    known = known or BodyPrior(np.full((len(L), 10), np.inf))
+    of_links = base.regroup(np.eye(len(prior))).T
+    # Frames without mass have none in any case.
+    of_links[:, ~np.repeat(prior.reshape(-1, 10).any(axis=1), 10)] = 0
+    B = np.hstack([of_links, rotors.columns])
+    fitting = Fitting(B, psi + rotors.columns @ rotors.stated, root, known, len(rotors.names))
+    names = tuple(f"{k + 1}" for k in range(len(L))) if bodies is None else tuple(bodies)
+    links = _Nearest(fitting, base, L, physical, raised, names, prior, rotors)
+    problem = links.problem(of_rotors=False)
+    width = problem.widest if widest else problem.width
+    if known.used:
+        with_prior = links.problem(of_rotors=False, with_prior=True)
+        closest = links.report(with_prior.bodies(max(width, NEAREST) if width else 0.0))
+    else:
+        closest = links.report(problem.bodies(width))
+    for kept in () if masses is None or known.used else (masses * factor for factor in LOOSER):
         hidden = closest.unseen & (np.abs(closest.phi - physical)[::10] > masses * physical[::10])
         if not hidden.any():
             break
-        with_masses = problem.with_masses(L, np.where(closest.unseen, kept, np.inf) * physical[::10])
-        beside = _report(problem, with_masses.bodies(problem.width), L, root, psi, base, physical, raised, names)
+        with_masses = problem.with_rows(links.of_masses(np.where(closest.unseen, kept, np.inf) * physical[::10]))
+        beside = links.report(with_masses.bodies(problem.width))
         if beside.attainable >= closest.attainable and beside.distance**2 <= closest.distance**2 + ROOM:
-            return beside
+            closest = beside
+            break
+    if rotors.names and not closest.attainable:
+        turning = links.problem(of_rotors=True, with_prior=known.used)
+        apart = links.report(turning.bodies(NEAREST if known.used else turning.width))
+        closest = apart if apart.distance < closest.distance else closest
     return closest
 
 
-def _report(
-    problem: NearestBodies,
-    K: np.ndarray,
-    L: np.ndarray,
-    root: np.ndarray,
-    psi: np.ndarray,
-    base: BaseParameters,
-    physical: np.ndarray,
-    raised: tuple[int, ...],
-    bodies: tuple[str, ...],
-) -> ConsistentParameters:
-    """Result for bodies `L K Lᵀ` and the given ψ, whose covariance is `root rootᵀ`."""
-    phi = parameters_from_pseudo_inertia(L @ K @ np.swapaxes(L, -1, -2)).ravel()
-    regrouped = base.regroup(phi)
-    eigenvalues = np.linalg.eigvalsh(K)
-    distance = float(np.linalg.norm(linalg.solve_triangular(root, regrouped - psi, lower=True)))
-    return ConsistentParameters(
-        phi=phi,
-        psi=regrouped,
-        names=base.names,
-        attainable=bool(distance**2 <= region(base.rank)),
-        distance=distance,
-        shift=(regrouped - psi) / np.linalg.norm(root, axis=1),
-        divergence=np.sum(eigenvalues - 1 - np.log(eigenvalues), axis=1),
-        mass_std=problem.std(K, L[:, 3]),
-        prior=physical,
-        raised=raised,
-        bodies=bodies,
-    )
+@dataclass(frozen=True, eq=False)
+class _Nearest:
+    """Problems of finding bodies `L K Lᵀ` and rotors, and reports on them."""
+
+    fitting: Fitting
+    base: BaseParameters
+    L: np.ndarray
+    physical: np.ndarray
+    raised: tuple[int, ...]
+    names: tuple[str, ...]
+    model: np.ndarray
+    rotors: Rotors
+
+    @property
+    def _sizes(self) -> np.ndarray:
+        """Prior of the rotors: the model's, or as much as the model's bodies have of what the rotors add to (k,)."""
+        own, columns = self.base.regroup(self.physical), self.rotors.columns
+        links = np.abs(own @ columns) / np.maximum(np.sum(columns**2, axis=0), 1e-300)
+        return np.where(self.rotors.stated > 0, self.rotors.stated, np.maximum(links, 1e-9))
+
+    def problem(self, *, of_rotors: bool, with_prior: bool = False) -> NearestBodies:
+        """Problem of ψ, with rotors as stated or free, and of the prior."""
+        fit = self.fitting
+        parts = [linalg.solve_triangular(fit.root, np.c_[fit.B, fit.psi], lower=True)]
+        if with_prior:
+            parts.append(np.c_[fit.prior.rows, fit.prior.right])
+        rows, bodies = np.vstack(parts), 10 * len(self.L)
+        if of_rotors:
+            return NearestBodies.in_units(rows[:, :-1], rows[:, -1], self.L, self._sizes)
+        right = rows[:, -1] - rows[:, bodies:-1] @ self.rotors.stated
+        return NearestBodies.in_units(rows[:, :bodies], right, self.L, np.zeros(0))
+
+    def of_masses(self, std: np.ndarray) -> NearestBodies:
+        """Prior of masses with standard deviations, infinite for unknown ones (b,)."""
+        known = np.flatnonzero(np.isfinite(std) & (std > 0))
+        rows = np.zeros((len(known), 10 * len(std)))
+        rows[range(len(known)), 10 * known] = 1 / std[known]
+        return NearestBodies.in_units(rows, rows @ self.physical, self.L, np.zeros(0))
+
+    def report(self, K: np.ndarray) -> ConsistentParameters:
+        """Result for bodies `L K Lᵀ`, after which those of rotors may come."""
+        fit, b = self.fitting, len(self.L)
+        phi = parameters_from_pseudo_inertia(self.L @ K[:b] @ np.swapaxes(self.L, -1, -2)).ravel()
+        x = K[b:, 0, 0] * self._sizes if len(K) > b else self.rotors.stated
+        given = fit.psi - self.rotors.columns @ self.rotors.stated
+        regrouped = self.base.regroup(phi) + self.rotors.columns @ (x - self.rotors.stated)
+        eigenvalues = np.linalg.eigvalsh(K[:b])
+        distance = float(np.linalg.norm(linalg.solve_triangular(fit.root, regrouped - given, lower=True)))
+        return ConsistentParameters(
+            phi=phi,
+            psi=regrouped,
+            names=self.base.names,
+            attainable=bool(distance**2 <= region(self.base.rank)),
+            distance=distance,
+            shift=(regrouped - given) / np.linalg.norm(fit.root, axis=1),
+            divergence=np.sum(eigenvalues - 1 - np.log(eigenvalues), axis=1),
+            mass_std=self.problem(of_rotors=False).std(K[:b], self.L[:, 3]),
+            prior=self.physical,
+            raised=self.raised,
+            bodies=self.names,
+            model=self.model,
+            rotors=dict(zip(self.rotors.names, x.tolist(), strict=True)) if len(K) > b else {},
+            fitting=fit,
+        )
 
 
 def physical_prior(

@@ -6,7 +6,6 @@ import numpy as np
 from scipy import linalg, special
 
 from ident.geometry.inertia import parameters_from_pseudo_inertia
-from ident.parameters.base_parameters import BaseParameters
 
 ROOM = 3.84
 """Excess of minus twice the log-likelihood of a prior's width over its minimum within the 95 % interval."""
@@ -43,25 +42,24 @@ class NearestBodies:
         self.prior = np.tile(np.eye(4), (A.shape[1], 1, 1))
 
     @classmethod
-    def of(cls, psi: np.ndarray, base: BaseParameters, L: np.ndarray, root: np.ndarray) -> "NearestBodies":
-        """The problem in coordinates where the prior `L Lᵀ` is the identity and ψ has independent unit variances.
+    def in_units(cls, rows: np.ndarray, right: np.ndarray, L: np.ndarray, x: np.ndarray) -> "NearestBodies":
+        """The problem `|rows [φ; x] - right|²` in coordinates where the prior `L Lᵀ` and rotors are the identity.
 
         Args:
-            psi: Base parameters ψ (r,).
-            base: The regrouping behind them.
+            rows: Derivatives of independent unit variances by φ and by rotors (r, 10 b + k).
+            right: Their values (r,).
             L: Roots of the prior's pseudo-inertias (b, 4, 4).
-            root: Lower triangular root of the covariance of ψ (r, r).
+            x: Prior of the rotors, each of which is an entry of a body of its own (k,).
         """
-        A = linalg.solve_triangular(root, _forms(base, L).reshape(base.rank, -1), lower=True)
-        return cls(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
+        b = len(L)
+        A = np.zeros((len(rows), b + len(x), 4, 4))
+        A[:, :b] = _forms(rows[:, : 10 * b].reshape(-1, b, 10), L)
+        A[:, b:, 0, 0] = rows[:, 10 * b :] * x
+        return cls(A, right)
 
-    def with_masses(self, L: np.ndarray, std: np.ndarray) -> "NearestBodies":
-        """The problem with additional prior standard deviations of masses, infinite for unknown ones (b,)."""
-        known = np.flatnonzero(np.isfinite(std) & (std > 0))
-        rows = np.zeros((len(known), *self.A.shape[1:]))
-        rows[range(len(known)), known] = np.einsum("bi,bj->bij", L[known, 3], L[known, 3]) / std[known, None, None]
-        masses = np.trace(rows.sum(axis=1), axis1=1, axis2=2)
-        return NearestBodies(np.concatenate([self.A, rows]), np.append(self.psi, masses))
+    def with_rows(self, other: "NearestBodies") -> "NearestBodies":
+        """The problem with the conditions of another one in addition."""
+        return NearestBodies(np.concatenate([self.A, other.A]), np.append(self.psi, other.psi))
 
     @cached_property
     def width(self) -> float:
@@ -170,10 +168,9 @@ def _longest(change: np.ndarray, s: np.ndarray) -> float:
     return -1 / least if least < 0 else np.inf
 
 
-def _forms(base: BaseParameters, L: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (r, b, 4, 4) whose inner products with K are the base parameters of the bodies `L K Lᵀ`."""
+def _forms(rows: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Symmetric matrices (r, b, 4, 4) whose products with K are rows (r, b, 10) times φ of the bodies `L K Lᵀ`."""
     units = np.eye(16).reshape(16, 4, 4)
     units = (units + np.swapaxes(units, -1, -2)) / 2
     phi = parameters_from_pseudo_inertia(L[:, None] @ units @ np.swapaxes(L, -1, -2)[:, None])
-    columns = base.regroup(np.eye(len(base.parameters))).T.reshape(base.rank, len(L), 10)
-    return np.einsum("rbp,bkp->rbk", columns, phi).reshape(base.rank, len(L), 4, 4)
+    return np.einsum("rbp,bkp->rbk", rows, phi).reshape(len(rows), len(L), 4, 4)

@@ -18,6 +18,7 @@ from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inerti
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place, stated_values
 from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.unstated import guessed, unstated
 
 KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
 """Default standard deviations of a model's bodies: masses 20 %, centres of mass 50 mm, inertias 30 %."""
@@ -29,6 +30,10 @@ bodies' prior, two of them are predicted with .24 and .33 of their torques inste
 
 UNKNOWN = 100.0
 """Standard deviation of a drive that no model states, over that of all bodies together: as good as no prior."""
+
+OPEN = 3.0
+"""Relative standard deviation of the mass and inertia of a body that no model states, over those of the others: wider
+by far than data leave them, and narrow enough to leave what is known of other bodies its digits."""
 
 LEAST_KNOWN = 1e-6
 """Standard deviation, relative to the largest, that is added to all of ψ to keep the covariance regular."""
@@ -94,10 +99,21 @@ def _crossed(A: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 
 def known_covariances(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.ndarray:
-    """`body_covariance` of all bodies; the mechanism's own deviations take precedence over `known` (b, 10, 10)."""
+    """`body_covariance` of all bodies; the mechanism's own deviations take precedence over `known` (b, 10, 10).
+
+    Bodies of which the model states no mass may be several times as heavy as the others, and are not known to be zero.
+    """
     known = checked_deviations("known", known, OF_BODIES)
-    bodies = zip(mechanism.bodies, mechanism.known.reshape(-1, 10), strict=True)
-    return np.array([body_covariance(phi, {**known, **mechanism.prior_known.get(name, {})}) for name, phi in bodies])
+    out, without = [], unstated(mechanism)
+    for name, phi, new, guess in zip(
+        mechanism.bodies, mechanism.known.reshape(-1, 10), without, guessed(mechanism).reshape(-1, 10), strict=True
+    ):
+        if new:
+            size = float(np.sqrt(guess[4:7].sum() / guess[0]))
+            out.append(body_covariance(guess, {"mass": OPEN, "center": size, "inertia": OPEN}) + np.outer(guess, guess))
+        else:
+            out.append(body_covariance(phi, {**known, **mechanism.prior_known.get(name, {})}))
+    return np.array(out)
 
 
 def known_deviations(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.ndarray:

@@ -58,14 +58,10 @@ def sensors_of(entries: Mapping[str, Any]) -> dict[str, Sensor]:
     for name, content in entries.items():
         try:
             place = content["body"], np.array(content["pose"], float), content["applied_to_link"]
-            sensor = Sensor(*place, content.get("frame", "body"), content.get("plate", ""))
-            is_valid = isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool)
-            is_valid = is_valid and isinstance(sensor.plate, str)
+            sensors[name] = Sensor(*place, content.get("frame", "body"), content.get("plate", ""))
         except (AttributeError, KeyError, TypeError, ValueError):
-            is_valid = False
-        if not is_valid or sensor.pose.shape != (4, 4) or not is_rigid(sensor.pose):
-            raise LogError(f"the sensor '{name}' needs a body, a pose (4, 4) and applied_to_link, true or false.")
-        sensors[name] = sensor
+            needed = "needs a body, a pose (4, 4) and applied_to_link, true or false."
+            raise LogError(f"the sensor '{name}' {needed}") from None
     return sensors
 
 

@@ -38,7 +38,7 @@ def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None
     bodies = [body for world in root.findall("worldbody") for body in (world, *world.iter("body"))]
     for b, body in enumerate(bodies):
         _place(model, b, body)
-    set_asset_folders(root, spec, Path(spec.modelfiledir))
+    set_asset_folders(root, spec, Path(spec.modelfiledir), path.parent)
     with replacing(path) as temporary:
         temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
         with refusals(path):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from ident.geometry.inertia import pseudo_inertia
+from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from sim.models.names import body_name
 from sim.models.notes import note
 from sim.models.refusals import refusals
@@ -16,6 +16,10 @@ OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 
 LIGHTEST = 1e-12
 """Least mass in kg, and least moment in kg m², that MuJoCo's compiler accepts for a moving body."""
+
+DIGITS, SHORT = 6, 1e-4
+"""Significant digits, of the largest entry, of numbers that come with an interval: no interval is narrower; and largest
+error of a body's parameters that may follow, relative to the largest: central inertias may be small beside others."""
 
 
 class Inertial(NamedTuple):
@@ -45,6 +49,15 @@ def inertial_of(mass: float, com: np.ndarray, inertia: np.ndarray) -> Inertial:
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, axes.ravel())
     return Inertial(float(mass), com, quat, moments)
+
+
+def shortened(mass: float, center: np.ndarray, inertia: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass, and inertia about it with `DIGITS`, or as they are where no body could have these."""
+    parts = [np.array(x, float) for x in (mass, center, inertia)]
+    decimals = [DIGITS - 1 - int(np.floor(np.log10(abs(x).max() or 1))) for x in parts]
+    m, c, inertia_c = (x.round(k) + 0.0 for x, k in zip(parts, decimals, strict=True))
+    physical = is_physical(parameters_from_com(float(m), c, inertia_c))
+    return (float(m), c, inertia_c) if physical else (mass, center, inertia)
 
 
 def bodies_in_order(root: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:

@@ -1,5 +1,6 @@
 """Models with other inertial parameters: φ written into MJCF, URDF and OpenSim files, with all else unchanged."""
 
+import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,12 +19,14 @@ from ident.mechanism.mechanism import Mechanism
 from sim.models.drives_update import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.inertials import (
     OVERRIDING,
+    SHORT,
     Inertial,
     compiled_as_stated,
     inertial_of,
     is_physical,
     overrides,
     set_inertials,
+    shortened,
 )
 from sim.models.mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
@@ -43,7 +46,10 @@ EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 
 
 class Bodies(Protocol):
-    """An object with a φ, such as `ident.parameters.consistency.ConsistentParameters`."""
+    """An object with a φ, such as `ident.parameters.consistency.ConsistentParameters`.
+
+    If it has `comments` on the bodies too, these are written beside them, and numbers are short.
+    """
 
     @property
     def phi(self) -> np.ndarray:
@@ -100,8 +106,9 @@ def write_model(
     """
     path = checked_target(path, "the path of a file to write")
     check_type("mechanism", mechanism, Mechanism, WORDS["Mechanism"])
+    comments: Mapping[str, str] = getattr(phi, "comments", {})
     if isinstance(mechanism.source, OpenSimOrigin):
-        write_opensim(path, mechanism, _numbers(phi))
+        write_opensim(path, mechanism, _numbers(phi), comments)
         return
     origin, source, phi = _given(mechanism, phi)
     if is_opensim(path):
@@ -110,11 +117,11 @@ def write_model(
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
     changed, servos = changed_drives(origin.model, drives or {}), changed_servos(origin.model, drives or {})
-    data = _urdf(origin, phi, changed) if urdf else _mjcf(origin, phi, path.parent, changed, servos)
+    data = _urdf(origin, phi, changed, comments) if urdf else _mjcf(origin, phi, path.parent, changed, servos, comments)
     with replacing(path) as temporary:
         temporary.write_bytes(data)
         spec = model_from_urdf(temporary, meshes=False) if urdf else specification(temporary)
-        _check(_compiled(spec, path, as_stated=urdf), path, phi, origin)
+        _check(_compiled(spec, path, as_stated=urdf), path, phi, origin, SHORT if comments else 1e-9)
 
 
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
@@ -199,6 +206,7 @@ def _mjcf(
     folder: Path,
     changed: Mapping[int, Mapping[str, float]],
     servos: Mapping[int, tuple[float, float]],
+    comments: Mapping[str, str],
 ) -> bytes:
     """Content of an MJCF file in a folder, with φ of bodies, and attributes of joints and actuators by their ids."""
     source = origin.text
@@ -210,16 +218,23 @@ def _mjcf(
     root = ET.fromstring(spec.to_xml()) if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
     if root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
         root = ET.fromstring(spec.to_xml())
-    _state(root, inertials)
+    named = [(b, body_name(origin.model, b), own) for b, own in _members(origin, phi).items() if own.any()]
+    noted = {b: (comments[name], shortened(*com_from_parameters(own))) for b, name, own in named if name in comments}
+    _state(root, inertials, noted)
     state_drives(root, changed)
     state_servos(root, servos)
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
-        set_asset_folders(root, spec, home)
+        set_asset_folders(root, spec, home, folder)
     return (ET.tostring(root, encoding="unicode") + "\n").encode()
 
 
-def _state(root: ET.Element, inertials: dict[int, Inertial]) -> None:
+def _state(
+    root: ET.Element,
+    inertials: dict[int, Inertial],
+    noted: Mapping[int, tuple[str, tuple[float, np.ndarray, np.ndarray]]],
+) -> None:
+    """States inertias of bodies by their ids, with comments and short numbers where there are any."""
     bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
     for b, inertial in inertials.items():
         body = bodies[b - 1]
@@ -227,8 +242,20 @@ def _state(root: ET.Element, inertials: dict[int, Inertial]) -> None:
             body.remove(old)
         mass, pos, quat, moments = inertial
         numbers: dict[str, Iterable[float]] = {"mass": [mass], "pos": pos, "quat": quat, "diaginertia": moments}
+        if b in noted:
+            text, (mass, pos, inertia) = noted[b]
+            numbers = {"mass": [mass], "pos": pos, "fullinertia": inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]}
         body.insert(0, ET.Element("inertial", {key: digits(x) for key, x in numbers.items()}))
         body[0].tail = body.text
+        if b in noted:
+            for old in [
+                each
+                for each in body
+                if callable(each.tag) and (each.text or "").split(":")[0].strip() == text.split(":")[0]
+            ]:
+                body.remove(old)
+            body.insert(0, ET.Comment(f" {noted[b][0]} "))
+            body[0].tail = body.text
     for compiler in root.findall("compiler"):
         for key in OVERRIDING:
             compiler.attrib.pop(key, None)
@@ -236,18 +263,29 @@ def _state(root: ET.Element, inertials: dict[int, Inertial]) -> None:
             compiler.set("inertiafromgeom", "auto")
 
 
-def set_asset_folders(root: ET.Element, spec: mujoco.MjSpec, home: Path) -> None:
-    """Sets the folders of meshes and textures to those of a specification in `home`, for a file elsewhere."""
+def set_asset_folders(root: ET.Element, spec: mujoco.MjSpec, home: Path, folder: Path) -> None:
+    """Sets the folders of meshes and textures to those of a specification in `home`, for a file in another folder.
+
+    They are relative, so that both may be moved, where the two have more than the root in common.
+    """
     if not root.findall("asset/*[@file]"):
         return
     for compiler in root.findall("compiler"):
         for key in ("assetdir", "meshdir", "texturedir"):
             compiler.attrib.pop(key, None)
-    folders = {key: str((home / getattr(spec, key)).resolve()) for key in ("meshdir", "texturedir")}
+    folders = {key: _from(folder.resolve(), (home / getattr(spec, key)).resolve()) for key in ("meshdir", "texturedir")}
     root.insert(0, ET.Element("compiler", folders))
 
 
-def _urdf(origin: Origin, phi: np.ndarray, drives: Mapping[int, Mapping[str, float]]) -> bytes:
+def _from(folder: Path, other: Path) -> str:
+    """Path of another folder, relative to one if they have more than the root in common."""
+    near = folder.anchor == other.anchor and len(Path(os.path.commonpath([folder, other])).parts) > 1
+    return Path(os.path.relpath(other, folder)).as_posix() if near else str(other)
+
+
+def _urdf(
+    origin: Origin, phi: np.ndarray, drives: Mapping[int, Mapping[str, float]], comments: Mapping[str, str]
+) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
     changed = {}
     for b, own in _members(origin, phi).items():
@@ -255,15 +293,15 @@ def _urdf(origin: Origin, phi: np.ndarray, drives: Mapping[int, Mapping[str, flo
         if abs(own - before).max() > SAME * abs(before).max():
             _check_physical(origin, b, own)
             changed[body_name(origin.model, b)] = own
-    return updated_urdf(Path(str(origin.text)), changed, urdf_dynamics(origin.model, drives))
+    return updated_urdf(Path(str(origin.text)), changed, urdf_dynamics(origin.model, drives), comments)
 
 
-def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin) -> None:
-    """Raises an error unless a model has φ, to 1e-9 of each body's largest parameter."""
+def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:
+    """Raises an error unless a model has φ, to a tolerance relative to each body's largest parameter."""
     written = parameters_from_model(model, origin.base, origin.beyond)
     if written.shape == phi.shape:
         error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (written - phi, phi))
-        if (error <= 1e-9 * size).all():
+        if (error <= tolerance * size).all():
             return
     raise ModelError(f"{what}: MuJoCo does not read the parameters back as they were written.")
 

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
+from sim.models.inertials import shortened
 from sim.models.urdf import text_of
-from sim.models.xml_places import Edit, Place, digits, edited, root_of
+from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
 
 SAME = 1e-12
 """Difference, relative to the largest number of a vector or a matrix, that counts as rounding: the number is kept."""
@@ -21,7 +22,10 @@ _WORD = re.compile(rb"\S+")
 
 
 def updated_urdf(
-    path: Path, links: Mapping[str, np.ndarray], dynamics: Mapping[str, Mapping[str, float]] | None = None
+    path: Path,
+    links: Mapping[str, np.ndarray],
+    dynamics: Mapping[str, Mapping[str, float]] | None = None,
+    comments: Mapping[str, str] | None = None,
 ) -> bytes:
     """Bytes of a URDF file with other inertias of some links, and other friction of some joints.
 
@@ -31,6 +35,7 @@ def updated_urdf(
         path: The file, which has already been read as a model.
         links: φ (10,) of the links, about their frames, by name.
         dynamics: Attributes of the joints' `<dynamics>`, by name.
+        comments: Comments on links with inertias, whose numbers are then short.
 
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
@@ -38,7 +43,11 @@ def updated_urdf(
     data = text_of(path)
     root = root_of(path, data)
     of_links, of_joints = (_first_of_each_name(root, tag) for tag in ("link", "joint"))
-    edits = [edit for name, phi in links.items() for edit in _edits(data, of_links[name], phi)]
+    comments = comments or {}
+    edits = [e for name, phi in links.items() for e in _edits(data, of_links[name], phi, comments.get(name, ""))]
+    for name in comments.keys() - links.keys():
+        if (inertial := of_links[name].child("inertial")) is not None:
+            edits.append(with_comment(data, inertial, comments[name]))
     for name, attributes in (dynamics or {}).items():
         edits += _dynamics_edits(data, of_joints[name], {key: [value] for key, value in attributes.items()})
     return edited(data, edits)
@@ -60,20 +69,24 @@ def _dynamics_edits(data: bytes, joint: Place, attributes: Mapping[str, Sequence
         yield joint.with_first(data, b"<dynamics" + text + b"/>")
 
 
-def _edits(data: bytes, link: Place, phi: np.ndarray) -> Iterator[Edit]:
-    """Edits that set the φ of a link."""
+def _edits(data: bytes, link: Place, phi: np.ndarray, comment: str) -> Iterator[Edit]:
+    """Edits that set the φ of a link, with a comment and short numbers if there is one."""
     inertial = link.child("inertial")
     if not phi[0] and inertial is None:
         return
     mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
     R = _axes(inertial)
     inertia = R.T @ inertia @ R
+    if comment and phi[0]:
+        mass, center, inertia = shortened(mass, center, inertia)
+    if comment and inertial is not None and not inertial.closed:
+        yield with_comment(data, inertial, comment)
     numbers: dict[str, tuple[dict[str, Sequence[float]], float]] = {
         "origin": ({"xyz": center.tolist()} if phi[0] else {}, max(abs(center))),
         "mass": ({"value": [mass]}, mass),
         "inertia": ({key: [float(inertia[at])] for key, at in ENTRIES.items()}, max(abs(phi[4:]))),
     }
-    missing = b""
+    missing = f"<!-- {comment} -->".encode() if comment and (inertial is None or inertial.closed) else b""
     for tag, (attributes, size) in numbers.items():
         place = None if inertial is None else inertial.child(tag)
         if place is not None:

@@ -120,6 +120,14 @@ def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
     return b"".join([*parts, data[done:]])
 
 
+def with_comment(data: bytes, element: Place, text: str) -> Edit:
+    """Edit that puts a comment first into an element that is not closed, in place of one that begins alike."""
+    alike = re.compile(rb"\s*<!-- " + re.escape(text.partition(":")[0]).encode() + rb".*?-->", re.DOTALL)
+    before, blank = (pattern.match(data, element.inside, element.end) for pattern in (alike, _BLANK))
+    end = before.end() if before else element.inside
+    return Edit(element.inside, end, (blank[0] if blank else b"\n") + f"<!-- {text} -->".encode())
+
+
 def digits(numbers: Iterable[float]) -> str:
     """Numbers with all their digits."""
     return " ".join(repr(float(x)) for x in numbers)

@@ -59,9 +59,9 @@ def test_findings_are_where_their_data_say(out):
     shown = replayed(out / "report.html")["findings"]
     findings = json.loads((out / "estimate.json").read_text())["findings"]
     places = {each["text"]: (each["place"], page) for each, page in zip(findings, shown, strict=True)}
-    place, page = next(each for text, each in places.items() if text.startswith("Not explained by this motion"))
-    assert place == {"channels": ["Fx"]} and page["channels"] == ["Fx"]
-    assert page["where"] == "The finding is about channel Fx."
+    place, page = next(each for text, each in places.items() if text.startswith("Constant offsets of"))
+    assert place == {"channels": ["Fz", "Mx", "My"]} and page["channels"] == ["Fz", "Mx", "My"]
+    assert page["where"] == "The finding is about channels Fz, Mx, My."
     place, page = next(each for text, each in places.items() if text.startswith("The updated model"))
     assert set(place["bodies"]) == {"link1", "link2"} and page["body"] in (1, 2)
     assert page["where"] == f"The finding is about bodies {', '.join(place['bodies'])}."

@@ -16,7 +16,13 @@ LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}
 ABOUT_X = {"of": "ground", "axis": "x", "value": -0.03, "std": 0.002, "log": 2}
 JOINT = {"of": "hip", "axis": None, "value": 0.05, "std": 0.01, "together": ["a turn of all joint axes about z"]}
 OTHERS = [{"kind": "gain", "of": "Fz", "axis": None}, {"kind": "gravity", "of": "", "axis": "y"}]
-MASSES = {"masses": {"link1": {"mass": 2.5, "std": 0.1, "model": 1.0}, "tool": {"mass": 1, "std": 0.1, "model": 0.0}}}
+MASSES = {
+    "masses": {
+        "link1": {"mass": 2.5, "lower": 2.3, "upper": 2.9, "model": 1.0},
+        "link2": {"mass": 2.5, "lower": 2.3, "upper": None, "model": 1.0},
+        "tool": {"mass": 1, "lower": None, "upper": None, "model": 0.0},
+    }
+}
 MOVED = {"moved": [{"name": "m2rz2", "body": "link2", "z": 1.2}, {"name": "Fv(hip)", "body": None, "z": -0.4}]}
 SPAN = {"start": 1.0, "end": 2.5, "carries": 0.3}
 CLIPPED = {"channel": "Fz", "limits": (-500.0, 500.0), "unit": "N", "share": 0.1}
@@ -142,6 +148,8 @@ EXAMPLES = {
     "physical_within_region": [MOVED, {"moved": []}],
     "no_physical_bodies": [MOVED, {"moved": []}],
     "masses_shown": [MASSES | {"factor": 2.0}],
+    "rotors_apart": [{"rotors": {"Ia(hip)": 0.02}}],
+    "masses_limited": [MASSES | {"factor": 2.0}],
     "masses_hardly_shown": [MASSES | {"factor": 2.0}],
     "rotor_not_fitted": [{"joints": {"link3": "joint3"}}],
     "rotor_inseparable": [{"joints": {"link1": "joint1", "link2": "joint2"}}],

@@ -79,6 +79,9 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
     alone = json.loads((folder / "alone" / "x" / "estimate.json").read_text(encoding="utf-8"))
     assert json.loads((folder / "out" / "run1" / "estimate.json").read_text(encoding="utf-8")) == alone
     assert second["verdict"] in ("usable", "not")
+    assert {*second["predicted"], *second["missed"]} <= set(second["ratios"]) and second["predicted"]
+    count = f"{len(second['predicted'])} of {len(second['predicted']) + len(second['missed'])}"
+    assert count in (folder / "out" / "table_logs.csv").read_text(encoding="utf-8")
     assert (folder / "out" / "run0" / "model.xml").exists() and (folder / "out" / "report.html").exists()
     assert not list((folder / "out" / "run0").glob("*.pdf"))
     table = (folder / "out" / "table_parameters.csv").read_text(encoding="utf-8")

@@ -23,19 +23,25 @@ def _of(body: str | None) -> str:
     return f" of {body}" if body else ""
 
 
-def _masses(how: str) -> Row:
+def _rotors_apart(rotors: Mapping[str, float]) -> str:
+    each = listed(f"{name} {x:.3g}" for name, x in rotors.items())
+    return f"No links can take up all inertia about the joints; the rest is kept apart as rotor inertia, kg m²: {each}."
+
+
+def _masses(beginning: str, end: str = "") -> Row:
     def sentence(masses: Mapping[str, Mapping[str, float]], factor: float) -> str:
-        each = listed(
-            f"{body} {x['mass']:.3g} ± {x['std']:.2g} kg (model: {_mass_or_none(x['model'])})"
-            for body, x in masses.items()
-        )
-        return f"Masses beyond a factor of {factor:g} of the model's, {how}: {each}."
+        each = listed(f"{body} {_mass(**x)}" for body, x in masses.items())
+        return f"{beginning.format(factor=factor)}: {each}.{end}"
 
     return Row(sentence, doubt=False)
 
 
-def _mass_or_none(mass: float) -> str:
-    return f"{mass:.3g} kg" if mass else "none"
+def _mass(mass: float, lower: float | None, upper: float | None, model: float) -> str:
+    if lower is None:
+        limits = "no interval" if upper is None else f"less than {upper:.3g}"
+    else:
+        limits = f"more than {lower:.3g}" if upper is None else f"{lower:.3g} to {upper:.3g}"
+    return f"{mass:.3g} kg ({limits}; model: {f'{model:.3g} kg' if model else 'none'})"
 
 
 def _rotor(what: str) -> Row:
@@ -52,13 +58,22 @@ BODIES = {
     ),
     "physical_within_region": Row(_within, doubt=False),
     "no_physical_bodies": Row(_none_near, doubt=None),
-    "masses_shown": _masses("which the data show"),
-    "masses_hardly_shown": _masses("though the data hardly see them"),
+    "rotors_apart": Row(_rotors_apart, doubt=False),
+    "masses_shown": _masses(
+        "Masses beyond a factor of {factor:g} of the model's, which is outside their 95 % intervals"
+    ),
+    "masses_limited": _masses(
+        "Masses that no channel contains, limited only by what other parameters of a physical body allow",
+        " An unmeasured hand or contact that drives a joint has the same effect: leave such parts out.",
+    ),
+    "masses_hardly_shown": _masses(
+        "Masses beyond a factor of {factor:g} of the model's in the updated model, which the data do not determine"
+    ),
     "rotor_not_fitted": _rotor("The links take it up, as it was not fitted: add --drive rotor."),
     "rotor_inseparable": _rotor("The links take it up: this motion does not separate it, even with --drive rotor."),
     "heavier_last_link": Row(
-        "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model: a tool? "
-        "`multicontact payload` identifies it.",
+        "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model, if that is right on the other "
+        "bodies: a tool? `multicontact payload` identifies it.",
         doubt=False,
     ),
 }

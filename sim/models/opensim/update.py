@@ -9,23 +9,24 @@ from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
-from sim.models.inertials import is_physical
+from sim.models.inertials import SHORT, is_physical, shortened
 from sim.models.opensim.document import model_element
 from sim.models.opensim.frames import Frames
 from sim.models.opensim.mechanism import MOMENTS, OpenSimOrigin, body_parameters
-from sim.models.xml_places import Edit, Place, digits, edited, root_of
+from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
 
 BODIES = ("Model", "BodySet", "objects", "Body")
 """Path of tags from below the root to a body."""
 
 
-def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
+def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray, comments: Mapping[str, str] | None = None) -> None:
     """Writes the file of a mechanism with other inertial parameters.
 
     Args:
         path: File to write; its folder must exist.
         mechanism: The mechanism, from an OpenSim file.
         phi: φ of its bodies, with welds not merged (10 b,).
+        comments: Comments on bodies, whose numbers are then short.
 
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, has elements in entities, or does not read back as φ.
@@ -50,25 +51,29 @@ def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
         if own.any() and not is_physical(own):
             raise InputError(f"The parameters of '{name}' are not those of a physical body.")
     with replacing(path) as temporary:
-        temporary.write_bytes(_replaced(origin.path, changed))
+        temporary.write_bytes(_replaced(origin.path, changed, comments or {}))
         after = Frames(model_element(temporary)).bodies
         for name, own in new.items():
-            if abs(body_parameters(after[name]) - own).max() > 1e-9 * abs(own).max():
+            if abs(body_parameters(after[name]) - own).max() > (SHORT if comments else 1e-9) * abs(own).max():
                 raise ModelError(f"{path}: the parameters of '{name}' do not read back as they were written.")
 
 
-def _replaced(path: Path, bodies: Mapping[str, np.ndarray]) -> bytes:
-    """Bytes of a file with other φ (10,) of some bodies."""
+def _replaced(path: Path, bodies: Mapping[str, np.ndarray], comments: Mapping[str, str]) -> bytes:
+    """Bytes of a file with other φ (10,) of some bodies, and comments."""
     data = path.read_bytes()
     places: dict[str, Place] = {}
     for body in root_of(path, data).below(*BODIES):
         places.setdefault(body.attributes.get("name", "").strip(), body)
-    return edited(data, (edit for name, phi in bodies.items() for edit in _edits(data, places[name], phi)))
+    edits = [edit for name, phi in bodies.items() for edit in _edits(data, places[name], phi, short=name in comments)]
+    noted = [with_comment(data, places[name], text) for name, text in comments.items()]
+    return edited(data, [*noted, *edits])
 
 
-def _edits(data: bytes, body: Place, phi: np.ndarray) -> Iterator[Edit]:
+def _edits(data: bytes, body: Place, phi: np.ndarray, *, short: bool) -> Iterator[Edit]:
     """Edits of a file's bytes that set a body's φ."""
     mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
+    if short and phi[0]:
+        mass, center, inertia = shortened(mass, center, inertia)
     entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     numbers: dict[str, Sequence[float]] = {"mass": [mass], "mass_center": center.tolist()}
     if body.child("inertia") or not any(child.tag.startswith("inertia_") for child in body.children):

@@ -1,0 +1,167 @@
+"""Intervals of bodies: against closed forms, how often they have the truth, and what has none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bodies import measured, regrouping, weighed
+from mechanisms import GRAVITY, random_phi, random_tree
+from scipy.optimize import minimize
+
+from ident.display.bodies import QUANTITIES
+from ident.geometry.inertia import parameter_names, parameters_from_com, with_centers
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import BASE, Tree
+from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+from ident.parameters.body_prior import BodyPrior, Rotors
+from ident.parameters.consistency import consistent_parameters
+from ident.parameters.prior import KNOWN, known_covariance, known_covariances
+from ident.parameters.structure import Sensors
+from ident.parameters.unstated import guessed, unstated
+
+EVERY = BaseParameters(parameter_names(1), tuple(range(10)), (), np.zeros((10, 0)), (1.0, 0.0))
+"""All ten parameters of one body as base parameters."""
+
+TORQUES = Sensors(base_wrench=False, joint_torques=True)
+ROD = parameters_from_com(0.675, [0, 0, -0.434], np.diag([0.003, 0.003, 0.0005]))
+HINGE = np.array([0.0, 0, 0, 0, 1, 0])
+
+
+def pendulum(prior=ROD):
+    """A rod on a hinge, with the base parameters of its torque: `m rx`, `m rz` and `Iyy`."""
+    arm = Mechanism(Tree((Body("rod", BASE, np.eye(4), HINGE, "hinge"),)), GRAVITY, prior)
+    return arm, find_base_parameters(arm, sensors=TORQUES)
+
+
+def estimated(psi, std, base, arm, **given):
+    return consistent_parameters(psi, np.diag(np.square(std)), base, guessed(arm), bodies=arm.bodies, **given)
+
+
+def test_bounds_of_a_pendulum_are_those_of_its_cone():
+    """The mass has a lower limit alone, `(m rz)²/Iyy` at its least within 3.84 of the estimate."""
+    arm, base = pendulum()
+    assert base.names == ("m1rx1", "m1rz1", "Iyy1")
+    psi, std = np.array([0, -0.1012, 0.0182]), np.array([1e-3, 3e-3, 6e-4])
+    full = estimated(psi, std, base, arm)
+    least = minimize(
+        lambda x: (psi[1] + x[0] * std[1]) ** 2 / (psi[2] + x[1] * std[2]),
+        [0, 0],
+        constraints={"type": "ineq", "fun": lambda x: 3.84 - x @ x},
+    ).fun
+    lower, upper = full.intervals[0, 0]
+    assert lower == pytest.approx(least, rel=5e-3) and upper == np.inf
+    np.testing.assert_allclose(full.intervals[0, 5], psi[2] + np.array([-1.96, 1.96]) * std[2], rtol=2e-3)
+    mass, height = full.rows[0], full.rows[QUANTITIES.index("centre y")]
+    assert mass.words == f"not determined (more than {lower:.3g})" and mass.share == 0
+    assert height.words == "not determined" and not np.isfinite(height.upper)
+
+
+def test_linear_bounds_of_a_body_that_is_known_well_are_normal_intervals():
+    """A body whose ten parameters are measured; the limits of its centre are those of Fieller."""
+    full = consistent_parameters(ROD, np.diag(np.square(1e-4 * np.ones(10))), EVERY, ROD)
+    half = np.diff(full.intervals[0])[:, 0] / 2
+    np.testing.assert_allclose(half[[0, 4, 5]], 1.96e-4, rtol=5e-3)
+    assert half[3] == pytest.approx(1.96e-4 * np.hypot(1, 0.434) / 0.675, rel=1e-2)
+    assert full.rows[0].determined and full.rows[0].words == "0.675000 (0.674804 to 0.675196)"
+
+
+@pytest.mark.parametrize("noise", [0.003, 0.03])
+def test_intervals_of_a_body_have_the_truth_in_95_of_100_cases(noise):
+    inside = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        truth, root = random_phi(rng, 1), rng.normal(size=(10, 10))
+        C = noise**2 * (root @ root.T + 0.1 * np.eye(10)) * np.outer(abs(truth), abs(truth))
+        full = consistent_parameters(measured(rng, truth, C), C, EVERY, random_phi(rng, 1), widest=True)
+        limits, own = full.intervals[0], with_centers(truth)[0]
+        inside += (limits[:, 0] <= own) & (own <= limits[:, 1])
+    assert 0.93 <= np.sum(inside) / 1000 <= 0.97 and np.min(inside) >= 88
+
+
+def test_intervals_of_links_have_the_truth_in_95_of_100_cases_or_more():
+    """Links of which base parameters are known alone, whose intervals are those of the set."""
+    inside = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        tree, count = random_tree(rng, 3 + seed % 3, ("revolute",), chain=True), 3 + seed % 3
+        base, truth = find_base_parameters(tree), random_phi(rng, count)
+        C = weighed(tree, base, truth, rng, 0.02)
+        full = consistent_parameters(measured(rng, base.regroup(truth), C), C, base, random_phi(rng, count))
+        limits, own = full.intervals, with_centers(truth)
+        inside.append(((limits[..., 0] <= own) & (own <= limits[..., 1])).mean())
+        again = consistent_parameters(full.fitting.psi, C, base, full.prior)
+        np.testing.assert_array_equal(again.intervals, replace(again).intervals)
+    assert np.mean(inside) >= 0.95
+
+
+def test_what_a_prior_states_binds_the_bodies():
+    """A rod of the model's mass whose centre is at a third of the model's."""
+    arm, base = pendulum()
+    arm = replace(arm, prior_known={"rod": {"mass": 0}})
+    psi, none = np.array([0, -0.10125, 0.0181875]), Rotors.none(3)
+    full = estimated(psi, [1e-3, 3e-3, 6e-4], base, arm)
+    for _ in range(3):
+        known = BodyPrior.of(arm, base, KNOWN, none, used=True, at=full.phi)
+        full = estimated(psi, [1e-3, 3e-3, 6e-4], base, arm, known=known)
+    assert full.attainable and full.phi[0] == pytest.approx(0.675, rel=1e-4)
+    assert full.values[0, 3] == pytest.approx(-0.15, abs=5e-4) and full.rows[0].words == "0.675 (as stated)"
+    lower, upper = full.intervals[0, 3]
+    assert -0.165 < lower < -0.155 and -0.145 < upper < -0.135 and full.rows[3].determined
+
+
+def test_rotors_that_no_links_can_take_up_are_kept_apart():
+    """The rod's inertia about its hinge would need a gyration that its inertia about the other axes denies."""
+    arm, base = pendulum()
+    whole = replace(EVERY, parameters=base.parameters)
+    truth, column = ROD, np.eye(10)[[5]].T
+    psi = truth + 0.5 * column[:, 0]
+    std = 1e-3 * np.maximum(abs(truth), 1e-3)
+    rotors = Rotors(("Ia(hinge)",), column, np.zeros(1))
+    assert not estimated(psi, std, whole, arm).attainable
+    full = estimated(psi, std, whole, arm, rotors=rotors)
+    assert full.attainable and full.rotors["Ia(hinge)"] == pytest.approx(0.5, abs=0.01)
+    np.testing.assert_allclose(full.phi, truth, atol=5e-3)
+    stated = estimated(truth, std, whole, arm, rotors=replace(rotors, stated=np.array([0.4])))
+    assert not stated.rotors
+
+
+def test_bodies_without_physical_ones_near_have_no_intervals():
+    arm, base = pendulum()
+    full = estimated([0, -0.293, -0.01], [1e-3, 1e-3, 1e-4], base, arm)
+    assert not full.attainable and np.isnan(full.intervals).all()
+    assert full.rows[0].words.endswith("(no interval)") and not full.share.any()
+
+
+def two_links(*masses):
+    home = np.eye(4)
+    home[0, 3] = 0.3
+    links = [Body("base", BASE, np.eye(4), np.zeros(6))]
+    links += [Body(f"link{k}", k, home, HINGE, f"joint{k}") for k in range(2)]
+    phi = [parameters_from_com(m, [0.1, 0, 0], 0.01 * m * np.eye(3)) if m else np.zeros(10) for m in masses]
+    return Mechanism(Tree(tuple(links)), GRAVITY, np.concatenate(phi))
+
+
+def test_a_link_without_stated_mass_has_no_prior_of_zero():
+    arm = two_links(2.0, 0.0, 1.0)
+    assert unstated(arm).tolist() == [False, True, False]
+    std = np.sqrt(np.diagonal(known_covariances(arm), axis1=1, axis2=2))
+    assert (std[1] > 3 * np.minimum(std[2], std[0])).all() and (std[1, [0, 4, 5, 6]] > 0).all()
+    base = find_base_parameters(arm, sensors=TORQUES)
+    assert np.linalg.eigvalsh(known_covariance(arm, base))[0] > 0
+    assert guessed(arm)[10] == 1.5 and guessed(two_links(0.0, 0.0, 0.0))[::10].tolist() == [0, 1, 1]
+
+
+def test_links_of_compound_joints_and_frames_stay_without_mass():
+    arm = two_links(0.0, 0.0, 1.0)
+    assert unstated(arm).tolist() == [False, True, False]
+    bodies = list(arm.tree.bodies)
+    bodies[2] = replace(bodies[2], home=np.eye(4))
+    compound = replace(arm, tree=Tree(tuple(bodies)))
+    assert not unstated(compound).any() and unstated(replace(compound, prior=0 * arm.prior)).tolist() == [
+        False,
+        True,
+        True,
+    ]
+    base = find_base_parameters(arm, sensors=TORQUES)
+    assert regrouping(base).shape == (base.rank, 30)
