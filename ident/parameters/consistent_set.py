@@ -95,8 +95,11 @@ class _Search:
         for _ in range(NEWTON_STEPS):
             if not len(active):
                 break
-            with np.errstate(all="ignore"):
-                near, value = self._step(active)
+            try:
+                with np.errstate(all="ignore"):
+                    near, value = self._step(active)
+            except np.linalg.LinAlgError:
+                break
             reached = active[near]
             self.values[reached, stage[reached]] = value[near]
             self.t[reached] *= FACTOR
@@ -109,32 +112,19 @@ class _Search:
 
     def _step(self, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Makes a Newton step of some objectives and returns which were near their minimum, and their values."""
-        b, G, x, y = self.over.bodies, self.G[k], self.x[k], self.over.y
+        b, G, x = self.over.bodies, self.G[k], self.x[k]
         v = self._coordinates(G, x)
-        f = self.f[k] - self._value(k, v)[:, None] * self.d[k]
-        frames = _frames(G)
-        scaled = np.concatenate(
-            [
-                (self.of_bodies @ frames).swapaxes(1, 2).reshape(len(k), len(self.rows), -1),
-                self.rows[:, 10 * b :] * x[:, None],
-            ],
-            axis=2,
-        )
-        f = np.concatenate(
-            [(f[:, : 10 * b].reshape(-1, b, 1, 10) @ frames).reshape(len(k), -1), f[:, 10 * b :] * x], axis=1
-        )
+        scaled, f = self._in_own_units(k, v)
         reached = v @ self.rows.T
-        u, slack = reached[:, :-1] - y, self.largest - reached[:, -1]
+        u, slack = reached[:, :-1] - self.over.y, self.largest - reached[:, -1]
         uu = np.sum(u**2, axis=1)
         room = self.over.square - uu
         pull = np.concatenate([2 * u / room[:, None], 1 / slack[:, None]], axis=1)
         centre = self.over.trace - np.einsum("nr,nrj->nj", pull, scaled)
-        inverse = np.zeros((len(k), len(self.rows), len(self.rows)))
-        inverse[:, :-1, :-1] = np.eye(len(y)) - (2 / (room + 2 * uu))[:, None, None] * u[:, :, None] * u[:, None]
-        inverse *= room[:, None, None] / 2
-        inverse[:, -1, -1] = slack**2
         both = np.stack([f, centre], axis=2)
-        solved = both - scaled.swapaxes(1, 2) @ np.linalg.solve(inverse + scaled @ scaled.swapaxes(1, 2), scaled @ both)
+        solved = both - scaled.swapaxes(1, 2) @ np.linalg.solve(
+            _inverse(u, uu, room, slack) + scaled @ scaled.swapaxes(1, 2), scaled @ both
+        )
         own = np.sum(f * solved[:, :, 0], axis=1)
         self.t[k] = np.where(self.t[k] == 0, 1 / np.sqrt(np.maximum(own, 1e-300)), self.t[k])
         t = self.t[k][:, None]
@@ -151,9 +141,19 @@ class _Search:
             along[:, -1] / slack,
             np.sum(t * f * step, axis=1),
         )
+        length = np.nan_to_num(length)
         self.G[k] = G @ np.linalg.cholesky(np.eye(4) + length[:, None, None, None] * E)
         self.x[k] = x * (1 + length[:, None] * step[:, 10 * b :])
         return near & ~lost, np.where(lost, np.inf, self._value(k, self._coordinates(self.G[k], self.x[k])))
+
+    def _in_own_units(self, k: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and gradients of some objectives at v in axes where their bodies are the identity, (N, r, …), (N, …)."""
+        b, x, frames = self.over.bodies, self.x[k], _frames(self.G[k])
+        f = self.f[k] - self._value(k, v)[:, None] * self.d[k]
+        of_bodies = (self.of_bodies @ frames).swapaxes(1, 2).reshape(len(k), len(self.rows), -1)
+        scaled = np.concatenate([of_bodies, self.rows[:, 10 * b :] * x[:, None]], axis=2)
+        of_bodies = (f[:, : 10 * b].reshape(-1, b, 1, 10) @ frames).reshape(len(k), -1)
+        return scaled, np.concatenate([of_bodies, f[:, 10 * b :] * x], axis=1)
 
     def _coordinates(self, G: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Coordinates v of bodies `G Gᵀ` and rotors (N, 10 b + k)."""
@@ -163,6 +163,16 @@ class _Search:
     def _value(self, k: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Values of some objectives (N,)."""
         return np.asarray(np.sum(self.f[k] * v, axis=1) / (self.one[k] + np.sum(self.d[k] * v, axis=1)))
+
+
+def _inverse(u: np.ndarray, uu: np.ndarray, room: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    """Inverse Hessians of the barriers of the squared distance, `-log(ρ² - |u|²)`, and of the trace."""
+    count, r = u.shape
+    out = np.zeros((count, r + 1, r + 1))
+    out[:, :r, :r] = np.eye(r) - (2 / (room + 2 * uu))[:, None, None] * u[:, :, None] * u[:, None]
+    out *= room[:, None, None] / 2
+    out[:, r, r] = slack**2
+    return out
 
 
 def _frames(G: np.ndarray) -> np.ndarray:
