@@ -27,8 +27,9 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies import stream, stream_progress
 
     inputs, out = _inputs(args), print_options.output_of(args, formats=())
-    settings = {key: getattr(args, key) for key in ("piece", "contact", "without", "offsets")}
-    read = {**settings, **options.of_model(args), "columns": args.columns, "limit": options.size_limit(args)}
+    own = {key: getattr(args, key) for key in ("piece", "contact", "without", "offsets")}
+    read = {**own, **options.of_model(args), "columns": args.columns, "limit": options.size_limit(args)}
+    settings = own | {key: getattr(args, key) for key in ("base", "ignore", "fix", "base_rpy")}
     reading = stream.reading(args.model, args.recordings, **read)
     settings["model_as_read"] = own_model.model_sum(reading.equations.mechanism)
     identity = stream.identity(args.model, args.columns, args.recordings, settings)

@@ -159,6 +159,8 @@ EXAMPLES = {
         {"mass": 799.6, "robot": 8.7},
         {"mass": 210500.0, "robot": None},
     ],
+    "load_not_shown": [{"mass": 0.02, "std": 0.03}],
+    "load_changes_friction": [{}],
     "payload_mass_unknown": [{}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
 }

@@ -388,8 +388,8 @@ def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
 @pytest.mark.usefixtures("undrawn")
 def test_a_name_that_is_no_text_is_written_as_escapes(tmp_path):
     log, other = tmp_path / "log.csv", tmp_path / os.fsdecode(b"a\xff.csv")
-    for path in (log, other):
-        recording().save(path)
+    for path, tilt_deg in ((log, 0.0), (other, 0.1)):
+        recording(tilt_deg).save(path)
     arguments = [str(PENDULUM), str(log), "--base", "base", "--held-out", str(other)]
     assert identify.main([*arguments, "--out", str(tmp_path), "--name", "r"]) == 0
     origin = json.loads((tmp_path / "r" / "provenance.json").read_text(encoding="utf-8"))

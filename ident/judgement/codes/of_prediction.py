@@ -78,7 +78,7 @@ def _follow_motion(channels: Sequence[str]) -> str:
 
 
 LACKS = {
-    "force": "a force on '{body}' that depends on where it is, as of a cable or spring",
+    "force": "a force on '{body}' that changes with its place (cable, spring)",
     "length": "another distance of the joint of '{body}' from the body that carries it",
 }
 """Words for the forces and lengths that a model may lack, by kind."""
