@@ -79,6 +79,7 @@ def test_the_model_carries_the_load_on_its_body(load, arm):
     assert not np.delete(added, range(at, at + 10)).any()
 
 
+@pytest.mark.slow
 def test_a_load_of_known_mass_fixes_the_scale_of_torques(arm):
     logs = (replace(arm_log(k, loaded=bool(k), scale=0.9), scales=dict.fromkeys(arm.joints, 0.2)) for k in (0, 1))
     load = identify_load(arm, *logs, body="tool", mass=MASS)
@@ -89,6 +90,7 @@ def test_a_load_of_known_mass_fixes_the_scale_of_torques(arm):
         assert abs(each.value - -0.1) < 3 * each.std < 0.06
 
 
+@pytest.mark.slow
 def test_no_load_is_a_doubt(arm, logs):
     load = identify_load(arm, logs[0], arm_log(2, loaded=False), body="tool")
     assert "load_not_shown" in [finding.code for finding in load.findings if finding.doubt]

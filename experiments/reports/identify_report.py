@@ -253,12 +253,12 @@ def _ratios(result: Estimate) -> list[str]:
     if len(channels) > CHANNELS:
         worst = int(np.argmax(held.ratio))
         return [
-            f"Held-out residual over signal: {np.median(held.ratio):.2f} in the median of {len(channels)} channels, "
-            f"largest {held.ratio[worst]:.2f} in {channels[worst]}."
+            f"{held.part.capitalize()} residual over signal: {np.median(held.ratio):.2f} in the median of "
+            f"{len(channels)} channels, largest {held.ratio[worst]:.2f} in {channels[worst]}."
         ]
     ratios = {name.replace(" ", "_"): ratio for name, ratio in {ESTIMATE: held.ratio, **result.rivals}.items()}
     heads = {"model": "model as it came"}
-    title = "Residual of the held-out part over its signal"
+    title = f"Residual of the {held.part} part over its signal"
     return [tabular.Table(title, *tabular.columns(channel=channels, **ratios), heads=heads).text()]
 
 

@@ -7,9 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from ident.annotations import typed
+from ident.arguments import described
 from ident.errors import InputError
 from ident.estimation.samples import Samples, arrays_of, whitened
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.mechanism.plane import out_of_plane
 from ident.model.axes import Axes, Couplings
 from ident.model.compiled import zeros
@@ -144,6 +146,8 @@ class Equations:
         Raises:
             InputError: They do not fit or are not finite; the message names the array and the place in it.
         """
+        if not isinstance(samples.motion, Motion):
+            raise InputError(f"{where} must have a Motion, got {described(samples.motion)}.")
         tree, channels = self.mechanism.tree, len(self.channels)
         widths = {"q": sum(body.coordinates for body in tree.bodies), "measured": channels}
         widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))

@@ -7,7 +7,6 @@ from concurrent.futures import Executor, Future
 from itertools import islice
 from typing import TypeVar
 
-from ident.arguments import described
 from ident.errors import InputError
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples, arrays_of
@@ -38,8 +37,6 @@ def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
         where = "The samples" if alone else f"Piece {k}"
         if not isinstance(piece, Samples | Recording):
             raise InputError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
-        if isinstance(piece, Samples) and not isinstance(piece.motion, Motion):
-            raise InputError(f"{where} must have a Motion, got {described(piece.motion)}.")
         samples = piece if isinstance(piece, Samples) else _of_recording(piece, equations.mechanism.tree)
         fitting = equations.checked(samples, where)
         if first is not None:

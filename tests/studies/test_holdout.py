@@ -21,7 +21,7 @@ def test_samples_that_were_fitted_are_not_called_held_out(tmp_path, capsys, monk
     for file in ("report.html", "estimate.json", "table_held_out.md", "table_held_out.tex"):
         shown += (tmp_path / "out" / "x" / file).read_text(encoding="utf-8")
     assert bool(re.search("held[- ]out", shown, re.IGNORECASE)) is there
-    assert ("Usable: fitted residuals" in shown) is not there
+    assert ("Usable to predict joint torques: fitted residuals" in shown) is not there
 
 
 @pytest.mark.parametrize("options", [{"estimator": "weighted", "cutoff": 8.0}, {"known": True}])
