@@ -38,6 +38,8 @@ class GravityCheck:
         turned: Cosine of the angle between the stated direction and the best one.
         rpy_deg: Orientation of the base in the world with the best direction: roll, pitch and yaw, degrees.
         joint: Joint of which another zero would explain the same; None if there is none.
+        lighter: Misfit of the stated direction with as little gravity along it as the best one has: where joints move
+            in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
     """
 
     misfits: Mapping[str, float]
@@ -48,6 +50,7 @@ class GravityCheck:
     turned: float
     rpy_deg: tuple[float, ...]
     joint: str | None = None
+    lighter: float = np.inf
 
     @property
     def suspicious(self) -> bool:
@@ -57,7 +60,8 @@ class GravityCheck:
     @property
     def possible(self) -> bool:
         """True if another direction explains far more than the stated one, whatever other signs do."""
-        return bool(self.turned < AWAY and self.misfit < min(FAR_BETTER * self.stated, EXPLAINED, TIE**2 * self.other))
+        least = min(FAR_BETTER * self.stated, EXPLAINED, TIE**2 * self.other, FAR_BETTER * self.lighter)
+        return bool(self.turned < AWAY and self.misfit < least)
 
 
 def gravity_check(
@@ -91,6 +95,7 @@ def gravity_check(
         turned=float(fit.down @ best),
         rpy_deg=rpy_deg(mechanism, best),
         joint=None if fit.wrench else _joint_of(mechanism, best - fit.down),
+        lighter=fit.misfit((fit.down @ best) * fit.down) if fit.down @ best > TURNS[-1] else np.inf,
     )
 
 

@@ -95,6 +95,17 @@ def test_another_zero_of_the_first_joint_looks_the_same_where_it_is_horizontal()
             assert check.suspicious and check.joint == joint
 
 
+def test_shorter_levers_of_joints_that_move_in_one_plane_are_no_tilt_out_of_it():
+    pendulum = ARM.fixed({"turn": [0.0]})
+    _, motion, _, _ = recorded()
+    motion = Motion(*(x[:, 1:] for x in motion.states))
+    bodies = pendulum.known.reshape(-1, 10) * np.repeat([1, 0.3, 1], [1, 3, 6])
+    torques = joint_torque_regressor(pendulum.tree, *motion.states, gravity=pendulum.gravity) @ bodies.ravel()
+    check = gravity_check(pendulum, motion, dict(zip(pendulum.tree.freedoms, torques.T, strict=True)))
+    assert check.turned < 0.8 and check.misfit < 0.6 * check.stated
+    assert not check.suspicious and check.lighter < 1.1 * check.misfit
+
+
 def log_of(rpy, seed=1):
     """A log of the torques of the arm on a base mounted so."""
     t, motion, torques, _ = recorded(rpy, seed=seed)
