@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> None:
     lines += [f"Columns that are not used: {', '.join(belief.unused)}."] if belief.unused else []
     print(wrapped("\n".join(lines)))
     carried = next((group for group in belief.groups.values() if group.is_inner and not is_doubtful(group)), None)
-    complete = is_complete(belief, arm.joints)
+    complete = is_complete(belief, arm)
     command, given, end = "identify", [*map(str, args.logs), "--columns", str(out)], list[str]()
     then = f"Correct {out}; {'then' if complete else 'then, when every joint has a position'}"
     if log.markers and not complete:

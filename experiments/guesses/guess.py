@@ -71,16 +71,23 @@ def believed(
     moving = any(x.column in log.columns for x in belief.of("position").values())
     if signs and moving and mechanism.prior is not None and not belief.undecided:
         mechanism = mounted(belief, log, mechanism, limit)
-        model = Model.of(belief, log, mechanism, [])
-        signs = check_positions(model, by_size)
-        if signs:
-            place_wrenches(model)
+        try:
+            model = Model.of(belief, log, mechanism, [])
+        except InputError as error:
+            belief.notes.append(f"Orders and signs could not be checked against the model: {error}")
+        else:
+            signs = check_positions(model, by_size)
+            if signs:
+                place_wrenches(model)
     doubt_units(belief, by_size)
     set_rates(belief, log, kinds)
     if flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
         of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
     lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]
+    for joint, lead in _following(belief, mechanism).items():
+        lacking.remove(joint)
+        belief.notes.append(f"'{joint}' follows '{lead}', as the model couples them.")
     if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not log.markers:
         belief.open.append(_absent(absent))
     if not lacking and mechanism.prior is not None:
@@ -113,9 +120,16 @@ def write_mapping(path: Path, log: LogContents, belief: Belief, joints: Sequence
         temporary.write_text(toml_text(log, belief, joints), encoding="utf-8")
 
 
-def is_complete(belief: Belief, joints: Sequence[str]) -> bool:
-    """True where every joint has a position."""
-    return all(_has_position(belief, joint) for joint in joints)
+def is_complete(belief: Belief, mechanism: Mechanism) -> bool:
+    """True where every joint has a position, or follows one that has."""
+    following = _following(belief, mechanism)
+    return all(_has_position(belief, joint) or joint in following for joint in mechanism.joints)
+
+
+def _following(belief: Belief, mechanism: Mechanism) -> dict[str, str]:
+    """Joints without a position that the model couples to one with a position, and these."""
+    leads = {joint: lead.joint for joint, lead in mechanism.mimics.items() if not _has_position(belief, joint)}
+    return {joint: lead for joint, lead in leads.items() if _has_position(belief, lead)}
 
 
 def _absent(joints: Sequence[str]) -> str:

@@ -186,7 +186,7 @@ def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
     orientation = Rotation.from_quat(log["hip_position"], scalar_first=True)
     assert (orientation * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
     np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
-    assert belief.open == [] and is_complete(belief, mechanism.joints)
+    assert belief.open == [] and is_complete(belief, mechanism)
 
 
 @pytest.mark.parametrize(("pattern", "place"), [("pelvis_q{}", "pelvis_p{}"), ("trunk rot {}", "trunk pos {} [mm]")])
@@ -206,6 +206,21 @@ def test_two_quaternions_of_one_joint_stay_open(tmp_path):
     mechanism = Mechanism(Tree((HIP,)), np.zeros(3))
     belief = believed_of(tmp_path, posed("hip1_q{}", TURNS, "wxyz") | posed("hip2_q{}", TURNS[::-1], "wxyz"), mechanism)
     assert not belief.poses and "The orientation of 'hip' may be in hip1 or in hip2." in belief.open
+
+
+GRIPPER = """<mujoco><worldbody><body name="hand"><joint name="wrist" axis="0 1 0"/><geom size=".05" mass="1"/>
+  <body name="left"><joint name="left" axis="0 0 1"/><geom size=".02" mass=".1" pos=".1 0 0"/></body>
+  <body name="right"><joint name="right" axis="0 0 1"/><geom size=".02" mass=".1" pos="-.1 0 0"/></body>
+</body></worldbody><equality><joint joint1="right" joint2="left" polycoef="0 -1 0 0 0"/></equality></mujoco>"""
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_a_joint_that_the_model_couples_needs_no_column(tmp_path):
+    q, coupled = 0.5 * np.sin(np.arange(80).reshape(40, 2) / 9), sim.mechanism(mujoco.MjSpec.from_string(GRIPPER))
+    columns = {f"{joint}_position": x for joint, x in zip(("wrist", "left"), q.T, strict=True)}
+    belief = believed_of(tmp_path, columns, coupled)
+    assert belief.open == [] and is_complete(belief, coupled)
+    assert "'right' follows 'left', as the model couples them." in belief.notes
 
 
 def believed_of(tmp_path, columns, mechanism):
