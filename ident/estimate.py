@@ -372,9 +372,9 @@ class Estimate:
         equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
         stated = stated_values(arm, list(equations.absorbed))
         rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
-        prior, covariance = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
+        prior, wider = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
 
-        def fitted(at: np.ndarray) -> ConsistentParameters:
+        def fitted(at: np.ndarray, covariance: np.ndarray) -> ConsistentParameters:
             return consistent_parameters(
                 *(self.psi_of_links, covariance, self.base, prior),
                 bodies=arm.bodies,
@@ -383,9 +383,11 @@ class Estimate:
                 rotors=rotors,
             )
 
-        full = fitted(prior)
+        # Bodies have what the data say, as the total mass on a plate; their intervals allow for errors of the set-up.
+        full = fitted(prior, self.covariance)
         for _ in range(LINEARISED if included else 0):
-            full = fitted(full.phi)
+            full = fitted(full.phi, self.covariance)
+        full = replace(full, fitting=fitted(full.phi if included else prior, wider).fitting)
         # Frames stay without mass.
         return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
 

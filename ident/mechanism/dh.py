@@ -20,7 +20,7 @@ JOINT_TWISTS = {"revolute": Z, "prismatic": ALONG_Z, "fixed": np.zeros(6)}
 """Twist of the joint of each kind of frame, in that frame: about or along z, or none."""
 
 
-@typed()
+@typed("alpha", "d", "theta", "r", "gamma", "b")
 @dataclass(frozen=True)
 class Frame:
     """One row of a modified DH table: `T = Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r)` from the parent frame.
