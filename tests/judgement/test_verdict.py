@@ -280,6 +280,7 @@ def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
     assert std < more / 2 and abs(more - 0.4 * PENDULUM.known[-10]) < 3 * std
 
 
+@pytest.mark.slow
 def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
     """A hand that the model lacks moves first moments of its arm, and the masses could drift with them."""
     bare = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=NO_HAND)))

@@ -304,6 +304,7 @@ def test_a_log_with_the_name_of_a_file_of_the_batch_is_refused_at_first(folder, 
     assert message in capsys.readouterr().err and not (folder / "out").exists()
 
 
+@pytest.mark.slow
 def test_captions_and_parameters_are_for_the_single_logs(folder, capsys, here):
     command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     captions = ["--caption", "table_base_parameters", "Single.", "--caption", "table_logs", "All."]
@@ -335,6 +336,7 @@ def test_logs_whose_results_are_gone_are_done_again(folder, capsys, monkeypatch,
         assert (folder / "out" / "run0" / "estimate.json").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["estimate.json", "report.html", "model.xml", "table_base_parameters.csv"])
 @pytest.mark.parametrize("content", [None, b"{}", b""])
 def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here, name, content):

@@ -69,6 +69,7 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys, monkeypatch):
     asked = []

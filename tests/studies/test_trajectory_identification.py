@@ -43,6 +43,7 @@ def distances(estimate, std):
     return np.abs(np.array(estimate["values"][: len(TRUTH)]) - TRUTH) / estimate[std][: len(TRUTH)]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_clean_recordings_are_usable_and_nothing_is_found(tmp_path):
     beyond = []
