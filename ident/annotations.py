@@ -156,7 +156,7 @@ def as_array(value: Any) -> np.ndarray | None:
 
 
 def in_words(hint: Any, *, several: bool = False) -> str:
-    """What an annotation asks for, in the singular or in the plural."""
+    """Words for the values that an annotation admits, in the singular or in the plural."""
     origin, args = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(in_words(each, several=several) for each in args))

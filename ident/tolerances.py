@@ -54,3 +54,6 @@ USUAL_DRIVE = ("rotor", "viscous", "coulomb")
 
 STRIBECK = 0.1
 """Velocity at which the Stribeck friction has halved, rad/s or m/s."""
+
+INTERVAL = 1.96
+"""Half-width of a 95 % interval, standard deviations."""

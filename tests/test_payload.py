@@ -132,7 +132,7 @@ def test_a_payload_above_the_robot_s_mass_is_in_another_unit(scale, doubt):
 
 
 def test_a_weight_that_the_controller_has_taken_out_is_no_payload():
-    """What is left of it weighs something, but neither weight nor motion explain the forces."""
+    """The rest of it weighs something, but neither weight nor motion explain the forces."""
     log, bare = wrist.log(seconds=8.0), wrist.log(seconds=8.0, text=wrist.model(tool={**wrist.TOOL, "mass": 0.08}))
     rng, wander = np.random.default_rng(0), np.cumsum(np.random.default_rng(1).normal(size=(len(log.time), 3)), axis=0)
     force = log["wrist_force"] - bare["wrist_force"] + 0.3 * wander / wander.std(axis=0)

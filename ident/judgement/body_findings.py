@@ -13,13 +13,10 @@ from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
 from ident.parameters.consistency import ConsistentParameters
 from ident.parameters.prior import conditioned, known_deviations, updated
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE, INTERVAL
 
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r, its size by noise alone, above which it is a doubt."""
-
-INTERVAL = 1.96
-"""Difference of masses, in standard deviations, that is significant with 95 % confidence."""
 
 NARROWER = 0.5
 """Standard deviation of a mass over that of the prior below which the data determine it."""

@@ -29,7 +29,7 @@ SAMPLES = 40
 """Number of samples used, evenly spread: what the model lacks is alike for samples next to each other."""
 
 UNMODELLED = 0.6
-"""What neither bodies nor drives explain, over the size of a channel. Arms of six and seven joints, slow and fast, with
+"""Unexplained part, over the size of a channel. Arms of six and seven joints, slow and fast, with
 masses wrong by 20 to 40 % are left with 0.1 to 0.4 in gravity's right direction, and with 0.55 to 1.1 in others."""
 
 FAR_BETTER, EXPLAINED = 0.6, 0.45

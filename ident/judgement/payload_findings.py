@@ -22,7 +22,7 @@ from ident.judgement.place import Place
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings
 from ident.judgement.verdict import Verdict
 from ident.recordings.wrench import GROUND
-from ident.tolerances import POOR
+from ident.tolerances import INTERVAL, POOR
 
 FORCES = COMPONENTS[:3]
 """Channels of the force."""
@@ -32,9 +32,6 @@ INERTIAS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 SHOWN = 3.0
 """Standard deviations of a load's mass above zero from which the recordings show it."""
-
-INTERVAL = 1.96
-"""Standard deviations of a 95 % interval."""
 
 TIMES, HEAVIEST = 10.0, 2300.0
 """Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry less than
@@ -69,11 +66,7 @@ def payload_findings(
         far = mass > min(TIMES * (robot or HEAVIEST), HEAVIEST)
         on_fit.append(Finding.of("payload_mass_unlikely", doubt=far, mass=mass, robot=robot))
     on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
-    if not identifiable[0] or not identifiable[1:4].all():
-        on_fit.append(Finding.of("payload_mass_unknown"))
-    if unknown := _unknown(identifiable):
-        on_fit.append(Finding.of("payload_inertia_unknown", quantities=unknown))
-    return doubts_first(on_fit)
+    return doubts_first([*on_fit, *_undetermined(identifiable[:4], identifiable)])
 
 
 def load_findings(
@@ -102,13 +95,19 @@ def load_findings(
         out.append(Finding.of("load_not_shown", mass=mass, std=std))
     if mass > robot:
         out.append(Finding.of("payload_mass_unlikely", doubt=mass > TIMES * robot, mass=mass, robot=robot))
-    if not identifiable[1:4].all():
-        out.append(Finding.of("payload_mass_unknown"))
-    if unknown := _unknown(identifiable):
-        out.append(Finding.of("payload_inertia_unknown", quantities=unknown))
+    # A mass that is not shown is a doubt of its own.
+    out += _undetermined(identifiable[1:4], identifiable)
     if rubs:
         out.append(Finding.of("load_changes_friction"))
     return doubts_first(out)
+
+
+def _undetermined(needed: np.ndarray, identifiable: np.ndarray) -> Iterator[Finding]:
+    """Findings on quantities that are not identifiable: a doubt if one of those needed is not."""
+    if not needed.all():
+        yield Finding.of("payload_mass_unknown")
+    if unknown := _unknown(identifiable):
+        yield Finding.of("payload_inertia_unknown", quantities=unknown)
 
 
 def force_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -20,16 +20,13 @@ from ident.judgement.place import Place
 from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
 from ident.model.regressor import joint_torque_regressor
 from ident.model.stated import column_place
-from ident.tolerances import SINGULAR
+from ident.tolerances import INTERVAL, SINGULAR
 
 TIMES = 10.0
 """Masses over the model's up to which they are likely."""
 
 DEVIATIONS = 4.0
 """Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
-
-INTERVAL = 1.96
-"""Standard deviations of a 95 % interval."""
 
 EXPLAINED, SMOOTHLY = 0.1, 0.01
 """Largest residual of computed torques over their signal, and largest friction in them over it."""

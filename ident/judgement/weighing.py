@@ -14,10 +14,7 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.wrench_findings import HEAVY
 from ident.setup import SETUP
-from ident.tolerances import SIGNIFICANT
-
-INTERVAL = 1.96
-"""Standard deviations of a 95 % interval."""
+from ident.tolerances import INTERVAL, SIGNIFICANT
 
 NOTICED = 0.01
 """Change of the mass by the set-up, over the model's mass, from which there is a remark."""

@@ -28,9 +28,7 @@ from ident.parameters.body_bounds import NEAREST, Fitting
 from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
 from ident.parameters.prior import KNOWN, body_covariance
-
-INTERVAL = 1.96
-"""Half-width of a 95 % interval in standard deviations."""
+from ident.tolerances import INTERVAL
 
 DETERMINED = 0.5
 """Share of the data below which a parameter counts as not determined: the model's word would say more."""

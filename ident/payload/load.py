@@ -172,8 +172,7 @@ def identify_load(
         )
     assert empty.trajectory is not None and full.trajectory is not None
     first = 10 * robot.bodies.index(body)
-    units = np.eye(10 * len(robot.bodies))[first : first + 10]
-    columns = np.stack([empty.base.regroup(unit) for unit in units], axis=1)
+    columns = empty.base.regroup(np.eye(10 * len(robot.bodies))[first : first + 10]).T
     prior = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
     if mass is not None:
         prior[0][0], prior[1][0] = max(mass_std, EXACT * mass), mass

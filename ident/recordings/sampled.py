@@ -23,7 +23,7 @@ AS_MEASURED = "The trajectory estimate does without them; all else sees straight
 
 
 STREAMS = "a mapping of pairs of times and values"
-"""What streams are, for messages."""
+"""Description of streams, for messages."""
 
 
 class Sampled(NamedTuple):
