@@ -6,7 +6,7 @@ thread for linear algebra. Nothing is asserted: machines differ, and are noisy.
 
 import argparse
 
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.result_folder import writable
     from experiments.document.writer import write
 
-    out = print_options.output_of(args)
+    out = options.output_of(args)
     with writable(args.out):
         origin = provenance({**options.as_text(args), **out.choices})
         results = sections.measured(QUICK if args.quick else Effort()) | {"provenance": origin}

@@ -2,7 +2,7 @@
 
 import argparse
 
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -13,7 +13,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.noise import report
     from experiments.noise import study as noise
 
-    conditions, out = noise.chosen(args.conditions), print_options.output_of(args)
+    conditions, out = noise.chosen(args.conditions), options.output_of(args)
     with writable(args.out):
         workers = options.workers_of(args)
         outcomes = noise.outcomes(conditions, args.recordings, seed=args.seed, folder=args.out, workers=workers)
