@@ -12,7 +12,7 @@ from experiments.cli.command import COMMANDS
 from experiments.document.writer import Output
 from experiments.reports import index
 
-WITHOUT = {"columns", "derive", "readme"}
+WITHOUT = {"columns", "derive"}
 """Commands without LaTeX tables and figures of results."""
 
 
