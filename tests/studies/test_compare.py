@@ -197,13 +197,14 @@ def test_every_entry_may_be_wrong_in_every_way(tmp_path, monkeypatch, name):
 @pytest.mark.parametrize(
     ("entry", "value", "message"),
     [
-        ("values", [1.0, 2.0], "its 'values' has not 4 finite numbers, one for each of its 'columns'"),
-        ("std_setup", [1.0, 2.0, 3.0, -1.0], "its 'std_setup' has a negative number"),
+        ("values", [1.0, 2.0], "its 'values', 'std_setup' and 'covariance' are not of its 4 'columns'"),
+        ("values", [1.0, 2.0, 3.0, "x"], "it needs a list of finite numbers as 'values'"),
+        ("std_setup", [1.0, 2.0, 3.0, -1.0], "a number of it is out of range"),
         ("regrouping", {"m7": "m7"}, "its 'regrouping' has parameters that are not among its 'columns'"),
         ("covariance", np.diag([1.0, 0, 1, 1]).tolist(), "its 'covariance' has a variance that is not positive"),
         ("covariance", (np.eye(4) + 2 * np.eye(4)[::-1]).tolist(), "its 'covariance' is not symmetric and positive"),
         ("setup", [{"name": "x"}], "an entry of its 'setup' lacks text"),
-        ("held_out", {"Fx": 3}, "its 'held_out' have an entry that is no JSON object"),
+        ("held_out", {"Fx": 3}, "it needs a mapping of mappings as 'held_out'"),
     ],
 )
 def test_a_wrong_entry_is_named(tmp_path, capsys, entry, value, message):
