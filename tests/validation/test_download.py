@@ -9,7 +9,7 @@ from urllib.request import Request
 import pytest
 from loopback import server as loopback
 
-from experiments.data.registry import Entry, Source, SourceFile
+from experiments.data.validation import Entry, Source, SourceFile
 from experiments.studies.validation import download as downloads
 from experiments.studies.validation.download import address, cache, download
 from experiments.studies.validation.files import Places, checked, fetched

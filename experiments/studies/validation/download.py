@@ -19,7 +19,7 @@ from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from tqdm import tqdm
 
-from experiments.data.registry import Entry, SourceFile
+from experiments.data.validation import Entry, SourceFile
 from ident.errors import InputError
 from ident.files.atomic import unwritten
 from ident.files.limits import reason
