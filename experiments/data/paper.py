@@ -104,9 +104,6 @@ CONDITION_NUMBER_MULTICONTACT = 36.5
 SHAPE_MULTICONTACT = (4715, 13)
 """Section VII: condition number and shape of the base regressor with several contacts."""
 
-TILT_DEG = 5.0
-"""Section VI: angle between the true joint axes and X."""
-
 SECTION_6 = {
     "error": {
         "simplified": {name: row[0] for name, row in TABLE_3.items()},
