@@ -79,7 +79,7 @@ def believed(
             signs = check_positions(model, by_size)
             if signs:
                 place_wrenches(model)
-    doubt_units(belief, by_size)
+    doubt_units(belief, log, by_size)
     set_rates(belief, log, kinds)
     if flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))

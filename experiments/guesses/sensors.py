@@ -30,7 +30,7 @@ HALF_WAY = np.sqrt(1000)
 """Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
 
 OF_SIZE = {
-    "force": ("unit", {"N": 1.0, "kN": 1e-3}),
+    "force": ("unit", {"N": 1.0, "mN": 1e3, "kN": 1e-3}),
     "torque": ("torque_unit", {"N m": 1.0, "N mm": 1e3, "kN m": 1e-3}),
 }
 """Key of the unit of forces and of moments, and the size of a column in each unit over that in the SI unit."""

@@ -58,7 +58,7 @@ def _other_unit(model: Model, by_size: list[str], here: Left) -> Left:
         return here
     there = _left(model, dict.fromkeys(by_size, scale))
     if there is None or there.somehow > BETTER * here.somehow:
-        if there is not None and here.somehow < BETTER * there.somehow:
+        if there is not None and here.somehow < min(BETTER * there.somehow, 1 - ENOUGH):
             by_size.clear()
         return here
     for joint in by_size:

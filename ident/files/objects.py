@@ -80,7 +80,8 @@ def load_object(path: str | Path, kind: str, made: type = object, *, limit: int 
         raise InputError(f"{path} cannot be read ({error.strerror or error}); needed is a saved {kind}.") from None
     # Damaged content has a dozen classes of errors.
     except Exception as error:
-        raise InputError(f"{path} is no saved {kind} that this version can read ({reason(error)}).") from None
+        advice = f"save the {kind} again with this version"
+        raise InputError(f"{path} is no saved {kind} that this version can read ({reason(error)}); {advice}.") from None
     if saved != kind:
         raise InputError(f"{path} holds a saved {saved:.40}; needed is a saved {kind}.")
     return loaded
