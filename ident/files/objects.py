@@ -80,8 +80,7 @@ def load_object(path: str | Path, kind: str, made: type = object, *, limit: int 
         raise InputError(f"{path} cannot be read ({error.strerror or error}); needed is a saved {kind}.") from None
     # Damaged content has a dozen classes of errors.
     except Exception as error:
-        advice = f"save the {kind} again with this version"
-        raise InputError(f"{path} is no saved {kind} that this version can read ({reason(error)}); {advice}.") from None
+        raise InputError(f"{path} is no saved {kind} that this version can read ({reason(error)}).") from None
     if saved != kind:
         raise InputError(f"{path} holds a saved {saved:.40}; needed is a saved {kind}.")
     return loaded
@@ -176,7 +175,7 @@ class _Reader:
         made = _class(name)
         names = made._fields if issubclass(made, tuple) else [each.name for each in fields(made)]
         if {*names} != own.keys():
-            raise ValueError(f"{name} has other fields in this version")
+            raise ValueError(f"{made.__name__} has other fields in this version: make it again and save it")
         values = {key: self.object_of(number) for key, number in own.items()}
         if wrong := misfit(made, values):
             raise ValueError(f"{made.__name__}.{wrong}")

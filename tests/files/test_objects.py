@@ -74,9 +74,7 @@ def test_other_fields_classes_and_kinds_are_one_sentence(tmp_path):
     ):
         objects = list(content["objects"])
         objects[at] = entry
-        advice = "save the estimate again with this version"
-        no_estimate = rf"arm.npz is no saved estimate that this version can read \(.*{message}.*\); {advice}\."
-        with pytest.raises(InputError, match=no_estimate):
+        with pytest.raises(InputError, match=rf"arm.npz is no saved estimate that this version can read \(.*{message}"):
             ident.Estimate.load(write({**content, "objects": objects}))
     with pytest.raises(InputError, match=r"arm.npz holds a saved payload; needed is a saved estimate"):
         ident.Estimate.load(write({**content, "kind": "payload"}))

@@ -130,3 +130,42 @@ def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
     write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
     read = ident.read_log(tmp_path / "log.jsonl", ARM, tmp_path / "c.toml")
     np.testing.assert_allclose(read["lift_torque"], TAU[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("pose", [("tool_pos_{}", "tool_quat_{}"), ("/tool/position/{}", "/tool/orientation/{}")])
+def test_a_lone_body_has_pose_and_wrench(tmp_path, pose):
+    spec = '<mujoco><worldbody><body name="tool"><freejoint/><geom size=".1" pos="0 0 .1"/></body></worldbody></mujoco>'
+    turn = np.column_stack([np.cos(TIME), np.sin(TIME), 0 * TIME, 0 * TIME])
+    columns = {pose[0].format(x): own for x, own in zip("xyz", Q.T, strict=True)}
+    columns |= {pose[1].format(x): own for x, own in zip("wxyz", turn.T, strict=True)}
+    columns |= dict(zip(WRENCH, np.hstack([Q, TAU]).T, strict=True))
+    path = tmp_path / "log.csv"
+    path.write_text(text({"time": TIME} | columns))
+    _, belief = believed(sim.mechanism(mujoco.MjSpec.from_string(spec), base="tool"), [path], base="tool")
+    entries = belief.poses["base"].entries
+    assert entries["position"].value == [pose[0].format(x) for x in "xyz"]
+    assert entries["quaternion"].value == [pose[1].format(x) for x in "wxyz"]
+
+
+def test_a_unit_that_the_model_prefers_by_a_hair_is_no_sure_one(tmp_path):
+    """The angle of a pendulum and its rotor: both units explain all but a hundredth."""
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><body name="rod"><joint name="hinge" axis="0 1 0"/><inertial mass="1" pos="0 0 -.3" '
+        'diaginertia=".01 .01 .01"/></body></worldbody></mujoco>'
+    )
+    q = 0.3 * np.sin(2 * TIME)
+    torque = 2.943 * np.sin(q) + 0.01 * np.random.default_rng(0).normal(size=q.shape)
+    _, belief = belief_of(tmp_path, {"hinge_position": q, "hinge_torque": torque}, sim.mechanism(spec))
+    assert (belief.of("position")["hinge"].unit, belief.of("position")["hinge"].sure) == ("rad", LIKELY)
+
+
+def test_a_wrench_that_no_model_could_place_is_asked_about(tmp_path):
+    columns = columns_of("{n}_position", Q[:17]) | dict(zip(WRENCH, np.hstack([Q, TAU])[:17].T, strict=True))
+    _, belief = belief_of(tmp_path, columns)
+    assert "ground" not in belief.groups and "It is open where" in belief.open[0]
+
+
+def test_poses_without_times_are_told_how_they_are_read(tmp_path):
+    (tmp_path / "log.csv").write_text(text(columns_of("{n}_position", np.random.default_rng(0).normal(size=(17, 3)))))
+    with pytest.raises(ident.LogError, match="still poses need none where the columns file has poses = true"):
+        believed(ARM, [tmp_path / "log.csv"])
