@@ -105,6 +105,7 @@ class Belief:
         by_place: Joints whose columns are assigned only by their place in a series and by the model's predictions.
         undecided: Joints whose position a sentence of `open` is about.
         torques_undecided: True if a sentence of `open` asks which of several columns are the torques.
+        complete: True if every joint has a position, or follows one that has.
     """
 
     quantities: dict[str, Quantity] = field(default_factory=dict)
@@ -116,6 +117,7 @@ class Belief:
     by_place: set[str] = field(default_factory=set)
     undecided: set[str] = field(default_factory=set)
     torques_undecided: bool = False
+    complete: bool = False
 
     def of(self, kind: str) -> dict[str, Quantity]:
         """Quantities of one kind that are not doubtful, by joint."""

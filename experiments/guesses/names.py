@@ -40,9 +40,8 @@ def add_named(
     for kind, patterns in KINDS.items():
         # All columns of a quantity may begin with the robot's name, unless it is that of the other side.
         those = [name for name in contents.names if _fits(words(name), kind) and words(name).kind]
-        bare = dict(zip(those, without_prefix([words(name) for name in those]), strict=True))
-        if sides - set[str]().union(*(words(name).sides for name in those)):
-            bare = {}
+        others = sides - set[str]().union(*(words(name).sides for name in those))
+        bare = {} if others else dict(zip(those, without_prefix([words(name) for name in those]), strict=True))
         exact = {} if numbered else {pattern.format(joint): joint for joint in joints for pattern in patterns}
         scores, positions = dict[tuple[str, str], float](), belief.of("position")
         for name in (name for name in contents.names if name not in (*taken, *beside, *belief.columns)):
@@ -66,8 +65,7 @@ def add_only(belief: Belief, contents: LogContents, joint: str, taken: Sequence[
         about = {name: words(name) for name in names}
         those = [n for n in names if about[n].kind == kind and about[n].measured and not about[n].numbers]
         if joint not in belief.of(kind) and joint not in belief.undecided and len(those) == 1:
-            quantity = Quantity(joint, kind, those[0], LIKELY, [f"the only {kind}, of the only joint"])
-            belief.add(quantity)
+            belief.add(Quantity(joint, kind, those[0], LIKELY, [f"the only {kind}, of the only joint"]))
 
 
 def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -> None:

@@ -129,16 +129,15 @@ def is_current(quantity: Quantity) -> bool:
 
 def doubt_units(belief: Belief, contents: LogContents, joints: list[str]) -> None:
     """Makes positions likely whose unit their size alone suggests, and remarks of those that may be percentages."""
-    positions, percentages = belief.of("position"), list[str]()
-    for joint, x in positions.items():
+    percentages = list[str]()
+    for joint, x in belief.of("position").items():
         if joint in joints and x.sure == SURE:
             x.sure = LIKELY
             x.why.append("which nothing else shows")
         is_open = x.column.endswith(NORMALIZED) and x.unit in ("deg", "mm") and x.sure != SURE
         if words(x.column).unit == "%" or (is_open and np.abs(contents.columns[x.column]).max() <= PERCENT):
             percentages.append(joint)
-    for joint in percentages:
-        positions[joint].sure = DOUBTFUL
+            x.sure = DOUBTFUL
     if percentages:
         belief.undecided |= set(percentages)
         belief.open.append(

@@ -51,19 +51,14 @@ SPELLED = {
     **{unit: unit for unit in ("rpm", "mm", "cm", "ms", "us", "ns")},
     "kn": "kN",
     "mn": "mN",
-    "percent": "%",
-    "pct": "%",
     "nm": "N m",
-    "nmm": "N mm",
-    "mnm": "N mm",
     "knm": "kN m",
     "ma": "mA",
     "amp": "A",
-    "msec": "ms",
-    "usec": "us",
-    "nsec": "ns",
-    "sec": "s",
     "secs": "s",
+    **dict.fromkeys(("nmm", "mnm"), "N mm"),
+    **dict.fromkeys(("percent", "pct"), "%"),
+    **{f"{unit}ec": unit for unit in ("s", "ms", "us", "ns")},
 }
 """Units by their spelling in names, in lower case."""
 
@@ -84,11 +79,8 @@ OF_UNIT = {
     **dict.fromkeys(("N m", "N mm", "kN m"), "torque"),
     **dict.fromkeys(CURRENT, "current"),
     "rpm": "velocity",
-    "deg": "position",
-    "rad": "position",
-    "N": "force",
-    "kN": "force",
-    "mN": "force",
+    **dict.fromkeys(("deg", "rad"), "position"),
+    **dict.fromkeys(("N", "kN", "mN"), "force"),
 }
 """Quantities that a unit shows."""
 
