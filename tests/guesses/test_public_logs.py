@@ -169,3 +169,12 @@ def test_poses_without_times_are_told_how_they_are_read(tmp_path):
     (tmp_path / "log.csv").write_text(text(columns_of("{n}_position", np.random.default_rng(0).normal(size=(17, 3)))))
     with pytest.raises(ident.LogError, match="still poses need none where the columns file has poses = true"):
         believed(ARM, [tmp_path / "log.csv"])
+
+
+def test_a_joint_of_two_words_is_quoted_in_its_option(tmp_path):
+    spec = (
+        '<mujoco><worldbody><body><joint name="Schulter 1"/><geom size=".1" pos=".1 0 0"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "log.csv").write_text(text({"time": TIME, "x": TIME}))
+    with pytest.raises(ident.LogError, match=r"--fix 'Schulter 1' \[VALUE\]"):
+        ident.read_log(tmp_path / "log.csv", sim.mechanism(mujoco.MjSpec.from_string(spec)))
