@@ -37,6 +37,7 @@ from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.stated import column_place, stated_values, with_values
 from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.body_bounds import scaled_root
 from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
@@ -374,20 +375,24 @@ class Estimate:
         rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
         prior, wider = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
 
-        def fitted(at: np.ndarray, covariance: np.ndarray) -> ConsistentParameters:
+        def prior_at(phi: np.ndarray) -> BodyPrior:
+            return BodyPrior.of(arm, self.base, known, rotors, used=included, at=phi)
+
+        def fitted(at: np.ndarray) -> ConsistentParameters:
             return consistent_parameters(
-                *(self.psi_of_links, covariance, self.base, prior),
+                *(self.psi_of_links, self.covariance, self.base, prior),
                 bodies=arm.bodies,
                 masses=known["mass"],
-                known=BodyPrior.of(arm, self.base, known, rotors, used=included, at=at),
+                known=prior_at(at),
                 rotors=rotors,
             )
 
         # Bodies have what the data say, as the total mass on a plate; their intervals allow for errors of the set-up.
-        full = fitted(prior, self.covariance)
+        full = fitted(prior)
         for _ in range(LINEARISED if included else 0):
-            full = fitted(full.phi, self.covariance)
-        full = replace(full, fitting=fitted(full.phi if included else prior, wider).fitting)
+            full = fitted(full.phi)
+        wide = replace(full.fitting, root=scaled_root(wider), prior=prior_at(full.phi if included else prior))
+        full = replace(full, fitting=wide)
         # Frames stay without mass.
         return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
 
