@@ -54,6 +54,7 @@ def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
             "stated": check.stated,
             "misfit": check.misfit,
             "joint": check.joint,
+            "moving": bool(evidence.logs) and evidence.logs[0].recording.base is not None,
         }
         yield Finding.of("gravity_direction", **own)
 

@@ -1,4 +1,4 @@
-"""Direction of gravity that explains a recording best, for a mechanism whose base rests."""
+"""Direction of gravity that explains a recording best, in the frame of a base at rest or in the axes of its poses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ def gravity_check(
         frame: Pose of the frame of these components in the base frame (4, 4).
 
     Returns:
-        The comparison; None without gravity, for a base that moves or floats, or if nothing is measured.
+        The comparison; None without gravity, for a base that floats without poses, or if nothing is measured.
     """
     some = np.linspace(0, len(motion) - 1, min(SAMPLES, len(motion))).astype(int)
     few = {name: x[some] for name, x in measured.items()}
@@ -94,7 +94,7 @@ def gravity_check(
         other=likelier * fit.otherwise(),
         turned=float(fit.down @ best),
         rpy_deg=rpy_deg(mechanism, best),
-        joint=None if fit.wrench else _joint_of(mechanism, best - fit.down),
+        joint=None if fit.wrench or motion.base is not None else _joint_of(mechanism, best - fit.down),
         lighter=fit.misfit((fit.down @ best) * fit.down) if fit.down @ best > TURNS[-1] else np.inf,
     )
 
@@ -118,9 +118,7 @@ def _unit(x: np.ndarray) -> np.ndarray:
 
 
 def recorded_gravity(prepared: Prepared) -> GravityCheck | None:
-    """Comparison of directions of gravity in a recording; None where nothing holds a base at rest."""
-    if not prepared.recording.is_held(prepared.mechanism.tree):
-        return None
+    """Comparison of directions of gravity in a recording; None where nothing can be compared."""
     samples = prepared.samples[prepared.taken(slice(prepared.edge, len(prepared.samples) - prepared.edge))]
     measured = dict(zip(prepared.equations.channels, samples.measured.T, strict=True))
     return gravity_check(prepared.mechanism, samples.motion, measured, prepared.frame) if len(samples) else None

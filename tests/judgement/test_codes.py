@@ -26,7 +26,7 @@ MASSES = {
 MOVED = {"moved": [{"name": "m2rz2", "body": "link2", "z": 1.2}, {"name": "Fv(hip)", "body": None, "z": -0.4}]}
 SPAN = {"start": 1.0, "end": 2.5, "carries": 0.3}
 CLIPPED = {"channel": "Fz", "limits": (-500.0, 500.0), "unit": "N", "share": 0.1}
-GRAVITY = {"rpy_deg": (180.0, 0.0, 0.0), "stated": 0.8, "misfit": 0.1}
+GRAVITY = {"rpy_deg": (180.0, 0.0, 0.0), "stated": 0.8, "misfit": 0.1, "moving": False}
 DELAY = {"delay": 0.5, "std": 0.01, "stated": 0.8, "misfit": 0.1}
 TURN = {"x": "-y", "y": "x", "z": "z"}
 FRAME = {"wrench": "ground", "error": 1.4, "error_turned": 0.2}
@@ -126,7 +126,11 @@ EXAMPLES = {
     "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
-    "gravity_direction": [{**GRAVITY, "joint": None}, {**GRAVITY, "joint": "hip"}],
+    "gravity_direction": [
+        {**GRAVITY, "joint": None},
+        {**GRAVITY, "joint": "hip"},
+        {**GRAVITY, "joint": None, "moving": True},
+    ],
     "channels_late": [DELAY | {"of": "wrench"}, DELAY | {"of": "torques", "delay": -0.4}],
     "setup_unexplained": [{"changed": True}, {"changed": False}],
     "not_converged": [
