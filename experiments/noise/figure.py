@@ -11,11 +11,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from experiments.data.errors import HALF_WIDTH, Errors
+from experiments.data.errors import Errors
 from experiments.document import styles, symbols
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.estimators import ESTIMATORS, LABELS
 from experiments.noise.study import Study
+from ident.tolerances import INTERVAL
 
 PARAMETER = "Ixx2"
 """Parameter of the comparison: an inertia, which is identifiable from accelerations alone."""
@@ -109,13 +110,13 @@ def _compare(ax: Axes, study: Study, subject: str) -> None:
             x = place + 0.8 * ((at + 0.5) / len(shown) - 0.5)
             mean, spread, predicted = (percent * float(y[k]) for y in (errors.mean, errors.std, errors.predicted_std))
             color, marker = LINES[key]
-            half = HALF_WIDTH * predicted
+            half = INTERVAL * predicted
             label = f"_{LABELS[key]}"
             ax.bar(
                 x, 2 * half, 0.6 / len(shown), mean - half, color=color, alpha=0.25, lw=0, label=f"{label}, predicted"
             )
             ax.vlines(
-                x, mean - HALF_WIDTH * spread, mean + HALF_WIDTH * spread, color=color, lw=0.9, label=f"{label}, 95 %"
+                x, mean - INTERVAL * spread, mean + INTERVAL * spread, color=color, lw=0.9, label=f"{label}, 95 %"
             )
             ax.plot(x, mean, marker, color=color, ms=3, label=f"{label}, mean")
     title, xlabel = PANELS[subject]
@@ -140,7 +141,7 @@ def _honesty(axes: Sequence[Axes], study: Study) -> None:
     left, right = axes
     shown = {name: outcome.errors for name, outcome in study.trajectory.items()}
     rows = np.arange(len(shown))
-    chance = HALF_WIDTH / np.sqrt(study.recordings)
+    chance = INTERVAL / np.sqrt(study.recordings)
     for ax, middle, half in ((left, 95, 100 * chance * np.sqrt(0.95 * 0.05)), (right, 0, chance)):
         ax.axvspan(middle - half, middle + half, color="0.88", lw=0, label="_chance, 95 %")
         ax.axvline(middle, color="0.4", lw=0.6)
@@ -171,4 +172,4 @@ def _row(study: Study, name: str) -> str:
 def _uncertainty(errors: Errors) -> float:
     """95 % half-width of the mean coverage by chance, in %; a recording's parameters are not independent."""
     each = errors.covered.mean(axis=1)
-    return 100 * HALF_WIDTH * float(each.std(ddof=1)) / np.sqrt(len(each))
+    return 100 * INTERVAL * float(each.std(ddof=1)) / np.sqrt(len(each))

@@ -137,7 +137,7 @@ def other_gravity(
             rest = (f - sign * np.linalg.norm(weight) / g * a).ravel()
             weight = np.linalg.lstsq(-U, rest, rcond=1e-9)[0]
         squares = ((rest + U @ weight) ** 2).sum()
-        direction = sign * weight / max(np.linalg.norm(weight), 1e-300)
+        direction = sign * weight / max(float(np.linalg.norm(weight)), 1e-300)
         # What is alike with the sign as stated is likelier that.
         if squares < best and direction @ stated < AWAY * g:
             best, out = BETTER**2 * squares, direction
@@ -178,7 +178,7 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
             f"payload's body looks like quaternion = [{quaternion}]."
         )
     mean = force[:, :3].mean(axis=0)
-    along, size = mean @ g / np.linalg.norm(g), np.linalg.norm(mean)
+    along, size = float(mean @ g / np.linalg.norm(g)), float(np.linalg.norm(mean))
     if out.unexplained > UNEXPLAINED and size > STEADY * force[:, :3].std(axis=0).max() and abs(along) > ALONG * size:
         raise InputError(
             f"The forces of '{sensor}' keep their direction, {size:.3g} N along gravity, while the sensor turns: they "
