@@ -54,6 +54,12 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+COPIED = (
+    *("fit", "condition_number", "checks", "offsets", "inseparable", "trajectory", "setup", "rivals", "filtered_at"),
+    *("disagreement", "disagreements", "widening", "bounded", "friction", "covariance_setup", "unmodelled"),
+)
+"""Fields of the evidence that an estimate has by the same names."""
+
 LINEARISED = 3
 """Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
 time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
@@ -408,33 +414,18 @@ class Estimate:
     @cached_property
     def evidence(self) -> Evidence:
         """Evidence that the estimate is judged by."""
-        joint, channels, held = self.trajectory, self.channels, self.held_out
+        channels, held = self.channels, self.held_out
         every = {ESTIMATE: held.residual, **held.rivals}
         return Evidence(
-            fit=self.fit,
+            **{name: getattr(self, name) for name in COPIED},
             ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
             part=held.part,
-            condition_number=self.condition_number,
-            checks=self.checks,
-            offsets=self.offsets,
-            inseparable=self.inseparable,
             scale=dict(zip(channels, self.scale.tolist(), strict=True)),
             logs=[prepared for prepared, _ in self.logs],
-            trajectory=joint,
-            setup=self.setup,
-            rivals=self.rivals,
-            filtered_at=self.filtered_at,
-            disagreement=self.disagreement,
-            disagreements=self.disagreements,
-            widening=self.widening,
-            bounded=self.bounded,
-            friction=self.friction,
             at_rest=dict(zip(channels, held.ratio_at_rest(held.residual).tolist(), strict=True)),
             in_logs=[{n: held.ratio_of(x, part) for n, x in every.items()} for part in held.left_out],
-            model_error=None if joint is None else self.model_error,
-            covariance_setup=self.covariance_setup,
+            model_error=None if self.trajectory is None else self.model_error,
             consistent=self.consistent(),
-            unmodelled=self.unmodelled,
             idle=idle_channels(held, self.prepared),
         )
 

@@ -30,7 +30,6 @@ class GravityCheck:
     """Directions of gravity in the base frame, compared.
 
     Attributes:
-        misfits: Misfit of gravity along each axis of the base frame, by `+x` to `-z`.
         stated: Misfit of the stated direction.
         direction: Direction that explains best, of all (3,); `misfit` is its misfit.
         other: Misfit of the stated direction with the signs or offsets of channels, or axes of the wrench, that explain
@@ -42,7 +41,6 @@ class GravityCheck:
             in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
     """
 
-    misfits: Mapping[str, float]
     stated: float
     direction: np.ndarray
     misfit: float
@@ -83,11 +81,9 @@ def gravity_check(
     fit = ModelFit.of(mechanism, motion[some], few, np.eye(4) if frame is None else frame)
     if fit is None:
         return None
-    axes = {f"{sign}{'xyz'[k]}": e if sign == "+" else -e for sign in "+-" for k, e in enumerate(np.eye(3))}
-    misfits, best = {name: fit.misfit(direction) for name, direction in axes.items()}, _best(fit)
+    best = _best(fit)
     likelier = 1 / TIE if not fit.felt or _power(mechanism, motion, measured) < BRAKING else TIE
     return GravityCheck(
-        misfits=misfits,
         stated=fit.misfit(fit.down),
         direction=best,
         misfit=fit.misfit(best),
