@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.document import escape, figures, row_panels, styles, symbols
 from ident.display.plots import amplitude_spectrum
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import channel_unit
+from ident.tolerances import INTERVAL
 
 MEASURED, ESTIMATED = figures.INKS[:2]
 """Colours of measurements and of estimates, as on the page."""
@@ -66,14 +66,14 @@ def parameters_figure(result: Estimate) -> Figure:
     arm, shown = result.prepared.mechanism, _shown(result)
     value, std = result.psi[shown], result.std_setup[shown]
     prior = result.fit.equations.from_model[shown]
-    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
+    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), INTERVAL * std)
     size = np.where(size > 0, size, 1)
     names = [symbols.named_symbol(result.base.names[k], arm.bodies) for k in shown]
     with styles.paper_style():
         figure, panels = row_panels.row_panels(names, "Value over the largest of estimate, model and half-width")
         for ax, rows in panels:
             ax.axvline(0, color="0.8", lw=0.6)
-            half, own = HALF_WIDTH * (std / size)[rows], (value / size)[rows]
+            half, own = INTERVAL * (std / size)[rows], (value / size)[rows]
             style: dict[str, Any] = {"fmt": "o", "ms": 2.5, "lw": 0.8, "color": ESTIMATED}
             ax.errorbar(own, rows, xerr=half, label="Estimate, 95 % with set-up", **style)
             ax.plot((prior / size)[rows], rows, "|", color=MEASURED, ms=7, label="Model")
