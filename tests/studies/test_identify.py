@@ -483,6 +483,7 @@ def unchecked(result):
     return [(each["reason"], *each["channels"]) for each in values if each["check"] == "weight"]
 
 
+@pytest.mark.slow
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
     log = recording()
     _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy=""))
@@ -586,6 +587,7 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "doubt"), [(0.65, True), (0.75, False), (1.25, False), (1.35, True)])
 def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
     log = recording()

@@ -263,6 +263,7 @@ def test_sums_that_parameters_stand_for_are_in_a_note_of_every_form(results, stu
     assert "m1† of base" in own and "† Regrouped with other parameters: the sum is in the column of regroupings." in own
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "no_trajectory")
 @pytest.mark.parametrize(
     ("options", "beside"),
