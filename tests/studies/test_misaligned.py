@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 from commands import refusal
-from experiments.document.layout import WIDTHS
+from experiments.document.styles import WIDTHS
 from same_recording import assert_same_recording
 
 from experiments import misaligned
