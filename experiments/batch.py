@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from experiments import identify
 from experiments.cli import options, own_model, running
+from ident.annotations import misfit
 from ident.display.brief import listed
 from ident.errors import InputError
 
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
     out = options.output_of(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder), alone(out.folder):
-        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(kept_outcomes, tasks))
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
         origin, agreed = provenance({**kept.identity, **out.choices}), agreement_of(tasks, outcomes)
         document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
@@ -114,7 +115,7 @@ def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: 
         return workers.collected(outcome_in_json, tasks, kept, is_lost)
     except DeadWorkerError as error:
         # Outcomes come in order: the first that is missing is the one at which the worker died.
-        done = [json.loads(str(text)) for text in kept.done()] if kept.file.exists() else []
+        done = [json.loads(text) for text in kept.done()] if kept.file.exists() else []
         lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
         raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
     except (FullDiskError, OSError):
@@ -152,21 +153,21 @@ def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     return {file.name: sha256(file.read_bytes()).hexdigest() for file in files}
 
 
-def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> "list[Outcome]":
-    """Outcomes of the first tasks, from the JSON texts of an earlier run.
+def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any]) -> None:
+    """Checks that the outcomes of an earlier run are those of the first tasks.
 
     Raises:
         InputError: They are damaged, or not of these tasks.
     """
     from experiments.data.batch import Outcome
 
-    if len(texts) > len(tasks):
-        raise InputError(f"it has {len(texts)} outcomes of {len(tasks)} logs")
-    outcomes = [Outcome.from_dict(json.loads(str(text))) for text in texts]
-    for task, outcome in zip(tasks, outcomes, strict=False):
+    if len(outcomes) > len(tasks):
+        raise InputError(f"it has {len(outcomes)} outcomes of {len(tasks)} logs")
+    for task, given in zip(tasks, outcomes, strict=False):
+        if wrong := misfit(Outcome, vars(outcome := Outcome(**given))):
+            raise InputError(f"an outcome is damaged: {wrong}")
         if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):
             raise InputError(f"where the outcome of {task.logs[0]} belongs is one of {outcome.log!r}")
-    return outcomes
 
 
 def check_shared(args: argparse.Namespace) -> "Mechanism":
@@ -189,12 +190,12 @@ def check_shared(args: argparse.Namespace) -> "Mechanism":
     return arm
 
 
-def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
-    """Outcome of one log, whose results are written, as a batch of JSON texts."""
-    texts = [json.dumps(outcome_of(task).to_dict())]
+def outcome_in_json(task: argparse.Namespace) -> dict[str, Any]:
+    """Outcome of one log, whose results are written, in JSON types."""
+    outcome = outcome_of(task).to_dict()
     # Estimates and figures hold cycles, 24 MB of a log of three joints, which wait for a rare collection otherwise.
     gc.collect()
-    return texts
+    return outcome
 
 
 def outcome_of(task: argparse.Namespace) -> "Outcome":

@@ -1,7 +1,6 @@
 """Conditions of the study of noise beyond white noise on smooth motions: they are as described, and run."""
 
 import csv
-import json
 from dataclasses import replace
 
 import mujoco
@@ -52,9 +51,9 @@ def test_every_kind_of_trouble_has_a_row():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NEW)
 def test_conditions_run_from_end_to_end(name, monkeypatch):
-    monkeypatch.setattr(noise, "CONDITIONS", {name: shortened(name)})
-    tasks = noise.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
-    collected = [json.loads(text) for task in tasks for text in noise.fits(0, task)]
+    monkeypatch.setattr(counts, "CONDITIONS", {name: shortened(name)})
+    tasks = counts.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
+    collected = [counts.fits(0, task) for task in tasks]
     for outcome in collected:
         answer = outcome["trajectory"]
         assert "refused" not in answer
@@ -63,9 +62,9 @@ def test_conditions_run_from_end_to_end(name, monkeypatch):
         assert (np.array(answer["std_setup"]) >= np.array(answer["std"]) * (1 - 1e-9)).all()
         assert any(each.startswith("Fc(") for each in answer["names"]) == (NEW[name].rubs or NEW[name].stribeck)
     if len(tasks) > 1:
-        outcome = noise.study(collected, 2, (name,)).trajectory[name]
-        assert outcome.errors.errors.shape == outcome.with_setup.predicted.shape == (2, len(answer["names"]))
-        assert outcome.reporting in (0, 0.5, 1)
+        table = counts.table_coverage(counts.by_estimator(tasks, collected))
+        row = dict(zip(table.columns, table.rows[0], strict=True))
+        assert row["recordings"] == 2 and row["setup_reported"] in (0, 0.5, 1)
 
 
 @pytest.mark.parametrize("name", [name for name, each in NEW.items() if not each.rubs and each.subject != "payload"])

@@ -231,7 +231,7 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
 def test_a_parameter_that_the_estimate_has_not_is_a_sentence(arm):
     data, entry = arm
     (whole, *_) = study.tasks_of([replace(entry, alike=(("Fc(turn)", "Fc(other)"),))], {"arm": data / "arm"})
-    assert "arm compares 'Fc(other)', but its parameters are" in json.loads(study.work(whole)[0])["refused"]
+    assert "arm compares 'Fc(other)', but its parameters are" in study.work(whole)["refused"]
 
 
 def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
@@ -284,7 +284,7 @@ def test_the_command_writes_a_page(arm, tmp_path, monkeypatch, capsys):
 def test_the_pendulum_in_steel_has_the_published_inertias():
     entry = registry.registry()["double_pendulum"]
     whole, *_ = study.tasks_of([entry], {entry.name: DATA})
-    each = study.validation(entry, json.loads(study.work(whole)[0]), {})
+    each = study.validation(entry, study.work(whole), {})
     assert each.unchecked == () and each.channels == ("Joint1", "Joint2") and each.outcome == "usable"
     for name in ("m2rz2", "m3rz3", "Ixx2", "Ixx3", "Ia(Joint2)"):
         (published,) = [x for x in entry.published if x.name == name]

@@ -1,6 +1,5 @@
 """Errors of estimators over many recordings of a condition: their fits, and tables of bias, spread and coverage."""
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -20,8 +19,8 @@ ALL = "all"
 """Kind of the rows of all parameters."""
 
 
-def fits(seed: int, task: tuple[int, str]) -> list[str]:
-    """`Answer.to_dict` of each estimator, or its error, for a recording's number and a condition; as JSON."""
+def fits(seed: int, task: tuple[int, str]) -> dict[str, Any]:
+    """`Answer.to_dict` of each estimator, or its error, for a recording's number and a condition."""
     number, name = task
     case, condition, outcome = Case.drawn(CONDITIONS[name], seed, number), CONDITIONS[name], {}
     for key in ESTIMATORS[condition.subject] if condition.compared else ("trajectory",):
@@ -29,7 +28,7 @@ def fits(seed: int, task: tuple[int, str]) -> list[str]:
             outcome[key] = ESTIMATORS[condition.subject][key](case).to_dict()
         except InputError as error:
             outcome[key] = {"refused": str(error)}
-    return [json.dumps(outcome)]
+    return outcome
 
 
 def tasks(recordings: int, conditions: Sequence[str]) -> list[tuple[int, str]]:
