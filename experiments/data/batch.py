@@ -31,7 +31,6 @@ class Outcome:
         units: Their units, by name.
         seconds: CPU time, s.
         error: The sentence with which it failed; empty if it did not.
-        remark: The sentence on captions or parameters of its document that could not be chosen; empty if all could.
         files: SHA-256 sums of the files in its folder, by name.
     """
 
@@ -47,7 +46,6 @@ class Outcome:
     units: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     error: str = ""
-    remark: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:

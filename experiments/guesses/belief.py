@@ -62,7 +62,7 @@ class Entry:
 
 
 LISTS = ("force", "torque", "point", "free_moment", "position", "quaternion")
-"""Lines of a group whose values are columns, or numbers in their place."""
+"""Lines of a group whose values are columns, perhaps with gains, or numbers in their place."""
 
 
 @dataclass
@@ -87,7 +87,8 @@ class Group:
     def columns(self) -> list[str]:
         """All its columns."""
         lists = (self.entries[key].value for key in LISTS if key in self.entries)
-        return [name for names in lists for name in names if isinstance(name, str) and name]
+        own = (each["column"] if isinstance(each, dict) else each for names in lists for each in names)
+        return [name for name in own if isinstance(name, str) and name]
 
 
 @dataclass

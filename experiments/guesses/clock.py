@@ -67,7 +67,8 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
     candidates = named or others or list(growing)
     if not candidates:
         raise LogError(
-            f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one, or --rate HZ."
+            f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one, or --rate HZ; "
+            "still poses need none where the columns file has poses = true."
         )
     exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
     if len(exact) > 1:

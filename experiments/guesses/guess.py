@@ -13,7 +13,7 @@ from experiments.guesses.markers import without_markers
 from experiments.guesses.measured import add_measured
 from experiments.guesses.names import add_commands, add_named, add_only, is_named_after
 from experiments.guesses.orientations import BASE, add_orientations
-from experiments.guesses.sensors import place_wrenches
+from experiments.guesses.sensors import ask_place, place_wrenches
 from experiments.guesses.signs import check_positions
 from experiments.guesses.units import doubt_units, set_rates, set_units
 from experiments.guesses.wrenches import add_wrenches
@@ -75,11 +75,13 @@ def believed(
             model = Model.of(belief, log, mechanism, [])
         except InputError as error:
             belief.notes.append(f"Orders and signs could not be checked against the model: {error}")
+            for group in [group for group in belief.groups.values() if group.is_open]:
+                ask_place(belief, group, "Its name does not say so.")
         else:
             signs = check_positions(model, by_size)
             if signs:
                 place_wrenches(model)
-    doubt_units(belief, by_size)
+    doubt_units(belief, log, by_size)
     set_rates(belief, log, kinds)
     if flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))

@@ -22,9 +22,6 @@ from ident.tolerances import INTERVAL
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
 
-SHOWN = "table_logs", "table_parameters", "figure_logs"
-"""Its tables and its chart."""
-
 PANELS = 4
 """Largest number of parameters in the chart over the logs."""
 
@@ -191,9 +188,9 @@ def document(
             f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed.",
         ],
         heading="The logs",
-        tables={SHOWN[0]: logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
-        | ({SHOWN[1]: parameters_table(outcomes, bodies)} if fitted else {}),
-        figures={} if agreed is None else {SHOWN[2]: (chart(outcomes, agreed, bodies), caption)},
+        tables={"table_logs": logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
+        | ({"table_parameters": parameters_table(outcomes, bodies)} if fitted else {}),
+        figures={} if agreed is None else {"figure_logs": (chart(outcomes, agreed, bodies), caption)},
         numbers={
             "batch": {"logs": [each.to_dict() for each in outcomes], "agreement": _numbers(fitted, agreed)},
             "provenance": provenance,

@@ -12,7 +12,6 @@ from experiments.data.comparison import Difference, Result
 from experiments.document import row_panels, styles, symbols, tabular
 from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.layout import PAPER, Layout
 from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
@@ -122,13 +121,12 @@ def agreement(difference: Difference) -> str:
     return f"{names}, if their logs are independent: {difference.comparison} {setup}{but}"
 
 
-def figure(difference: Difference, layout: Layout = PAPER) -> Figure:
+def figure(difference: Difference) -> Figure:
     """Differences in units of their standard deviation from noise, with intervals from noise and from the set-up."""
-    shown = [k for k, name in enumerate(difference.names) if layout.shows(name, difference.first.bodies)]
-    std = np.sqrt(np.diag(difference.comparison.covariance))[shown]
-    z, wider = difference.comparison.z[shown], INTERVAL * difference.std_setup[shown] / std
+    std = np.sqrt(np.diag(difference.comparison.covariance))
+    z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with styles.paper_style():
-        labels = [symbols.named_symbol(difference.names[k], difference.first.bodies) for k in shown]
+        labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
         drawn, panels = row_panels.row_panels(labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
@@ -144,12 +142,8 @@ def figure(difference: Difference, layout: Layout = PAPER) -> Figure:
     return drawn
 
 
-def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Layout = PAPER) -> Document:
-    """Each result compared with the first.
-
-    Raises:
-        InputError: The layout names a table, figure or parameter that does not exist.
-    """
+def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document:
+    """Each result compared with the first."""
     pairs = [Difference(compared[0], other) for other in compared[1:]]
     ends = [""] if len(pairs) == 1 else [f"_{k}" for k in range(2, len(compared) + 1)]
     tables = {f"table_differences{end}": differences_table(pair) for end, pair in zip(ends, pairs, strict=True)}
@@ -159,14 +153,12 @@ def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Lay
             tables[name] = table
     drawn = {
         f"figure_differences{end}": (
-            figure(pair, layout),
+            figure(pair),
             f"Base parameters of {pair.first.name} less those of {pair.second.name}.",
         )
         for end, pair in zip(ends, pairs, strict=True)
         if not pair.shared
     }
-    names = list(dict.fromkeys(name for result in compared for name in result.regrouping))
-    layout.check([*tables, *drawn], names, compared[0].bodies)
     sentences = [agreement(pair) for pair in pairs]
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",

@@ -8,13 +8,11 @@ from textwrap import shorten
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.data.following import Following
 from experiments.document import rerun_file, tabular
 from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.layout import PAPER, Layout
 from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import sentences, wrapped
@@ -285,7 +283,6 @@ def document(
     model: Path | None,
     logs: Sequence[Path],
     provenance: dict[str, Any],
-    layout: Layout = PAPER,
     following: Following | None = None,
 ) -> Document:
     """Tables, figures, numbers and a replay of an identification, and the updated model file.
@@ -295,7 +292,6 @@ def document(
         model: The model's file, None for one without.
         logs: The identified logs, none for recordings without files.
         provenance: Provenance of the results.
-        layout: Layout in print, whose parameters the figure shows if they exist.
         following: Errors of models that are simulated with the recorded commands, if there are any.
     """
     updated = updated_file(result.prepared.mechanism)
@@ -313,14 +309,16 @@ def document(
             **({"table_scales": scales_table(result)} if result.scales else {}),
             **({} if following is None else {"table_following": following_table(following)}),
         },
-        figures=_figures(result, PAPER),
+        figures={
+            "figure_held_out": (held_out_figure(result), held_out_caption(result)),
+            "figure_parameters": (parameters_figure(result), parameters_caption(result)),
+            "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
+        },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
         files={updated: partial(_write_updated, result)} if updated else {},
     )
-    made = replace(made, screen=screen(made, result))
-    chosen, _ = made.chosen(layout)
-    return replace(made, figures=_figures(result, chosen)) if chosen.parameters else made
+    return replace(made, screen=screen(made, result))
 
 
 def scales_table(result: Estimate) -> tabular.Table:
@@ -401,12 +399,3 @@ def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
         if name.startswith(columns) or column_place(name)[1] in motors
     ]
     return [f"{updated} cannot hold {', '.join(names)}."] if names else []
-
-
-def _figures(result: Estimate, layout: Layout) -> dict[str, tuple[Figure, str]]:
-    """All figures and their captions."""
-    return {
-        "figure_held_out": (held_out_figure(result), held_out_caption(result)),
-        "figure_parameters": (parameters_figure(result, layout), parameters_caption(result, layout)),
-        "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
-    }

@@ -304,20 +304,6 @@ def test_a_log_with_the_name_of_a_file_of_the_batch_is_refused_at_first(folder, 
     assert message in capsys.readouterr().err and not (folder / "out").exists()
 
 
-@pytest.mark.slow
-def test_captions_and_parameters_are_for_the_single_logs(folder, capsys, here):
-    command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
-    captions = ["--caption", "table_base_parameters", "Single.", "--caption", "table_logs", "All."]
-    assert batch.main([*command, *captions, "--parameters", "fore"]) == 0
-    assert "Single." in (folder / "out" / "run1" / "table_base_parameters.tex").read_text(encoding="utf-8")
-    assert "All." in (folder / "out" / "table_logs.tex").read_text(encoding="utf-8")
-    capsys.readouterr()
-    assert batch.main([*command, "--parameters", "nobody"]) == 2
-    shown = capsys.readouterr().err
-    assert shown.count("run0.csv: All is written, with captions and parameters as by default: --parameters needs") == 1
-    assert "run1.csv: All is" not in shown and "are as by default, for the reasons above" in shown
-
-
 def test_logs_whose_results_are_gone_are_done_again(folder, capsys, monkeypatch, here):
     command = ["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]
     assert batch.main(command) == 2

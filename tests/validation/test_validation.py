@@ -264,13 +264,9 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_
 
 def test_a_damaged_entry_is_one_sentence(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(registry, "folder", lambda: tmp_path)
-    for text, message in (
-        ("title = ", "arm.toml: an entry needs to be TOML"),
-        ("titel = 1", "arm: an entry has no 'titel'"),
-    ):
-        written(tmp_path, text)
-        error = refusal(validate.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
-        assert message in error and error.count("\n") == 1
+    written(tmp_path, "title = ")
+    error = refusal(validate.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
+    assert "arm.toml: an entry needs to be TOML" in error and error.count("\n") == 1
 
 
 @pytest.mark.usefixtures("undrawn")
