@@ -601,7 +601,7 @@ def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
 @pytest.mark.parametrize("remarks", [0, 20])
 def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch, remarks):
     """However many findings, channels and parameters there are, files and page have them all."""
-    long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1) for k in range(12)})
+    long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1, "N m") for k in range(12)})
     plain = vars(Estimate)["findings"].func
     findings = property(lambda estimate: [*plain(estimate), *[long] * remarks])
     monkeypatch.setattr(Estimate, "findings", findings)
@@ -612,6 +612,6 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     assert lines[0].startswith("Verdict: ") and len(lines) <= 50
     shown = " ".join(lines)
     assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
-    assert ("more remarks" in shown) == (remarks > 0)
+    assert ("more remark" in shown) == (remarks > 0)
     page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
     assert page.count("Constant offsets are taken out") >= remarks
