@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmark.mechanisms import humanoid
+from docs.tools.mechanisms import humanoid
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
 from ident.mechanism.mechanism import Mechanism

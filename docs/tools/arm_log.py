@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 import scenes
-from experiments.noise.recordings import sinusoids
+from docs.tools.noise.recordings import sinusoids
 from ident.files.atomic import replacing
 from ident.recordings.recording import Recording
 from sim.simulation.simulate import simulate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import experiments
-from experiments.readme.estimator_figure import accelerations
+from docs.tools.drawings import accelerations
 
 PAGE = Path(experiments.__file__).parents[1] / "docs" / "estimator.md"
 

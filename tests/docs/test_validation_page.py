@@ -6,7 +6,8 @@ import re
 import pytest
 from test_readme import DOCS, ROOT, block, page
 
-from experiments.readme import blocks, validation
+from docs.tools import pages as blocks
+from docs.tools import validation
 from ident.errors import InputError
 
 pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has docs")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import experiments
-from experiments.benchmark import words
+from docs.tools import benchmark
+from docs.tools import pages as blocks
 from experiments.data.key_numbers import summary
-from experiments.readme import blocks
 from experiments.reports import study_tables
 from experiments.studies.simulated import study as study_of
 
@@ -88,8 +88,8 @@ def test_errors_of_the_wrench_are_not_stale():
 def test_the_benchmark_is_the_one_on_record():
     shown = block("speed.md", "benchmark")
     record = json.loads(page("benchmark.json"))
-    assert shown == words.readme_block(record)
-    assert record["machine"]["processor"] in shown
+    assert shown == benchmark.markdown(record)
+    assert record["machine"] in shown
 
 
 def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_one(tmp_path):
@@ -103,13 +103,13 @@ def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_o
 
     record(tmp_path / "docs", "shown", quick=False)
     assert blocks.benchmark_results(tmp_path)["machine"]["processor"] == "shown"
-    record(tmp_path / "results" / "benchmark", "new", quick=False)
+    record(tmp_path / "results", "new", quick=False)
     assert blocks.benchmark_results(tmp_path)["machine"]["processor"] == "new"
-    record(tmp_path / "results" / "benchmark", "new", quick=True)
-    with pytest.raises(ValueError, match="without --quick"):
+    record(tmp_path / "results", "new", quick=True)
+    with pytest.raises(ValueError, match="is quick, or of changed"):
         blocks.benchmark_results(tmp_path)
-    record(tmp_path / "results" / "benchmark", "new", quick=False, commit="0123abc-dirty")
-    with pytest.raises(ValueError, match="of a checkout with changes"):
+    record(tmp_path / "results", "new", quick=False, commit="0123abc-dirty")
+    with pytest.raises(ValueError, match="is quick, or of changed"):
         blocks.benchmark_results(tmp_path)
 
 

@@ -9,8 +9,8 @@ import pytest
 import ident
 import scenes
 import sim
-from experiments.noise.truth import drives, truth
-from experiments.readme import arm_log
+from docs.tools import arm_log
+from docs.tools.noise.truth import drives, truth
 from ident.geometry.inertia import parameters_from_com
 
 pytestmark = pytest.mark.slow

@@ -1,7 +1,6 @@
 """Conditions of the study of noise beyond white noise on smooth motions: they are as described, and run."""
 
 import csv
-import json
 from dataclasses import replace
 
 import mujoco
@@ -10,13 +9,12 @@ import pytest
 from commands import refusal
 
 import scenes
-from experiments.noise import report as noise_report
-from experiments.noise import study as noise
-from experiments.noise.__main__ import main
-from experiments.noise.conditions import CONDITIONS, SUBJECTS
-from experiments.noise.estimators import Case, identified
-from experiments.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
-from experiments.noise.truth import drawn_bodies, drives, truth
+from docs.tools.noise import __main__ as noise
+from docs.tools.noise import counts
+from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
+from docs.tools.noise.estimators import Case, identified
+from docs.tools.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
+from docs.tools.noise.truth import drawn_bodies, drives, truth
 from experiments.studies.noise_processes import flicker, quantised, random_walk, student
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
@@ -53,9 +51,9 @@ def test_every_kind_of_trouble_has_a_row():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NEW)
 def test_conditions_run_from_end_to_end(name, monkeypatch):
-    monkeypatch.setattr(noise, "CONDITIONS", {name: shortened(name)})
-    tasks = noise.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
-    collected = [json.loads(text) for task in tasks for text in noise.fits(0, task)]
+    monkeypatch.setattr(counts, "CONDITIONS", {name: shortened(name)})
+    tasks = counts.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
+    collected = [counts.fits(0, task) for task in tasks]
     for outcome in collected:
         answer = outcome["trajectory"]
         assert "refused" not in answer
@@ -64,9 +62,9 @@ def test_conditions_run_from_end_to_end(name, monkeypatch):
         assert (np.array(answer["std_setup"]) >= np.array(answer["std"]) * (1 - 1e-9)).all()
         assert any(each.startswith("Fc(") for each in answer["names"]) == (NEW[name].rubs or NEW[name].stribeck)
     if len(tasks) > 1:
-        outcome = noise.study(collected, 2, (name,)).trajectory[name]
-        assert outcome.errors.errors.shape == outcome.with_setup.predicted.shape == (2, len(answer["names"]))
-        assert outcome.reporting in (0, 0.5, 1)
+        table = counts.table_coverage(counts.by_estimator(tasks, collected))
+        row = dict(zip(table.columns, table.rows[0], strict=True))
+        assert row["recordings"] == 2 and row["setup_reported"] in (0, 0.5, 1)
 
 
 @pytest.mark.parametrize("name", [name for name, each in NEW.items() if not each.rubs and each.subject != "payload"])
@@ -216,50 +214,47 @@ def answer(names, error, std, wide, setup=()):
 
 def test_tables_count_what_was_answered():
     name, names = "rubs_trapezoids_100", ["Izz2", "Fc(turn)"]
-    study = noise.study(
-        [
-            {"trajectory": answer(names, [0.5, 0.02], [1.0, 0.01], [1.0, 0.04])},
-            {"trajectory": answer(names, [-1.5, -0.04], [1.0, 0.01], [1.0, 0.01], ["delay(ground)"])},
-            {"trajectory": answer(names[:1], [0.0], [1.0], [1.0])},
-            {"trajectory": {"refused": "No."}},
-        ],
-        4,
-        (name,),
-    )
-    (row,) = noise_report.table_coverage(study).rows
-    cells = dict(zip(noise_report.table_coverage(study).columns, row, strict=True))
+    outcomes = [
+        {"trajectory": answer(names, [0.5, 0.02], [1.0, 0.01], [1.0, 0.04])},
+        {"trajectory": answer(names, [-1.5, -0.04], [1.0, 0.01], [1.0, 0.01], ["delay(ground)"])},
+        {"trajectory": answer(names[:1], [0.0], [1.0], [1.0])},
+        {"trajectory": {"refused": "No."}},
+    ]
+    answers = counts.by_estimator(counts.tasks(4, [name]), outcomes)
+    table = counts.table_coverage(answers)
+    cells, *kinds = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
     assert (cells["coverage_95"], cells["lowest_coverage_95"], cells["setup_coverage_95"]) == (0.5, 0, 0.75)
     assert cells["rms_z"] == pytest.approx(np.sqrt((0.5**2 + 1.5**2 + 2**2 + 4**2) / 4))
     assert cells["error_over_std"] == pytest.approx(cells["rms_z"])
     assert (cells["setup_reported"], cells["recordings"], cells["refused"]) == (0.5, 2, 2)
-    (drive,) = noise_report.table_drives(study).rows
-    percent = [-0.5, 100 * np.sqrt((0.02**2 + 0.04**2) / 2) / 2, 2.0, 0.5]
-    assert drive[1] == "Fc(turn)" and drive[3:7] == pytest.approx(percent) and drive[7:] == (0, 2)
-    kinds = noise_report.table_kinds(study).rows
-    assert [row[1:4] for row in kinds] == [("base parameter", 1, 1), ("Fc", 0, 0.5)]
-    counts = noise_report.numbers(study)[name]["trajectory"]
-    assert counts["setup"] == {"delay(ground)": 1} and counts["setup_coverage_95"] == {"Izz2": 1, "Fc(turn)": 0.5}
-    json.dumps(noise_report.numbers(study), allow_nan=False)
+    assert [(x["kind"], x["coverage_95"], x["setup_coverage_95"]) for x in kinds] == [
+        ("base parameter", 1, 1),
+        ("Fc", 0, 0.5),
+    ]
+    drive = counts.table_parameters(answers).rows[1]
+    assert drive[2:6] == ("Fc(turn)", 2.0, pytest.approx(-0.01), pytest.approx(np.sqrt((0.02**2 + 0.04**2) / 2)))
+    assert counts.reported(answers) == {name: {"delay(ground)": 1}}
 
 
 def test_intervals_without_width_are_no_number():
     flat = answer(["Fc(turn)"], [0.1], [0.0], [0.0])
-    study = noise.study([{"trajectory": flat}, {"trajectory": flat | {"error": [0.2]}}], 2, ("rubs_trapezoids_100",))
-    (row,) = noise_report.table_coverage(study).rows
-    assert row[5] is None and row[6] is None and row[2] == 0
+    name = "rubs_trapezoids_100"
+    answers = counts.by_estimator(
+        counts.tasks(2, [name]), [{"trajectory": flat}, {"trajectory": flat | {"error": [0.2]}}]
+    )
+    (row,) = counts.table_coverage(answers).rows
+    assert row[7] is None and row[8] is None and row[4] == 0
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("here", "undrawn")
+@pytest.mark.usefixtures("here")
 def test_some_conditions_may_be_chosen(tmp_path, capsys):
-    command = ["--recordings", "2", "--conditions", "short", "bodies_drawn_x10", "--out"]
-    assert main([*command, str(tmp_path / "part")]) == 0
-    rows = list(csv.DictReader((tmp_path / "part" / "table_coverage.csv").read_text().splitlines()))
-    assert [row["noise"] for row in rows] == ["180 samples", "bodies drawn, ×10, 1.5 s"]
-    assert not (tmp_path / "part" / "table_person.csv").exists()
+    command = ["--recordings", "2", "--conditions", "short", "bodies_drawn_x10", "--out", str(tmp_path)]
+    assert noise.main(command) == 0
+    rows = list(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
+    assert list(dict.fromkeys(row["noise"] for row in rows)) == ["180 samples", "bodies drawn, ×10, 1.5 s"]
     # A run is resumed with the same conditions only.
-    assert main([*command, str(tmp_path / "part"), "--resume"]) == 0
-    others = ["--recordings", "2", "--conditions", "short", "--resume", "--out", str(tmp_path / "part")]
-    assert "conditions differ" in refusal(main, others, capsys)
-    wrong = ["--conditions", "long", "--out", str(tmp_path / "wrong")]
-    assert "Conditions are pendulum_x1, pendulum_x3" in refusal(main, wrong, capsys)
+    assert noise.main([*command, "--resume"]) == 0
+    others = ["--recordings", "2", "--conditions", "short", "--resume", "--out", str(tmp_path)]
+    assert "conditions differ" in refusal(noise.main, others, capsys)
+    assert "Conditions are pendulum_x1, pendulum_x3" in refusal(noise.main, ["--conditions", "long"], capsys)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import experiments
-from experiments.readme import moving_picture
+from docs.tools import moving_picture
 from experiments.studies.simulated import study
 
 SHOWN = Path(experiments.__file__).parents[1] / "docs" / "mechanism.gif"

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.noise.conditions import SUBJECTS, Condition, Subject
-from experiments.noise.recordings import TOOL, noisy_recording, true_bodies
-from experiments.noise.truth import drives, truth
+from docs.tools.noise.conditions import SUBJECTS, Condition, Subject
+from docs.tools.noise.recordings import TOOL, noisy_recording, true_bodies
+from docs.tools.noise.truth import drives, truth
 from experiments.studies import competitors
 from ident.estimate import Estimate
 from ident.identification import identify

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 import scenes
-from experiments.noise.conditions import SLOWING, SUBJECTS, Condition
-from experiments.noise.truth import drawn_bodies, drives
+from docs.tools.noise.conditions import SLOWING, SUBJECTS, Condition
+from docs.tools.noise.truth import drawn_bodies, drives
 from experiments.studies.noise_processes import DRIFTS, autoregressive, quantised, student
 from ident.geometry.se3 import inverse
 from ident.mechanism.motion import Motion

@@ -1,4 +1,7 @@
-"""Generated parts of README.md and of docs: tables of both studies, figures, the benchmark, and the example's log."""
+"""Generated parts of README.md and of docs: tables of both studies, figures, the benchmark, and the example's log.
+
+`python -m docs.tools.pages` writes them, from the root of a checkout.
+"""
 
 import json
 import re
@@ -6,17 +9,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from experiments.benchmark import sections, words
-from experiments.benchmark.figure import figure_benchmark
+from docs.tools import arm_log, benchmark, moving_picture, validation
+from docs.tools.drawings import figure_benchmark, figure_estimator
 from experiments.data.key_numbers import summary
 from experiments.data.simulated import Study
 from experiments.document import figures, result_folder, tabular
-from experiments.readme import arm_log, moving_picture, validation
-from experiments.readme.estimator_figure import figure_estimator
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
 from ident.errors import InputError
 from ident.files.atomic import replacing
+
+BENCHMARK = "benchmark.json"
+"""Record of the benchmark."""
 
 
 def table_3(result: Study) -> tabular.Table:
@@ -59,19 +63,16 @@ def table_4(result: Study) -> tabular.Table:
 
 
 def benchmark_results(root: Path) -> dict[str, Any]:
-    """The benchmark for docs/speed.md: that of `results/benchmark`, or else the current one.
+    """The benchmark for docs/speed.md: a new one in `results`, or else the current one.
 
     Raises:
         InputError: It was made with `--quick`, or in a checkout with uncommitted changes.
     """
-    made, shown = root / "results" / "benchmark" / sections.FILE, root / "docs" / sections.FILE
+    made, shown = root / "results" / BENCHMARK, root / "docs" / BENCHMARK
     results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
-    if results["provenance"]["options"]["quick"]:
-        raise InputError(f"docs/speed.md shows a whole benchmark, but '{made}' is a quick one: run it without --quick.")
-    if made.exists() and str(results["provenance"]["git_commit"]).endswith("-dirty"):
-        raise InputError(
-            f"docs/speed.md shows the benchmark of a commit, but '{made}' is of a checkout with changes beyond one."
-        )
+    commit = str(results["provenance"]["git_commit"])
+    if results["provenance"]["options"]["quick"] or (made.exists() and commit.endswith("-dirty")):
+        raise InputError(f"docs/speed.md shows a whole benchmark of a commit; '{made}' is quick, or of changed files.")
     return results
 
 
@@ -97,14 +98,14 @@ def write(root: Path) -> None:
         "table 4": table_4(touching).markdown(),
     }
     _replace_blocks(docs / "study.md", tables)
-    _replace_blocks(docs / "speed.md", {"benchmark": words.readme_block(measured)})
+    _replace_blocks(docs / "speed.md", {"benchmark": benchmark.markdown(measured)})
     write_validation(root, validated)
     with result_folder.results_folder(docs) as folder:
         figures.save(study_figures.figure(tilted, "figure_2"), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
         figures.save(figure_estimator(), folder, "estimator", ["svg"])
         moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
-        result_folder.write_json(folder / sections.FILE, measured)
+        result_folder.write_json(folder / BENCHMARK, measured)
     arm_log.save(root / "scenes" / "arm.csv")
 
 
@@ -127,3 +128,7 @@ def _replace_blocks(page: Path, contents: Mapping[str, str]) -> None:
         text = with_block(text, name, content)
     with replacing(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write(Path())

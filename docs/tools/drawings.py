@@ -1,11 +1,15 @@
-"""Figure that explains the trajectory estimate: an acceleration from filtered angles, and from angles and wrench."""
+"""Figures of the documentation: what the trajectory estimate does, and how fast the regressor is."""
+
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from docs.tools.benchmark import AGAIN, ALL_COLUMNS, CHAIN, REGRESSOR
+from docs.tools.mechanisms import PENDULUM
+from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
+from docs.tools.noise.recordings import noisy_recording
 from experiments.document import figures, styles
-from experiments.noise.conditions import CONDITIONS, SUBJECTS
-from experiments.noise.recordings import noisy_recording
 from experiments.studies.competitors import USUAL, low_passed
 from ident.identification import identify
 
@@ -46,4 +50,26 @@ def figure_estimator() -> Figure:
             ax.plot(time, values, color=line.color, lw=line.width, ls=line.style, label=label)
         ax.set(xlim=SHOWN, xlabel="Time (s)", ylabel=f"Acceleration of the {JOINT} (rad/s²)")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    return figure
+
+
+def figure_benchmark(results: dict[str, Any]) -> Figure:
+    """Time a sample over the number of samples of the pendulum and over the bodies of an arm, ours and Pinocchio's."""
+    lines = (
+        (0, PENDULUM, REGRESSOR, "samples", "o-", ("$Y$, ours", "$Y$, Pinocchio's loop")),
+        (0, PENDULUM, ALL_COLUMNS, "samples", "s--", (r"$\psi$, ours", r"$\psi$, loop and lstsq")),
+        (1, CHAIN, AGAIN, "bodies", "o-", ("", "")),
+    )
+    with styles.paper_style():
+        figure = Figure()
+        panels = figure.subplots(2, 1)
+        for panel, mechanism, task, key, style, labels in lines:
+            rows = [row for row in results["rows"] if (row["mechanism"], row["task"]) == (mechanism, task)]
+            rows.sort(key=lambda row: row[key])
+            for side, color, label in zip(("ours", "theirs"), ("C0", "C1"), labels, strict=True):
+                times = [1e6 * row[side] / row["samples"] for row in rows]
+                panels[panel].loglog([row[key] for row in rows], times, style, color=color, ms=2.5, label=label or None)
+        for ax, label in zip(panels, ("Samples, double pendulum of 3 bodies", "Bodies of an arm"), strict=True):
+            ax.set(xlabel=label, ylabel="Time a sample (µs)")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
