@@ -11,13 +11,13 @@ from functools import partial
 import numpy as np
 import pytest
 from commands import refusal
-from experiments.document.styles import WIDTHS
 from same_recording import assert_same_recording
 
 from experiments import misaligned
 from experiments.data import defaults, fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
 from experiments.document.decimals import decimals_of
+from experiments.document.styles import WIDTHS
 from experiments.reports import study_figures, study_tables
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
