@@ -100,6 +100,7 @@ def test_links_drives_and_the_lag_of_commands_are_identified(lag):
     assert (estimate.held_out.ratio < 0.05).all() and estimate.verdict().usable
 
 
+@pytest.mark.slow
 def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
     fitted = ident.identify(mechanism(actuators=True), recording())
     exact = ident.identify(mechanism(actuators=True), recording(), setup={"lag": 0.0})
@@ -243,6 +244,7 @@ def test_least_squares_say_that_they_take_as_exact_what_is_stated_as_uncertain(t
     np.testing.assert_array_equal(exact.psi, estimate.psi)
 
 
+@pytest.mark.slow
 def test_the_trajectory_estimate_has_nothing_of_that_kind_to_say(tmp_path):
     estimate = ident.identify(mechanism(), with_uncertain_scales(tmp_path), known=True)
     assert set(estimate.scales) == {"turn"}

@@ -1,5 +1,6 @@
 """Public recordings of real systems, as the registry has them, and the results of the validation on them."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -7,9 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import HALF_WIDTH
+from ident.annotations import typed
+from ident.errors import InputError
+from ident.files.table import short
+from ident.tolerances import INTERVAL
+
+NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
+"""Form of the name of a file or folder, which no system takes for a path."""
 
 
+@typed()
 @dataclass(frozen=True)
 class Source:
     """Place at which a recording is published.
@@ -27,6 +35,7 @@ class Source:
     reference: str = ""
 
 
+@typed()
 @dataclass(frozen=True)
 class SourceFile:
     """A file of a recording.
@@ -48,6 +57,7 @@ class SourceFile:
     converter: str = ""
 
 
+@typed()
 @dataclass(frozen=True)
 class Published:
     """A published parameter.
@@ -65,6 +75,7 @@ class Published:
     source: str = ""
 
 
+@typed()
 @dataclass(frozen=True)
 class Reference:
     """Results of earlier work on a recording, as goals; the identification does not see them.
@@ -84,6 +95,7 @@ class Reference:
     worse: float = float("nan")
 
 
+@typed()
 @dataclass(frozen=True)
 class Entry:
     """A recording in the registry.
@@ -123,6 +135,16 @@ class Entry:
     reference: Reference | None = None
     alike: tuple[tuple[str, ...], ...] = ()
     note: str = ""
+
+    def __post_init__(self) -> None:
+        single = [self.folder, *(file.name for file in self.files), self.options.get("columns", self.folder)]
+        paths = [self.source.repository, *(file.path for file in self.files if file.path)]
+        for each in (*single, *(part for path in paths for part in path.split("/"))):
+            if not NAME.fullmatch(each) or (":" in each and each in single):
+                raise InputError(
+                    f"{self.name}: names and paths of files and folders stay in their folder and have at most 100 "
+                    f"letters, digits, '.', '+', '-', '_' and spaces, got {short(repr(each))}."
+                )
 
     @property
     def logs(self) -> tuple[tuple[str, ...], ...]:
@@ -307,7 +329,7 @@ class Validation:
     def outside(self) -> dict[str, float]:
         """Published parameters outside the 95 % intervals: estimate less published value in standard deviations."""
         z = {each.name: self.published_z(each) for each in self.entry.published}
-        return {name: x for name, x in z.items() if abs(x) > HALF_WIDTH}
+        return {name: x for name, x in z.items() if abs(x) > INTERVAL}
 
     @property
     def goals(self) -> list["Goal"]:
@@ -338,7 +360,7 @@ def _z(a: float, std_a: float, b: float, std_b: float) -> float:
 
 def inside(z: np.ndarray) -> float:
     """Share of the differences inside their 95 % intervals; NaN without any."""
-    return float((np.abs(z) <= HALF_WIDTH).mean()) if len(z) else float("nan")
+    return float((np.abs(z) <= INTERVAL).mean()) if len(z) else float("nan")
 
 
 def rms(z: np.ndarray) -> float:

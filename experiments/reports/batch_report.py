@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from experiments.data.batch import LogAgreement, Outcome, spreads
-from experiments.data.errors import HALF_WIDTH
 from experiments.document import styles, symbols, tabular
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
@@ -17,6 +16,7 @@ from experiments.document.tabular import of_deviations
 from ident.display.brief import listed
 from ident.geometry.inertia import with_bodies
 from ident.judgement.verdict import Outcome as Verdict
+from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
@@ -96,7 +96,7 @@ def chart(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, 
         panels = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
         for name, ax in zip(names, panels, strict=True):
             values = np.array([each.values[name] for each in outcomes])
-            half = HALF_WIDTH * agreed.std[:, agreed.names.index(name)]
+            half = INTERVAL * agreed.std[:, agreed.names.index(name)]
             for which, color, label in ((~apart, "C0", "Agrees, 95 %"), (apart, "C1", "Differs, 95 %")):
                 if which.any():
                     dots = numbers[which], values[which], half[which]

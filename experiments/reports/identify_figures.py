@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.document import figures, styles, symbols
 from experiments.document.replay import Replay, every_nth
 from experiments.document.symbols import in_words, regrouped_in_words
@@ -20,6 +19,7 @@ from ident.estimation.units import channel_unit, unit_of
 from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_identified
+from ident.tolerances import INTERVAL
 
 LEFT_OUT = " None are drawn where samples were left out."
 
@@ -64,7 +64,7 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     own = unit_of(name) or ""
     text = regrouped_in_words(base, k, arm) if k < base.rank else in_words(name, arm)
     text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {own}".rstrip()
-    text += f", 95 % interval {value - HALF_WIDTH * std:.4g} to {value + HALF_WIDTH * std:.4g}"
+    text += f", 95 % interval {value - INTERVAL * std:.4g} to {value + INTERVAL * std:.4g}"
     if k < base.rank:
         text += f"; the model as it came has {float(result.fit.equations.from_model[k]):.4g}"
     body = body_index(name) if k < base.rank else None
@@ -152,14 +152,14 @@ def parameters_figure(result: Estimate) -> Figure:
     arm, shown = result.prepared.mechanism, _shown(result)
     value, std = result.psi[shown], result.std_setup[shown]
     prior = result.fit.equations.from_model[shown]
-    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
+    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), INTERVAL * std)
     size = np.where(size > 0, size, 1)
     names = [symbols.named_symbol(result.base.names[k], arm.bodies) for k in shown]
     with styles.paper_style():
         figure, panels = styles.row_panels(names, "Value over the largest of estimate, model and half-width")
         for ax, rows in panels:
             ax.axvline(0, color="0.8", lw=0.6)
-            half, own = HALF_WIDTH * (std / size)[rows], (value / size)[rows]
+            half, own = INTERVAL * (std / size)[rows], (value / size)[rows]
             style: dict[str, Any] = {"fmt": "o", "ms": 2.5, "lw": 0.8, "color": ESTIMATED}
             ax.errorbar(own, rows, xerr=half, label="Estimate, 95 % with set-up", **style)
             ax.plot((prior / size)[rows], rows, "|", color=MEASURED, ms=7, label="Model")

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import ESTIMATE
+from ident.judgement.codes.row import number_of
 from ident.judgement.finding import line_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
@@ -40,8 +42,9 @@ from sim.models.model_update import write_model
 from sim.models.opensim.mechanism import OpenSimOrigin
 from sim.models.urdf import parsed
 
-REMARKS, CHANNELS = 8, 12
-"""Largest numbers of remarks and of channels in the terminal: with them an arm takes 40 lines."""
+REMARKS, CHANNELS, LONGEST = 8, 12, 225
+"""Largest numbers of remarks and of channels in the terminal, and letters of a remark: with them an arm takes 40 lines,
+four legs of twelve joints 50."""
 
 OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
 """Patterns of the files that it writes."""
@@ -225,16 +228,16 @@ def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal: verdict, doubts, the main remarks and numbers; the page and the tables have the rest."""
     doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
     notes = result.prepared.notes
-    hidden = {"remarks": len(remarks) - REMARKS, "notes on the recording": len(notes) - REMARKS}
-    left = [f"{count} more {what}" for what, count in hidden.items() if count > 0]
+    hidden = {"more remark": len(remarks) - REMARKS, "more note": len(notes) - REMARKS}
+    left = [number_of(count, what) for what, count in hidden.items() if count > 0]
     tables = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
     lines = [
         f"Verdict: {made.verdict}",
         *(each.line for each in doubts),
-        *(line_of(sentences(each.text)[0], doubt=False) for each in remarks[:REMARKS]),
+        *(_remark(each.text) for each in remarks[:REMARKS]),
         "",
         *made.lines[:3],
-        *(line_of(sentences(note)[0], doubt=False) for note in notes[:REMARKS]),
+        *(_remark(note) for note in notes[:REMARKS]),
         "",
         *_ratios(result),
         *_bodies(result),
@@ -242,6 +245,11 @@ def screen(made: Document, result: Estimate) -> str:
         f"Tables, also as .csv and .tex: {tables}.",
     ]
     return wrapped("\n".join(lines))
+
+
+def _remark(text: str) -> str:
+    """First sentence of a remark in at most two lines."""
+    return line_of(shorten(sentences(text)[0], LONGEST, placeholder=" …"), doubt=False)
 
 
 def _ratios(result: Estimate) -> list[str]:

@@ -130,6 +130,7 @@ def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
     assert (variances <= known * (1 + 1e-6)).all()
 
 
+@pytest.mark.slow
 def test_a_piece_that_begins_later_tells_nothing():
     share = persons.at_a_rail()._share(0, -1.0)
     assert share.shape == (len(share), len(share)) and not share.any()

@@ -79,6 +79,7 @@ def out(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_everything_on_one_page(out):
     assert {path.name for path in out.iterdir()} == {*STUDIES, "index.html"}
     page = (out / "index.html").read_text(encoding="utf-8")

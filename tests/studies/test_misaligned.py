@@ -11,12 +11,12 @@ from functools import partial
 import numpy as np
 import pytest
 from commands import refusal
-from experiments.document.layout import WIDTHS
 from same_recording import assert_same_recording
 
 from experiments import misaligned
 from experiments.data import fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
+from experiments.document.styles import WIDTHS
 from experiments.document.tabular import decimals_of
 from experiments.reports import study_figures, study_tables
 from experiments.studies import simulated
@@ -263,6 +263,7 @@ def test_sums_that_parameters_stand_for_are_in_a_note_of_every_form(results, stu
     assert "m1† of base" in own and "† Regrouped with other parameters: the sum is in the column of regroupings." in own
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "no_trajectory")
 @pytest.mark.parametrize(
     ("options", "beside"),

@@ -6,7 +6,7 @@ from typing import get_type_hints
 import pytest
 
 from experiments.studies.validation.converters import CONVERTERS
-from experiments.studies.validation.files import chosen, columns_file, folder, registry
+from experiments.studies.validation.files import chosen, columns_file, folder, read_entry, registry
 from ident.annotations import fits
 from ident.errors import InputError
 from ident.recordings.columns.entries import toml
@@ -93,3 +93,38 @@ def test_recordings_are_chosen_by_name_and_a_wrong_one_lists_them():
     assert len(chosen([], entries)) == len(entries)
     with pytest.raises(InputError, match=r"Recordings are bow, .*; got 'ur11'"):
         chosen(["ur11"], entries)
+
+
+GIVEN = """title = "An arm"
+about = "Something"
+folder = "arm"
+tried = false
+[source]
+repository = "someone/arm"
+[[files]]
+name = "arm.xml"
+path = "models/arm.xml"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"arm"', '"../../evil"', "stay in their folder"),
+        ('"arm"', '"/tmp/evil"', "stay in their folder"),
+        ('"arm.xml"', '".."', "stay in their folder"),
+        ('"arm.xml"', r'"a\\u0000b"', "stay in their folder"),
+        ('"models/arm.xml"', '"../arm.xml"', "stay in their folder"),
+        ('"someone/arm"', '"../arm"', "stay in their folder"),
+        ("tried = false", 'tried = "no"', "tried"),
+        ("[source]", "[sources]", "is no entry"),
+        ("path =", "paths =", "is no entry"),
+    ],
+)
+def test_a_malformed_entry_is_one_sentence(old, new, sentence, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(GIVEN, encoding="utf-8")
+    assert read_entry(path).folder == "arm"
+    path.write_text(GIVEN.replace(old, new.replace(r"\\u", r"\u"), 1), encoding="utf-8")
+    with pytest.raises(InputError, match=sentence):
+        read_entry(path)

@@ -50,15 +50,23 @@ def chosen(names: Sequence[str], entries: Mapping[str, Entry]) -> list[Entry]:
 
 
 def read_entry(path: Path) -> Entry:
-    """The entry in a file, whose name it has; `tests/validation/test_registry.py` says what is well-formed."""
+    """Reads the file of an entry, whose name it has.
+
+    Raises:
+        InputError: It is malformed; the message names the file. `tests/validation/test_registry.py` has further rules.
+    """
     content = toml(path, "an entry needs")
-    made: dict[str, Any] = {"source": Source(**content["source"])}
-    if "reference" in content:
-        made["reference"] = Reference(**content["reference"])
-    made |= {key: tuple(map(tuple, content[key])) for key in ("fitted", "judged", "alike") if key in content}
-    for key, kind in (("files", SourceFile), ("published", Published)):
-        made[key] = tuple(kind(**each) for each in content.get(key, ()))
-    return Entry(**{"name": path.stem, **content, **made})
+    made: dict[str, Any] = {"name": path.stem}
+    try:
+        made["source"] = Source(**content["source"])
+        if "reference" in content:
+            made["reference"] = Reference(**content["reference"])
+        made |= {key: tuple(map(tuple, content[key])) for key in ("fitted", "judged", "alike") if key in content}
+        for key, kind in (("files", SourceFile), ("published", Published)):
+            made[key] = tuple(kind(**each) for each in content.get(key, ()))
+        return Entry(**{**content, **made})
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path.name} is no entry of the registry: {error}.") from None
 
 
 DAMAGED = (
