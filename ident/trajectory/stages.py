@@ -441,8 +441,14 @@ class Stages:
 
 
 def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
-    """Logarithms of the standard deviations of the channels' noise in every recording (L, C)."""
-    return np.log([noise.channels for noise in estimate.fit.noises])
+    """Logarithms of the noise by which knots are chosen, of every recording (L, s).
+
+    It is that of the channels. Commands have none: what knots do not follow is then in the angles'.
+    """
+    commanded = estimate.measurement.equations.servos is not None
+    return np.log(
+        [np.r_[each.channels, each.states[0]] if commanded else each.channels for each in estimate.fit.noises]
+    )
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:
