@@ -1,5 +1,6 @@
 """Trials of a short recording, for the tests of running them."""
 
+import json
 import os
 import re
 import signal
@@ -16,6 +17,8 @@ from fuzz.here import Here
 
 from experiments import multicontact
 from experiments.data.simulated import Problem
+from experiments.runs import workers
+from experiments.runs.checkpoint import Checkpoint
 from experiments.studies import trials
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
@@ -33,21 +36,23 @@ def draw(tmp_path, *more, samples="200", contact="pad"):
     return trials.Draw.of(made.file, args.redraw, made.recording)
 
 
-def run(source, number, tmp_path, **more):
-    """Outcomes of trials, in this process if no executor is given."""
-    settings = {"file": tmp_path / trials.FILE, "analyse": ANALYSE, "executor": Here()} | more
-    return trials.run_trials(source, trials=number, **settings)
+def run(source, number, tmp_path, file=trials.FILE, analyse=ANALYSE, given=None):
+    """Outcomes of trials, in this process if no workers are given."""
+    checkpoint = Checkpoint("trials", tmp_path / file, source.identity)
+    with pytest.MonkeyPatch.context() as patched:
+        if given is None or given.number == 1:
+            patched.setattr(workers, "Processes", Here)
+        return trials.run_trials(source, analyse, number, checkpoint, given or workers.Workers())
 
 
-def resumed(source, number, tmp_path, *more):
-    args = arguments(tmp_path, "--samples", "200", "--redraw", "sensors", "--resume", "--trials", str(number), *more)
-    return run(source, number, tmp_path, done=trials.done_in(args.out, source, args.trials)[0])
+def resumed(source, number, tmp_path):
+    return run(source, number, tmp_path, given=workers.Workers(resume=True))
 
 
-def kept(tmp_path):
+def kept(tmp_path, file=trials.FILE):
     """Outcomes in the file of trials."""
-    with np.load(tmp_path / trials.FILE) as data:
-        return data["outcomes"]
+    with np.load(tmp_path / file) as data:
+        return np.array([json.loads(text) for text in bytes(data["outcomes"]).splitlines()])
 
 
 @dataclass(frozen=True)

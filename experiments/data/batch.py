@@ -6,13 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ident.annotations import fits
-from ident.errors import InputError
-from ident.judgement.verdict import Outcome as Verdict
-
-NUMBERS = "ratios", "values", "std"
-"""Fields of an outcome that are numbers by name."""
-
 
 @dataclass(frozen=True)
 class Outcome:
@@ -31,7 +24,6 @@ class Outcome:
         units: Their units, by name.
         seconds: CPU time, s.
         error: The sentence with which it failed; empty if it did not.
-        remark: The sentence on captions or parameters of its document that could not be chosen; empty if all could.
         files: SHA-256 sums of the files in its folder, by name.
     """
 
@@ -47,33 +39,11 @@ class Outcome:
     units: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
     error: str = ""
-    remark: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """All of it in JSON's types."""
         return asdict(self)
-
-    @classmethod
-    def from_dict(cls, given: Any) -> "Outcome":
-        """The outcome with these fields in JSON's types, as read from a file.
-
-        Raises:
-            InputError: A field is missing, unknown, or not what an identification leaves.
-        """
-        if not isinstance(given, dict) or given.keys() != cls.__dataclass_fields__.keys():
-            raise InputError(f"an outcome needs {', '.join(cls.__dataclass_fields__)}")
-        verdicts = [""] if given["error"] else [each.value for each in Verdict]
-        right = {name: fits(value, cls.__annotations__[name]) for name, value in given.items()}
-        right["verdict"] = given["verdict"] in verdicts
-        right["seconds"] = right["seconds"] and bool(np.isfinite(given["seconds"]))
-        for name in NUMBERS:
-            right[name] = right[name] and bool(np.isfinite(list(given[name].values())).all())
-        if wrong := [name for name, holds in right.items() if not holds]:
-            raise InputError(f"'{wrong[0]}' of an outcome cannot be {given[wrong[0]]!r}")
-        if not given["values"].keys() == given["std"].keys() == given["units"].keys():
-            raise InputError("values, std and units of an outcome need the same names")
-        return cls(**given)
 
 
 @dataclass(frozen=True)

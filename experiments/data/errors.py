@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HALF_WIDTH = 1.959964
-"""Half the width of a 95 % interval, in standard deviations."""
+from ident.tolerances import INTERVAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,7 @@ class Errors:
     @property
     def covered(self) -> np.ndarray:
         """True where a recording's own 95 % interval holds the truth (recordings, parameters)."""
-        return np.abs(self.errors) <= HALF_WIDTH * self.predicted
+        return np.abs(self.errors) <= INTERVAL * self.predicted
 
     @property
     def coverage(self) -> np.ndarray:

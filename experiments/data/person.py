@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.data.laboratory import Laboratory
 from ident.estimate import Estimate
 from ident.estimation.channel_scales import channel_scales
@@ -16,6 +15,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import conditioned, known_covariance
 from ident.recordings.recording import Recording
+from ident.tolerances import INTERVAL
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.piece_equations import normal_equations
 from ident.trajectory.fit.precision import inverse_of_precision
@@ -115,7 +115,7 @@ class Study:
     @property
     def coverage(self) -> float:
         """Coverage of the 95 % intervals of determined combinations."""
-        return float((np.abs(self.distances[1][self.determined]) < HALF_WIDTH).mean())
+        return float((np.abs(self.distances[1][self.determined]) < INTERVAL).mean())
 
     @property
     def noise_of_angles(self) -> float:

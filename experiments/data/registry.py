@@ -1,10 +1,19 @@
 """Entries of the registry of public recordings."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ident.annotations import typed
+from ident.errors import InputError
+from ident.files.table import short
 
+NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
+"""Form of the name of a file or folder, which no system takes for a path."""
+
+
+@typed()
 @dataclass(frozen=True)
 class Source:
     """Place at which a recording is published.
@@ -22,6 +31,7 @@ class Source:
     reference: str = ""
 
 
+@typed()
 @dataclass(frozen=True)
 class SourceFile:
     """A file of a recording.
@@ -43,6 +53,7 @@ class SourceFile:
     converter: str = ""
 
 
+@typed()
 @dataclass(frozen=True)
 class Published:
     """A published parameter.
@@ -60,6 +71,7 @@ class Published:
     source: str = ""
 
 
+@typed()
 @dataclass(frozen=True)
 class Reference:
     """Results of earlier work on a recording, as goals; the identification does not see them.
@@ -79,6 +91,7 @@ class Reference:
     worse: float = float("nan")
 
 
+@typed()
 @dataclass(frozen=True)
 class Entry:
     """A recording in the registry.
@@ -118,6 +131,16 @@ class Entry:
     reference: Reference | None = None
     alike: tuple[tuple[str, ...], ...] = ()
     note: str = ""
+
+    def __post_init__(self) -> None:
+        single = [self.folder, *(file.name for file in self.files), self.options.get("columns", self.folder)]
+        paths = [self.source.repository, *(file.path for file in self.files if file.path)]
+        for each in (*single, *(part for path in paths for part in path.split("/"))):
+            if not NAME.fullmatch(each) or (":" in each and each in single):
+                raise InputError(
+                    f"{self.name}: names and paths of files and folders stay in their folder and have at most 100 "
+                    f"letters, digits, '.', '+', '-', '_' and spaces, got {short(repr(each))}."
+                )
 
     @property
     def logs(self) -> tuple[tuple[str, ...], ...]:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.data.registry import Entry, Published
+from ident.tolerances import INTERVAL
 
 MODEL, LEAST_SQUARES, ESTIMATE = "model", "least squares", "estimate"
 CANDIDATES = {MODEL: "model as it came", LEAST_SQUARES: "least squares", ESTIMATE: "trajectory estimate"}
@@ -187,7 +187,7 @@ class Validation:
     def outside(self) -> dict[str, float]:
         """Published parameters outside the 95 % intervals: estimate less published value in standard deviations."""
         z = {each.name: self.published_z(each) for each in self.entry.published}
-        return {name: x for name, x in z.items() if abs(x) > HALF_WIDTH}
+        return {name: x for name, x in z.items() if abs(x) > INTERVAL}
 
     @property
     def goals(self) -> list["Goal"]:
@@ -218,7 +218,7 @@ def _z(a: float, std_a: float, b: float, std_b: float) -> float:
 
 def inside(z: np.ndarray) -> float:
     """Share of the differences inside their 95 % intervals; NaN without any."""
-    return float((np.abs(z) <= HALF_WIDTH).mean()) if len(z) else float("nan")
+    return float((np.abs(z) <= INTERVAL).mean()) if len(z) else float("nan")
 
 
 def rms(z: np.ndarray) -> float:

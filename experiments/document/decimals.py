@@ -63,28 +63,6 @@ def as_stated(numbers: Iterable[float]) -> int:
     return max([0, *(-int(exponent) for exponent in exponents)])
 
 
-def bracketed(value: float, std: float, decimals: int | None = None) -> str:
-    """A number followed by its standard deviation in brackets, in units of its last digit, as siunitx reads it.
-
-    Args:
-        value: The number.
-        std: Its standard deviation.
-        decimals: Decimals of the number, by default those that leave the standard deviation two digits.
-
-    >>> [bracketed(2.5187, 0.0312), bracketed(20.3, 1.25), bracketed(1234.0, 118.0), bracketed(2e6, 31200.0)]
-    ['2.519(31)', '20.3(12)', '1230(120)', '2.000(31)e6']
-    """
-    places = decimals_of(std) if decimals is None else decimals
-    if places is None:
-        return f"{number(value)}(0)"
-    power = 0
-    if abs(value) >= HUGE or places > LEAST:
-        power = int(f"{max(abs(value), std):e}".partition("e")[2])
-        value, std, places = value / 10.0**power, std / 10.0**power, min(places + power, LEAST)
-    size = round(std * 10**places) if places > 0 else round(std, places)
-    return f"{round(value, places) + 0.0:.{max(places, 0)}f}({size:.0f})" + (f"e{power}" if power else "")
-
-
 def lacking(texts: Sequence[str]) -> list[str]:
     """Text that each number lacks to have all the decimals of its column, so that decimal points can be aligned.
 

@@ -7,8 +7,8 @@ from functools import cached_property
 
 from experiments.document.symbols import SYMBOL
 
-NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:\((\d+)\))?(?:e([+-]?)0*(\d+))?")
-"""A number of an `S` column: sign, whole digits, decimals, uncertainty in brackets, sign and digits of the exponent."""
+NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
+"""A number of an `S` column: sign, whole digits, decimals, sign and digits of the exponent."""
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,14 @@ class Column:
 
     @cached_property
     def shape(self) -> str:
-        """Room for its numbers as siunitx wants it, `-2.3(2)e1`; empty if there are none."""
+        """Room for its numbers as siunitx wants it, `-2.3e1`; empty if there are none."""
         numbers = [match for cell in self.cells if (match := NUMBER.fullmatch(cell))] if self.numeric else []
         if not numbers:
             return ""
         sign = "-" if any(match[1] for match in numbers) else ""
-        whole, decimals, bracket, power = (max(len(match[k] or "") for match in numbers) for k in (2, 3, 4, 6))
-        exponent = f"e{'-' if any(match[5] == '-' for match in numbers) else ''}{power}" if power else ""
-        return f"{sign}{whole}.{decimals}" + (f"({bracket})" if bracket else "") + exponent
+        whole, decimals, power = (max(len(match[k] or "") for match in numbers) for k in (2, 3, 5))
+        exponent = f"e{'-' if any(match[4] == '-' for match in numbers) else ''}{power}" if power else ""
+        return f"{sign}{whole}.{decimals}{exponent}"
 
     @property
     def _room(self) -> int:

@@ -7,12 +7,11 @@ from itertools import groupby, pairwise
 from math import ceil
 
 from experiments.document import escape
-from experiments.document.decimals import bracketed
-from experiments.document.layout import HEIGHTS, PAPER, WIDTHS, Layout
 from experiments.document.print_columns import LONG, NORMAL, SMALL, Column, Size, capital, letters_of, lines_of
 from experiments.document.regrouped import DAGGER
+from experiments.document.styles import HEIGHTS, WIDTHS, page_columns
 from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
-from experiments.document.tabular import Table, heading
+from experiments.document.tabular import Table
 from ident.geometry.inertia import body_of_parameter
 
 PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
@@ -67,21 +66,18 @@ def text_with_symbols(text: str) -> str:
     return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", mixed)
 
 
-def tex(table: Table, label: str = "", layout: Layout = PAPER) -> str:
+def tex(table: Table, label: str = "") -> str:
     """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
-    table = table.shown(layout).filled()
-    columns, caption = _columns(table), _caption(label, table.caption or table.title, layout)
-    notes = _notes(table)
-    if layout.brackets and table.bracketed():
-        columns, notes = _with_brackets(columns, table), _notes(table, _bracket_note(table))
-    narrow, wide = (72.27 * width for width in WIDTHS[layout.columns])
+    table = table.filled()
+    columns, caption, notes = _columns(table), _caption(table.caption or table.title), _notes(table)
+    narrow, wide = (72.27 * width for width in WIDTHS[page_columns()])
     needed = sum(column.width(NORMAL) for column in columns)
-    star = "*" if layout.columns == 2 and needed > narrow else ""
+    star = "*" if page_columns() == 2 and needed > narrow else ""
     room = wide if star else narrow
     size = NORMAL if needed <= room else SMALL
     floats: list[str] = []
     for part in _parts(columns, 1 + (len(table.headings()) > len(table.columns)), size, room):
-        for page in _pages(part, size, room, 72.27 * HEIGHTS[layout.columns]):
+        for page in _pages(part, size, room, 72.27 * HEIGHTS[page_columns()]):
             rows = [replace(column, cells=column.cells[page]) for column in part]
             continued = r" \emph{(continued)}" if floats else ""
             name = f"\\label{{tab:{label}}}" if label and not floats else ""
@@ -126,19 +122,19 @@ def _pages(columns: Sequence[Column], size: Size, room: float, height: float) ->
     return [slice(start, end) for start, end in pairwise([*starts, len(columns[0].cells)])]
 
 
-def figure(name: str, caption: str, width: float, layout: Layout) -> str:
+def figure(name: str, caption: str, width: float) -> str:
     """A float with a figure from a file of that name, in its drawn width, inches."""
-    star = "*" if layout.columns == 2 and width > 1.05 * WIDTHS[2][0] else ""
+    star = "*" if page_columns() == 2 and width > 1.05 * WIDTHS[2][0] else ""
     return (
         f"% \\usepackage{{graphicx,siunitx}}\n\\begin{{figure{star}}}\n\\centering\n\\includegraphics{{{name}}}\n"
-        f"\\caption{{{_caption(name, caption, layout)}}}\\label{{fig:{name}}}\n\\end{{figure{star}}}\n"
+        f"\\caption{{{_caption(caption)}}}\\label{{fig:{name}}}\n\\end{{figure{star}}}\n"
     )
 
 
-def _caption(name: str, caption: str, layout: Layout) -> str:
-    """The author's caption unchanged, or the program's with a full stop."""
+def _caption(caption: str) -> str:
+    """A caption in LaTeX, with a full stop."""
     text = text_with_symbols(caption)
-    return layout.captions.get(name, text if not text or text.endswith(".") else f"{text}.")
+    return text if not text or text.endswith(".") else f"{text}."
 
 
 def _columns(table: Table) -> list[Column]:
@@ -214,34 +210,10 @@ def unit_line(text: str) -> str:
     return f"({unit(match[1])})" if match and match[1] in _UNITS else text_with_symbols(text)
 
 
-def _with_brackets(columns: Sequence[Column], table: Table) -> list[Column]:
-    """The columns with standard deviations in brackets behind the estimates, and without columns of their own."""
-    keys = len(columns) - len(table.columns)
-    place = {name: k + keys * (k > 0) for k, name in enumerate(table.columns)}
-    out, pairs = list(columns), table.bracketed()
-    for name, std in pairs.items():
-        given = [(row[table.columns.index(name)], row[table.columns.index(std)]) for row in table.rows]
-        cells = [
-            bracketed(value, deviation) if isinstance(value, float) and isinstance(deviation, float) else cell
-            for cell, (value, deviation) in zip(out[place[name]].cells, given, strict=True)
-        ]
-        out[place[name]] = replace(out[place[name]], cells=cells)
-    gone = {place[std] for std in pairs.values()}
-    return [column for k, column in enumerate(out) if k not in gone]
-
-
-def _bracket_note(table: Table) -> str:
-    """Note on the standard deviations in brackets."""
-    heads = [table.heads.get(std, heading(std)).partition(", ") for std in table.bracketed().values()]
-    several = len({head for head, *_ in heads}) > 1
-    words = dict.fromkeys(f"{remark} {head}".strip() if several else head for head, _, remark in heads)
-    return f"In brackets, in units of the last digits: {', '.join(words).rstrip('.')}."
-
-
-def _notes(table: Table, *more: str) -> str:
+def _notes(table: Table) -> str:
     """Notes below a table."""
     notes = [f"\\item[{_MARKS.get(mark, mark)}] {text_with_symbols(note)}" for mark, note in table.remarks()]
-    notes += [f"\\item {text_with_symbols(note)}" for note in (*table.notes, *more)]
+    notes += [f"\\item {text_with_symbols(note)}" for note in table.notes]
     if not notes:
         return ""
     lines = "\n".join(notes)

@@ -1,30 +1,30 @@
-"""Style of figures: the paper's, or an author's, and the sizes of the page that it is for."""
+"""Style of the paper's figures, and the sizes of the page that they are for."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from importlib.resources import as_file, files
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 
-from experiments.document.layout import HEIGHTS, WIDTHS
-from ident.errors import InputError
+WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
+"""Width in inches of a column and of the text, on pages with one column (LaTeX's article) and with two (IEEEtran's, 252
+and 516 pt, at 72.27 pt per inch)."""
+
+HEIGHTS = {1: 6.7, 2: 8.6}
+"""Largest height of figures on those pages, inches, with room for a caption."""
 
 _PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
 """Number of columns of the page."""
 
-_AUTHORS: ContextVar[Any] = ContextVar("_AUTHORS", default=())
-"""An author's settings, which precede the paper's."""
-
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """Applies the style of the paper's figures, or an author's, for the duration of a block."""
+    """Applies the style of the paper's figures, in the column width of the page, for the duration of a block."""
     with mpl.rc_context(_papers()):
-        mpl.rcParams.update(_AUTHORS.get())
+        mpl.rcParams["figure.figsize"] = [WIDTHS[_PAGE.get()][0], mpl.rcParams["figure.figsize"][1]]
         yield
 
 
@@ -38,32 +38,13 @@ def _papers() -> dict[Any, Any]:
 
 
 @contextmanager
-def author_style(path: Path | None, columns: int) -> Iterator[None]:
-    """Draws a block's figures for a page of so many columns, in the style of a matplotlib style file.
-
-    Raises:
-        InputError: The file does not exist, or has a setting unknown to matplotlib.
-    """
-    with paper_style():
-        given: Any = {"figure.figsize": [WIDTHS[columns][0], mpl.rcParams["figure.figsize"][1]]}
-    if path is not None:
-        try:
-            settings = [
-                line.partition("#")[0].partition(":")[0].strip() for line in path.read_text("utf-8").splitlines()
-            ]
-            if unknown := [name for name in settings if name and name not in mpl.rcParams]:
-                raise KeyError(unknown[0])
-            given |= mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
-        # Matplotlib's checks of values raise errors of all classes.
-        except Exception as error:
-            reason = f"'{error.args[0]}' is no setting" if isinstance(error, KeyError) else str(error)
-            raise InputError(f"--style needs a style file of matplotlib's, but '{path}': {reason}.") from None
-    before, page = _AUTHORS.set(given), _PAGE.set(columns)
+def page(columns: int) -> Iterator[None]:
+    """Sizes a block's tables and figures for a page of so many columns."""
+    before = _PAGE.set(columns)
     try:
         yield
     finally:
-        _AUTHORS.reset(before)
-        _PAGE.reset(page)
+        _PAGE.reset(before)
 
 
 def column_width() -> float:

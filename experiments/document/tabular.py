@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 from experiments.document import escape, terminal
 from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations
-from experiments.document.layout import Layout
 from experiments.document.regrouped import DAGGER, Regrouped
 from ident.display.text import decimals_beside, decimals_of
 from ident.estimation.units import unit_of
@@ -113,22 +112,15 @@ class Table:
             return notes
         return [*notes, (DAGGER, self.regrouped.sentence(shown, column=SUMS in self.columns))]
 
-    def shown(self, layout: Layout) -> "Table":
-        """The table with only the parameters that an author wants."""
-        if not self.bodies:
-            return self
-        return self._with_rows(lambda name: layout.shows(name, self.bodies))
-
     def without(self, names: Collection[str], note: str) -> "Table":
         """The table without the rows of some names, and with a note on them."""
-        left = self._with_rows(lambda name: name not in names)
-        return replace(left, notes=(*self.notes, note)) if names else self
-
-    def _with_rows(self, wanted: Callable[[str], bool]) -> "Table":
-        kept = [k for k, row in enumerate(self.rows) if wanted(str(row[0]))]
+        if not names:
+            return self
+        kept = [k for k, row in enumerate(self.rows) if str(row[0]) not in names]
         units = tuple(self.units[k] for k in kept) if self.units else ()
         digits = {name: [decimals[k] for k in kept] for name, decimals in self.digits.items()}
-        return replace(self, rows=tuple(self.rows[k] for k in kept), units=units, digits=digits)
+        rows, notes = tuple(self.rows[k] for k in kept), (*self.notes, note)
+        return replace(self, rows=rows, units=units, digits=digits, notes=notes)
 
     def headings(self) -> list[str]:
         """Column names in words, with one for the units of the rows."""
@@ -165,10 +157,6 @@ class Table:
         if std == column:
             return of_deviations([deviation])[0]
         return decimals_beside(own, deviation) if isinstance(own, float) else decimals_of(deviation)
-
-    def bracketed(self) -> dict[str, str]:
-        """Columns of standard deviations by those of their estimates, of those pairs that the table has."""
-        return {name: std for name, std in self.deviations.items() if {name, std} <= {*self.columns}}
 
     def numeric(self) -> list[bool]:
         """True for each column that holds only numbers."""

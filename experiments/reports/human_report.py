@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.data.laboratory import Laboratory
 from experiments.data.person import MOVED, Study
 from experiments.document import tabular
@@ -15,6 +14,7 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.reports import identify_replay
 from experiments.reports.human_figure import figure, growth, predicted_deviations
 from ident.geometry.inertia import com_from_parameters
+from ident.tolerances import INTERVAL
 from sim.motion.person import ACTIVITIES
 
 ABOUT = (
@@ -91,7 +91,7 @@ def _counted(persons: Sequence[Mapping[str, Any]]) -> tuple[tabular.Cell, ...]:
         z = errors[std < MOVED]
         out += [
             len(z),
-            *(map(float, (np.mean(np.abs(z) < HALF_WIDTH), np.sqrt(np.mean(z**2)))) if len(z) else (None,) * 2),
+            *(map(float, (np.mean(np.abs(z) < INTERVAL), np.sqrt(np.mean(z**2)))) if len(z) else (None,) * 2),
         ]
     return tuple(out)
 

@@ -9,13 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.document import escape, figures, row_panels, styles, symbols
-from experiments.document.layout import PAPER, Layout
 from ident.display.plots import amplitude_spectrum
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import channel_unit
+from ident.tolerances import INTERVAL
 
 MEASURED, ESTIMATED = figures.INKS[:2]
 """Colours of measurements and of estimates, as on the page."""
@@ -62,19 +61,19 @@ def held_out_caption(result: Estimate) -> str:
     return caption
 
 
-def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
+def parameters_figure(result: Estimate) -> Figure:
     """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
-    arm, shown = result.prepared.mechanism, _shown(result, layout)
+    arm, shown = result.prepared.mechanism, _shown(result)
     value, std = result.psi[shown], result.std_setup[shown]
     prior = result.fit.equations.from_model[shown]
-    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
+    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), INTERVAL * std)
     size = np.where(size > 0, size, 1)
     names = [symbols.named_symbol(result.base.names[k], arm.bodies) for k in shown]
     with styles.paper_style():
         figure, panels = row_panels.row_panels(names, "Value over the largest of estimate, model and half-width")
         for ax, rows in panels:
             ax.axvline(0, color="0.8", lw=0.6)
-            half, own = HALF_WIDTH * (std / size)[rows], (value / size)[rows]
+            half, own = INTERVAL * (std / size)[rows], (value / size)[rows]
             style: dict[str, Any] = {"fmt": "o", "ms": 2.5, "lw": 0.8, "color": ESTIMATED}
             ax.errorbar(own, rows, xerr=half, label="Estimate, 95 % with set-up", **style)
             ax.plot((prior / size)[rows], rows, "|", color=MEASURED, ms=7, label="Model")
@@ -82,25 +81,19 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
     return figure
 
 
-def parameters_caption(result: Estimate, layout: Layout = PAPER) -> str:
+def parameters_caption(result: Estimate) -> str:
     """Caption of the figure of parameters."""
     caption = "Base parameters with 95 % intervals that include the uncertainty of the set-up, and the model's values."
-    shown, wanted = len(_shown(result, layout)), len(_wanted(result, layout))
-    some = f" Shown are the {shown} of {wanted} with the narrowest relative intervals; the table has all."
-    return caption + some * (shown < wanted)
+    shown, rank = len(_shown(result)), result.base.rank
+    some = f" Shown are the {shown} of {rank} with the narrowest relative intervals; the table has all."
+    return caption + some * (shown < rank)
 
 
-def _wanted(result: Estimate, layout: Layout) -> list[int]:
-    """Indices of the base parameters that an author wants."""
-    bodies = result.prepared.mechanism.bodies
-    return [k for k, name in enumerate(result.base.names) if layout.shows(name, bodies)]
-
-
-def _shown(result: Estimate, layout: Layout) -> list[int]:
-    """Indices of the wanted parameters; if too many for a page, those with the narrowest relative intervals."""
+def _shown(result: Estimate) -> list[int]:
+    """Indices of the base parameters; if too many for a page, of those with the narrowest relative intervals."""
     prior = result.fit.equations.from_model[: result.base.rank]
     relative = result.std_setup / np.maximum(np.maximum(np.abs(result.psi), np.abs(prior)), 1e-300)
-    narrowest = sorted(_wanted(result, layout), key=relative.__getitem__)
+    narrowest = sorted(range(result.base.rank), key=relative.__getitem__)
     return sorted(narrowest[: row_panels.most_rows()])
 
 

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.document.parameter_words import in_words, regrouped_in_words
 from experiments.document.replay import Replay, every_nth
 from ident.estimate import Estimate
@@ -13,6 +12,7 @@ from ident.estimation.units import channel_unit, unit_of
 from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_identified
+from ident.tolerances import INTERVAL
 
 LEFT_OUT = " None are drawn where samples were left out."
 
@@ -57,7 +57,7 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     own = unit_of(name) or ""
     text = regrouped_in_words(base, k, arm) if k < base.rank else in_words(name, arm)
     text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {own}".rstrip()
-    text += f", 95 % interval {value - HALF_WIDTH * std:.4g} to {value + HALF_WIDTH * std:.4g}"
+    text += f", 95 % interval {value - INTERVAL * std:.4g} to {value + INTERVAL * std:.4g}"
     if k < base.rank:
         text += f"; the model as it came has {float(result.fit.equations.from_model[k]):.4g}"
     body = body_index(name) if k < base.rank else None

@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.data.validation import WORSE, Goal, Study, Validation, inside
 from experiments.document.document import Document
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from experiments.reports.validation_numbers import numbers
+from ident.tolerances import INTERVAL
 
 ABOUT = (
     "Public recordings of real systems, identified unattended with the command's defaults. Held-out residuals are "
@@ -95,7 +95,7 @@ def _identical(validation: Validation) -> str:
     pulled = f" The model's values, ± {min(priors):.4f}, pull them together." if np.isfinite(min(priors)) else ""
     return (
         f"{validation.entry.title}: of {len(z)} pairs of parameters that are equal by construction "
-        f"{int((abs(z) <= HALF_WIDTH).sum())} differ by at most 1.96 s.d. ({groups}).{pulled}"
+        f"{int((abs(z) <= INTERVAL).sum())} differ by at most 1.96 s.d. ({groups}).{pulled}"
     )
 
 

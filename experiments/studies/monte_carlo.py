@@ -1,7 +1,6 @@
 """Trials of a study: the errors of its models when noise is drawn anew."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.simulated import Study
 from experiments.runs.workers import Workers
 from experiments.studies.simulated import trajectory_trial, trial
-from experiments.studies.trials import FILE, TRAJECTORY_FILE, Draw, Outcome, done_in, kept_in, run_trials
+from experiments.studies.trials import Draw, kept_in, run_trials
 from ident.errors import InputError
 
 
@@ -34,23 +33,19 @@ class Trials:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Trials of a study, of which some may be done.
+    """Trials of a study.
 
     Attributes:
         study: The study.
         draw: Source of the recordings.
         asked: How many trials to run, and how.
         folder: Folder of the files of the outcomes.
-        done: Outcomes of an interrupted run.
-        trajectory_done: The same of the trajectory estimate.
     """
 
     study: Study
     draw: Draw
     asked: Trials
     folder: Path
-    done: Sequence[Outcome]
-    trajectory_done: Sequence[Outcome]
 
     @classmethod
     def of(cls, study: Study, asked: Trials, folder: Path) -> "Run":
@@ -64,29 +59,30 @@ class Run:
                 "--trials needs [trials] in the study file, with models by what the tables are to call them."
             )
         draw = Draw.of(study.file, asked.redraw, study.recording)
-        done, trajectory_done = done_in(folder, draw, asked.trials) if asked.workers.resume else ([], [])
-        return cls(study, draw, asked, folder, done, trajectory_done)
+        if asked.workers.resume:
+            if not asked.trials:
+                raise InputError("--resume needs --trials, the number of trials to reach.")
+            kept_in(folder, draw)[0].done()
+        return cls(study, draw, asked, folder)
 
     def distributions(self) -> dict[str, Distribution]:
         """Runs the trials, and repeats the first of them for the trajectory estimate."""
         study, asked, file = self.study, self.asked, self.study.file
-        trajectory_model = file.trajectory_trials
-        trajectory_trials = min(asked.trials, asked.trajectory_trials) if trajectory_model else 0
+        kept, kept_trajectory = kept_in(self.folder, self.draw)
         if not asked.workers.resume:
-            kept_in(self.folder, self.draw).set_aside()
-        left = max(asked.trials - len(self.done), trajectory_trials - len(self.trajectory_done))
+            kept_trajectory.set_aside()
         analyse = partial(trial, study.problem, tuple(file.trials.values()))
-        with asked.workers.pool(left) as pool:
-            run = partial(run_trials, self.draw, executor=pool.executor, ahead=pool.ahead, threads=pool.threads)
-            outcomes = run(analyse, asked.trials, file=self.folder / FILE, done=self.done)
-            distributions = {
-                name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())
-            }
-            if trajectory_model and trajectory_trials:
-                kept, model = self.folder / TRAJECTORY_FILE, file.trials[trajectory_model]
-                analyse, done = partial(trajectory_trial, study.problem, model), self.trajectory_done
-                outcomes = run(analyse, trajectory_trials, file=kept, done=done, what="trajectory trials")
-                distributions[trajectory_model + TRAJECTORY] = _distribution(study, model, outcomes[:, 0])
+        outcomes = run_trials(self.draw, analyse, asked.trials, kept, asked.workers)
+        distributions = {
+            name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())
+        }
+        number, name = min(asked.trials, asked.trajectory_trials), file.trajectory_trials
+        if name and number:
+            # The run may have been interrupted before any of these.
+            workers = replace(asked.workers, resume=asked.workers.resume and kept_trajectory.file.exists())
+            analyse = partial(trajectory_trial, study.problem, file.trials[name])
+            outcomes = run_trials(self.draw, analyse, number, kept_trajectory, workers)
+            distributions[name + TRAJECTORY] = _distribution(study, file.trials[name], outcomes[:, 0])
         return distributions
 
 

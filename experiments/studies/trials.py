@@ -1,8 +1,6 @@
 """Monte Carlo trials of one study by a worker pool, interrupted and resumed without loss."""
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,8 +11,7 @@ import numpy as np
 from experiments.data.fitting import TrajectoryTrial, Trial
 from experiments.data.study_file import StudyFile
 from experiments.runs.checkpoint import Checkpoint
-from ident.errors import InputError
-from ident.estimation.pieces import in_order
+from experiments.runs.workers import Workers
 from ident.recordings.recording import Recording
 from sim.simulation.simulate import simulate_many, with_noise
 
@@ -84,65 +81,30 @@ class Draw:
 
 
 def run_trials(
-    draw: Draw,
-    analyse: Callable[[Recording], Outcome],
-    trials: int,
-    *,
-    executor: Executor,
-    ahead: int | None = None,
-    threads: int = 1,
-    file: Path,
-    done: Sequence[Outcome] = (),
-    what: str = "trials",
+    draw: Draw, analyse: Callable[[Recording], Outcome], trials: int, kept: Checkpoint, workers: Workers
 ) -> np.ndarray:
-    """Outcomes of all trials (trials, models, 2, parameters), the same with any executor.
+    """Outcomes of all trials (trials, models, 2, parameters), the same with any workers.
 
     Args:
         draw: Source of the recordings.
         analyse: Function of a recording; sent to the workers, so a module's function or a partial of one.
         trials: Number of trials.
-        executor: Executor of the trials. Each worker uses one thread for linear algebra, so that sums have the same
-            order everywhere.
-        ahead: Number of batches of trials to submit ahead, as for `in_order`.
-        threads: Number of threads in which each worker simulates.
-        file: File of the finished trials.
-        done: Outcomes of the first trials, from an interrupted run.
-        what: Name of the trials in the progress bar.
-
-    Raises:
-        InputError: A trial failed.
-        OSError: The trials could not be saved.
-        Exception: Errors of the executor when its workers die. The finished trials are in `file`.
+        kept: File of the finished trials.
+        workers: Workers that share them.
     """
-    left = range(len(done), trials)
-    size = min(BATCH, 1 + len(left) // 16)
-    batches = (left[k : k + size] for k in range(0, len(left), size))
-    work = partial(_outcomes, draw, analyse, threads)
-    with closing(in_order(executor, work, batches, ahead=ahead)) as results:
-        outcomes = Checkpoint(what, file, draw.identity).collect(results, trials, done)
-    return np.array(outcomes[:trials])
+    work = partial(_outcomes, draw, analyse, workers.threads)
+    return np.array(workers.collected(work, range(trials), kept, batch=BATCH))
 
 
-def done_in(folder: Path, draw: Draw, trials: int) -> tuple[list[Outcome], list[Outcome]]:
-    """Outcomes of an interrupted run, and those of the trajectory estimate; empty if it was interrupted before these.
-
-    Raises:
-        InputError: There are none, or they belong to another run.
-    """
-    if not trials:
-        raise InputError("--resume needs --trials, the number of trials to reach.")
-    kept = kept_in(folder, draw)
-    done = Checkpoint("trials", folder / FILE, draw.identity).done()
-    return done, kept.done() if kept.file.exists() else []
-
-
-def kept_in(folder: Path, draw: Draw) -> Checkpoint:
-    """Checkpoint of the trajectory estimate's trials."""
-    return Checkpoint("trajectory trials", folder / TRAJECTORY_FILE, draw.identity)
+def kept_in(folder: Path, draw: Draw) -> tuple[Checkpoint, Checkpoint]:
+    """Checkpoints of the trials, and of those of the trajectory estimate."""
+    names = {FILE: "trials", TRAJECTORY_FILE: "trajectory trials"}
+    first, second = (Checkpoint(what, folder / file, draw.identity) for file, what in names.items())
+    return first, second
 
 
 def _outcomes(
     draw: Draw, analyse: Callable[[Recording], Outcome], threads: int, trials: Sequence[int]
-) -> list[Outcome]:
+) -> list[list[Any]]:
     """Outcomes of a batch of trials; run by workers."""
-    return [analyse(recording) for recording in draw.recordings(trials, threads)]
+    return [analyse(recording).tolist() for recording in draw.recordings(trials, threads)]

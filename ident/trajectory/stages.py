@@ -445,10 +445,8 @@ def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
 
     It is that of the channels. Commands have none: what knots do not follow is then in the angles'.
     """
-    commanded = estimate.measurement.equations.servos is not None
-    return np.log(
-        [np.r_[each.channels, each.states[0]] if commanded else each.channels for each in estimate.fit.noises]
-    )
+    angles = slice(0 if estimate.measurement.equations.servos is None else None)
+    return np.log([np.r_[each.channels, each.states[0, angles]] for each in estimate.fit.noises])
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:

@@ -35,6 +35,7 @@ def drawings(monkeypatch):
     return drawn
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_trajectory", "here")
 @pytest.mark.parametrize("formats", [["pdf"], ["svg"], ["pdf", "png", "png"]], ids="+".join)
 def test_one_format_costs_one_drawing(tmp_path, drawings, formats):

@@ -17,7 +17,7 @@ from experiments import misaligned
 from experiments.data import defaults, fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
 from experiments.document.decimals import decimals_of
-from experiments.document.layout import WIDTHS
+from experiments.document.styles import WIDTHS
 from experiments.reports import study_figures, study_tables
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
@@ -263,6 +263,7 @@ def test_sums_that_parameters_stand_for_are_in_a_note_of_every_form(results, stu
     assert "m1† of base" in own and "† Regrouped with other parameters: the sum is in the column of regroupings." in own
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "no_trajectory")
 @pytest.mark.parametrize(
     ("options", "beside"),

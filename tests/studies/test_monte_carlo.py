@@ -2,9 +2,7 @@ import csv
 import json
 import os
 import signal
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from experiments.data.errors import Distribution
 from experiments.data.simulated import Problem
 from experiments.document import figures
 from experiments.reports import monte_carlo_report
-from experiments.runs.workers import worker_pool
+from experiments.runs import workers
 from experiments.studies import monte_carlo, trials
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
@@ -38,8 +36,8 @@ def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
 
 def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
     source = draw(tmp_path, "--redraw", "sensors")
-    whole = run(source, 9, tmp_path, file=tmp_path / "whole.npz")
-    in_order = trials.in_order
+    whole = run(source, 9, tmp_path, file="whole.npz")
+    in_order = workers.in_order
 
     def interrupted(*args, **more):
         for k, outcomes in enumerate(in_order(*args, **more)):
@@ -48,7 +46,7 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
             yield outcomes
 
     with monkeypatch.context() as patched:
-        patched.setattr(trials, "in_order", interrupted)
+        patched.setattr(workers, "in_order", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(source, 9, tmp_path)
     assert len(kept(tmp_path)) == 5
@@ -91,8 +89,6 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
         (tmp_path / trials.FILE).write_bytes(broken)
         with pytest.raises(ValueError, match="--resume needs the trials of an earlier run"):
             resumed(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
-    with pytest.raises(ValueError, match="--resume needs --trials"):
-        resumed(draw(tmp_path, "--redraw", "sensors"), 0, tmp_path)
 
 
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
@@ -116,23 +112,20 @@ def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
 
 
 @pytest.mark.slow
-def test_any_executor_gives_the_same_numbers(tmp_path):
+def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
     source = draw(tmp_path, "--redraw", "all")
     one = run(source, 20, tmp_path)
     assert one.shape == (20, 1, 2, 13)
-    with ThreadPoolExecutor(3) as executor:
-        np.testing.assert_array_equal(run(source, 20, tmp_path, executor=executor, threads=2), one)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
-        np.testing.assert_array_equal(run(source, 20, tmp_path, executor=executor, ahead=1), one)
+    np.testing.assert_array_equal(run(source, 20, tmp_path, given=workers.Workers(2)), one)
 
 
 @pytest.mark.slow
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
-    whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
+    whole = run(source, 40, tmp_path, file="whole.npz")
     died = pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers")
-    with died, worker_pool(2) as pool:
-        run(source, 40, tmp_path, executor=pool.executor, analyse=Mortal.at(25, source, tmp_path))
+    with died:
+        run(source, 40, tmp_path, analyse=Mortal.at(25, source, tmp_path), given=workers.Workers(2))
     assert "The trials done so far are in" in capsys.readouterr().err
     # At most those of its batch and of the other worker are lost.
     before = kept(tmp_path)
@@ -232,27 +225,26 @@ def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
         monte_carlo, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
     command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "20"]
-    work, calls = trials.in_order, []
+    work, calls = workers.in_order, []
 
     def interrupted(*args, **more):
         calls.append(args)
         for k, outcomes in enumerate(work(*args, **more)):
-            if len(calls) == 2 and k == 5:
+            # Each run of trials asks for those to do again, and for the rest.
+            if len(calls) == 4 and k == 5:
                 raise KeyboardInterrupt
             yield outcomes
 
     with monkeypatch.context() as patched:
-        patched.setattr(trials, "in_order", interrupted)
+        patched.setattr(workers, "in_order", interrupted)
         assert multicontact.main([*command, "--trajectory-trials", "15"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
     assert multicontact.main([*command, "--trajectory-trials", "15", "--resume"]) == 0
-    with np.load(tmp_path / trials.TRAJECTORY_FILE) as data:
-        np.testing.assert_array_equal(data["outcomes"], kept(tmp_path)[:15])
+    np.testing.assert_array_equal(kept(tmp_path, trials.TRAJECTORY_FILE), kept(tmp_path)[:15])
     # A run that ends before its trajectory trials does not leave those of the previous run to be resumed.
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "0"]) == 0
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "3", "--resume"]) == 0
-    with np.load(tmp_path / trials.TRAJECTORY_FILE) as data:
-        np.testing.assert_array_equal(data["outcomes"], kept(tmp_path)[:3])
+    np.testing.assert_array_equal(kept(tmp_path, trials.TRAJECTORY_FILE), kept(tmp_path)[:3])
 
 
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")

@@ -43,7 +43,7 @@ def arguments(folder, out, *more):
 def results(folder, tmp_path_factory):
     """Results of an uninterrupted run."""
     out = tmp_path_factory.mktemp("results")
-    assert main(arguments(folder, out, "--parameters", "link2")) == 0
+    assert main(arguments(folder, out)) == 0
     return out
 
 

@@ -231,7 +231,7 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
 def test_a_parameter_that_the_estimate_has_not_is_a_sentence(arm):
     data, entry = arm
     (whole, *_) = study.tasks_of([replace(entry, alike=(("Fc(turn)", "Fc(other)"),))], {"arm": data / "arm"})
-    assert "arm compares 'Fc(other)', but its parameters are" in json.loads(study.work(whole)[0])["refused"]
+    assert "arm compares 'Fc(other)', but its parameters are" in study.work(whole)["refused"]
 
 
 def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
@@ -264,13 +264,9 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_
 
 def test_a_damaged_entry_is_one_sentence(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(registry, "folder", lambda: tmp_path)
-    for text, message in (
-        ("title = ", "arm.toml: an entry needs to be TOML"),
-        ("titel = 1", "arm: an entry has no 'titel'"),
-    ):
-        written(tmp_path, text)
-        error = refusal(validate.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
-        assert message in error and error.count("\n") == 1
+    written(tmp_path, "title = ")
+    error = refusal(validate.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
+    assert "arm.toml: an entry needs to be TOML" in error and error.count("\n") == 1
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -288,7 +284,7 @@ def test_the_command_writes_a_page(arm, tmp_path, monkeypatch, capsys):
 def test_the_pendulum_in_steel_has_the_published_inertias():
     entry = registry.registry()["double_pendulum"]
     whole, *_ = study.tasks_of([entry], {entry.name: DATA})
-    each = study.validation(entry, json.loads(study.work(whole)[0]), {})
+    each = study.validation(entry, study.work(whole), {})
     assert each.unchecked == () and each.channels == ("Joint1", "Joint2") and each.outcome == "usable"
     for name in ("m2rz2", "m3rz3", "Ixx2", "Ixx3", "Ia(Joint2)"):
         (published,) = [x for x in entry.published if x.name == name]
