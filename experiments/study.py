@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from experiments.data.study_file import StudyFile
     from experiments.document.document import Document
     from experiments.document.writer import Output
-    from experiments.studies.monte_carlo import Trials
+    from experiments.studies.simulated import Trials
 
 
 def run(args: argparse.Namespace) -> None:
@@ -35,7 +35,7 @@ def with_options(file: "StudyFile", args: argparse.Namespace) -> "StudyFile":
 
 def trials_of(args: argparse.Namespace) -> "Trials":
     """Trials that the command line asks for."""
-    from experiments.studies.monte_carlo import Trials
+    from experiments.studies.simulated import Trials
 
     return Trials(args.trials, args.trajectory_trials, args.redraw, options.workers_of(args))
 
@@ -54,8 +54,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     from experiments.document.result_folder import results_folder
     from experiments.document.writer import end, write_page, write_parts, written
     from experiments.reports import monte_carlo_report, study_report
-    from experiments.studies.monte_carlo import Run
-    from experiments.studies.simulated import simulated
+    from experiments.studies.simulated import Run, simulated
 
     study, inputs = simulated(file), [] if source is None else [source]
     origin = provenance({**file.options, "formats": out.formats, **out.choices}, study.recording.provenance)

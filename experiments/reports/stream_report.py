@@ -9,7 +9,7 @@ import numpy as np
 from experiments.data.outcomes import Judged, Streamed
 from experiments.document import tabular
 from experiments.document.document import Document
-from experiments.document.regrouped import Regrouped
+from experiments.document.tabular import Regrouped
 from experiments.document.terminal import wrapped
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import offset_unit, unit_of

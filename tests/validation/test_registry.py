@@ -6,7 +6,7 @@ from typing import get_type_hints
 import pytest
 
 from experiments.studies.validation.converters import CONVERTERS
-from experiments.studies.validation.registry import chosen, columns_file, folder, read_entry, registry
+from experiments.studies.validation.files import chosen, columns_file, folder, read_entry, registry
 from ident.annotations import fits
 from ident.errors import InputError
 from ident.recordings.columns.entries import toml
