@@ -41,8 +41,9 @@ FAR_OFF = 3.0
 """Ratio of the recording's bodies to the model's from which these are not of its size; masses that models guess are
 wrong by less than a factor of two."""
 
-ENOUGH = 10_000
-"""Number of samples for the first estimate of noise, knots and set-up: more would hardly improve it."""
+ENOUGH = 4_000
+"""Number of samples by which knots, friction, noise model, prior and set-up are decided: more would hardly improve
+decisions. A double pendulum of 10,000 has the same ones from 5,000, and is predicted to 2 %; 3,300 have others."""
 
 
 def trajectory_estimate(
@@ -90,7 +91,7 @@ def trajectory_estimate(
         )
 
     stages = stages_of(known, equations)
-    share = max(1, round(length(recordings) / ENOUGH))
+    share = max(1, length(recordings) // ENOUGH)
     widest = WIDEST if stages.measurement.components else WIDEST_BESIDE_TORQUES
     steps = [knots or knot_distance(log.recording, log.mechanism.joints, widest) for log in logs]
     finest = [knots or max(KNOTS_PER_SAMPLE / log.recording.rate, FINEST) for log in logs]
@@ -113,7 +114,7 @@ def trajectory_estimate(
         estimate = wider.searched(wider.carried(estimate))
         kept = [name for name in more if estimate.fit.unbound.free[wider.names.index(name)]]
         stages = stages_of(known, equations.with_stribeck(kept), own)
-        estimate = stages.scattered(stages.carried(estimate))
+        estimate = stages.carried(estimate)
     else:
         estimate = stages.searched(estimate)
     if share > 1:
