@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -80,10 +81,14 @@ def trajectory_estimate(
     own = checked_names("own", own, OWN)
     logs, sized = [part.log for part in recordings], with_bodies_to_size(equations, recordings[0])
 
+    @cache
+    def measurement_of(columns: Equations, mechanism: Mechanism) -> Measurement:
+        # Its programs are recorded once for stages with a prior and without.
+        return _measurement(logs[0], replace(columns, mechanism=mechanism), setup)
+
     def stages_of(known: Mapping[str, float] | None, columns: Equations, own: Sequence[str] = own) -> Stages:
         # A prior is that of the bodies as they are.
-        mechanism = columns.mechanism if known is not None else sized
-        measurement = _measurement(logs[0], replace(columns, mechanism=mechanism), setup)
+        measurement = measurement_of(columns, columns.mechanism if known is not None else sized)
         names, setup_at, selections = _shared(measurement, len(recordings), own)
         prior = _prior(measurement, setup_at, len(names), known)
         return Stages(
@@ -113,7 +118,7 @@ def trajectory_estimate(
         wider = stages_of(known, equations.with_stribeck(more), own)
         estimate = wider.searched(wider.carried(estimate))
         kept = [name for name in more if estimate.fit.unbound.free[wider.names.index(name)]]
-        stages = stages_of(known, equations.with_stribeck(kept), own)
+        stages = stages_of(known, equations.with_stribeck(kept) if kept else equations, own)
         estimate = stages.carried(estimate)
     else:
         estimate = stages.searched(estimate)
