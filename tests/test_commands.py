@@ -11,6 +11,8 @@ from coded import coded
 
 import ident
 import sim
+from docs.tools.noise.conditions import CONDITIONS
+from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
 from ident.recordings.commands import with_servos
@@ -98,6 +100,13 @@ def test_links_drives_and_the_lag_of_commands_are_identified(lag):
         [pytest.approx(lag / 100, abs=2e-3)] if lag else []
     )
     assert (estimate.held_out.ratio < 0.05).all() and estimate.verdict().usable
+
+
+@pytest.mark.slow
+def test_knots_follow_reversals_of_joints_whose_angles_alone_are_noisy():
+    answer = identified(Case.drawn(CONDITIONS["commands_sinusoids"], 0, 0), "trajectory")
+    rubs = [k for k, name in enumerate(answer.names) if name.startswith(("Fc(", "Fv("))]
+    np.testing.assert_allclose(answer.values[rubs], answer.true[rubs], rtol=0.01)
 
 
 @pytest.mark.slow
