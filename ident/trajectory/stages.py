@@ -465,8 +465,12 @@ def _by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]
 
 
 def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
-    """Logarithms of the standard deviations of the channels' noise in every recording (L, C)."""
-    return np.log([noise.channels for noise in estimate.fit.noises])
+    """Logarithms of the noise by which knots are chosen, of every recording (L, s).
+
+    It is that of the channels. Commands have none: what knots do not follow is then in the angles'.
+    """
+    angles = slice(0 if estimate.measurement.equations.servos is None else None)
+    return np.log([np.r_[each.channels, each.states[0, angles]] for each in estimate.fit.noises])
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:

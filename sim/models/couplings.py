@@ -90,12 +90,16 @@ def check_couplings(
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
     inside = {*members, WORLD_SIDE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
-    if acting:
+    following = [c for c in acting if c.joints and len(c.joints) == 2 and "(joint)" in c.kind]
+    if following:
         note(
-            f"The equations leave out {', '.join(map(str, acting))}; between bodies of the mechanism "
+            f"By {', '.join(map(str, following))}, a joint without a column follows the other; if both have columns, "
+            "the equations leave the coupling out."
+        )
+    if others := [c for c in acting if c not in following]:
+        note(
+            f"The equations leave out {', '.join(map(str, others))}; between bodies of the mechanism "
             "this changes joint torques, but no wrench."
-            + " A coupled joint without a column follows the other."
-            * any("(joint)" in c.kind for c in acting)
         )
 
 

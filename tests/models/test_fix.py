@@ -85,7 +85,7 @@ def test_what_to_type_is_said(files, tmp_path, capsys):
     for command in (identify, stream):
         message = refusal(command.main, arguments, capsys)
         assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
-        assert "Note: The equations leave out equality (joint) 'equality0' of finger1, finger2" in message
+        assert "Note: By equality (joint) 'equality0' of finger1, finger2, a joint without a column" in message
         for fix, what in {
             ("--fix", "thumb"): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
             ("--fix", "finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
