@@ -127,9 +127,14 @@ def is_complete(belief: Belief, mechanism: Mechanism) -> bool:
 
 
 def _following(belief: Belief, mechanism: Mechanism) -> dict[str, str]:
-    """Joints without a position that the model couples to one with a position, and these."""
+    """Joints without a position that the model couples to others with a position, and these."""
     leads = {joint: lead.joint for joint, lead in mechanism.mimics.items() if not _has_position(belief, joint)}
-    return {joint: lead for joint, lead in leads.items() if _has_position(belief, lead)}
+    followers = {joint: lead for joint, lead in leads.items() if _has_position(belief, lead)}
+    rest = mechanism.following({joint: mechanism.mimics[joint] for joint in followers})
+    lacking = [joint for joint in rest.tree.joints if not _has_position(belief, joint)]
+    others = "', '".join(joint for joint in rest.in_loops if joint not in lacking)
+    depending = rest.constraints.dependent(rest.tree, lacking)
+    return followers | {joint: others for joint in depending if joint in lacking}
 
 
 def _absent(joints: Sequence[str]) -> str:

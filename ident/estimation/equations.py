@@ -258,7 +258,7 @@ class Equations:
             program.fill(blocks[kind].reshape(-1, size))
         for first in range(0, len(samples), size):
             part = samples[first : first + size]
-            count, inputs = len(part), program_inputs(part.motion, arm.gravity)
+            count, inputs = len(part), program_inputs(arm.tree, part.motion, arm.gravity)
             rows = block[:, :, :count]
             for kind, program in programs.items():
                 program.run(inputs, blocks[kind].reshape(-1, size)[:, :count])

@@ -26,6 +26,7 @@ from ident.model.regressor import drive_kinds
 from ident.model.stated import column_place
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
+from ident.recordings.followers import moving
 from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
 from ident.recordings.runs import runs
@@ -155,7 +156,7 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    mechanism = mechanism.following(recording.followers)
+    mechanism, of_loops = moving(mechanism, recording)
     tree = mechanism.tree
     if mechanism.prior is None:
         mechanism = replace(mechanism, prior=np.zeros(10 * len(mechanism.bodies)))
@@ -165,10 +166,11 @@ def prepared(
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
     steps = repairs.steps(recording, tree)
-    clipped, notes = tuple[Clipped, ...](), list[str]()
+    clipped, notes = tuple[Clipped, ...](), of_loops
     if not recording.still:
         recording, clipped = repairs.without_clipped(recording, mechanism)
-        recording, notes = repairs.without_spikes(recording, mechanism.joints)
+        recording, of_spikes = repairs.without_spikes(recording, mechanism.joints)
+        notes += of_spikes
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)

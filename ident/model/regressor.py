@@ -163,7 +163,7 @@ def _regressor(
     memory = np.zeros(shape) if out is None else _checked_memory(out, shape)
     flat = memory.reshape(len(indices) * rows, samples)
     if samples < FEW:
-        for k, x in enumerate(program_inputs(motion, gravity).T):
+        for k, x in enumerate(program_inputs(tree, motion, gravity).T):
             flat[:, k] = one_sample(tree, gravity, indices, x, torques)
         return memory.transpose(2, 1, 0)
     program = regressor_program(mechanism, indices, moving=motion.base is not None, torques=torques)
@@ -172,7 +172,7 @@ def _regressor(
     program.fill(flat)
     for start in range(0, samples, CHUNK):
         part = slice(start, start + CHUNK)
-        program.run(program_inputs(motion[part], gravity), flat[:, part])
+        program.run(program_inputs(tree, motion[part], gravity), flat[:, part])
     return memory.transpose(2, 1, 0)
 
 
@@ -243,15 +243,15 @@ def chunk(program: Program) -> int:
 
 def _freedoms(tree: Tree) -> np.ndarray:
     """Ends of joint coordinates, velocities and accelerations among the inputs."""
-    return np.cumsum([sum(body.coordinates for body in tree.bodies), len(tree.freedoms), len(tree.freedoms)])
+    return np.cumsum([tree.size + len(tree.dependent), len(tree.freedoms), len(tree.freedoms)])
 
 
-def program_inputs(motion: Motion, gravity: np.ndarray) -> np.ndarray:
-    """Inputs of a `regressor_program` for a motion: joint states, and the base's motion if it moves (n, N).
+def program_inputs(tree: Tree, motion: Motion, gravity: np.ndarray) -> np.ndarray:
+    """Inputs of a `regressor_program` for a tree's motion: joint states, and the base's motion if it moves (n, N).
 
     The samples of an input are contiguous in memory.
     """
-    rows = [x.T for x in motion.states]
+    rows = [x.T for x in (tree.started(motion.q), motion.dq, motion.ddq)]
     if (base := motion.base) is not None:
         w, v = base.V[:, 3:], base.V[:, :3]
         down = np.asarray(gravity, float) @ base.T[:, :3, :3]
