@@ -85,6 +85,11 @@ PARALLELOGRAM = text(
     '<connect name="pin" body1="rod" body2="rocker" anchor="0.25 0 0"/>',
 )
 
+# Springs, dampers and rotors of passive joints.
+DRIVEN = FOUR_BAR.replace('name="rod" axis', 'name="rod" damping="0.03" armature="0.002" axis').replace(
+    'name="rocker" axis', 'name="rocker" damping="0.05" stiffness="0.7" springref="0.2" axis'
+)
+
 MODELS = {
     "four-bar": (FOUR_BAR, ("crank",)),
     "five-bar": (FIVE_BAR, ("crank", "right")),
@@ -93,6 +98,7 @@ MODELS = {
     "turned": (TURNED, ("yaw", "crank")),
     "tendons": (TENDONS, ("crank", "rocker")),
     "gripper": (GRIPPER, ("left_driver",)),
+    "driven": (DRIVEN, ("crank",)),
 }
 """Mechanisms with the joints that are driven."""
 
@@ -153,7 +159,7 @@ def by_mujoco(name, arm, states):
         force = np.zeros(model.nv)
         force[driven] = tau
         system = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
-        right = np.concatenate([force - data.qfrc_bias, -dJ @ dq])
+        right = np.concatenate([force + data.qfrc_passive - data.qfrc_bias, -dJ @ dq])
         accelerations.append(np.linalg.lstsq(system, right, rcond=1e-11)[0][: model.nv] - ddq)
         gaps.append(gap)
         rates.append(J @ dq)

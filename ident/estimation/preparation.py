@@ -12,7 +12,7 @@ from ident.errors import InputError, LogError
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.excitation import separable
-from ident.estimation.loads import absorbed_note, drives_of, predicted_channels, usual_drives
+from ident.estimation.loads import absorbed_note, drives_of, passive_drives, predicted_channels, usual_drives
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
@@ -203,6 +203,7 @@ def prepared(
     stuck = repairs.stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     axes = Axes.of(tree, recording.couplings)
     chosen = drives_of(axes, asked, range(len(tree.freedoms))) if felt else ()
+    chosen += passive_drives(mechanism, axes, asked, felt)
     drives = usual_drives(mechanism, felt, axes) if drive is None else chosen
     samples = Samples(motion, np.column_stack(list(measured.values())))
     equations, sensors = equations_of(mechanism, recording, frame, samples, tuple(measured), drives)

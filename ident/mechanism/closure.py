@@ -87,6 +87,12 @@ class Closure:
         factors = [1.0 if body.is_ball or body.turns else 1 / self._length for body in moving]
         return np.repeat(factors, [body.coordinates for body in moving])[self._coordinates[0]]
 
+    @property
+    def posture(self) -> dict[str, np.ndarray]:
+        """Coordinates of the part's joints at the first anchor, by name."""
+        own = self.part.body_coordinates(self.anchors[0])
+        return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
+
     def completed(self, x: np.ndarray, start: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Dependent coordinates, and their velocities and accelerations, from the independent ones.
 

@@ -75,7 +75,7 @@ class Mechanism(Brief):
             raise ModelError(f"prior_known names '{absent[0]}', which is none of {', '.join(self.bodies)}.")
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
-        object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
+        object.__setattr__(self, "drives", checked_drives(self.drives, (*self.tree.freedoms, *self.tree.dependent)))
 
     @classmethod
     def lone_body(cls, name: str = "body", gravity: Sequence[float] = (0, 0, -9.81)) -> "Mechanism":
@@ -111,8 +111,9 @@ class Mechanism(Brief):
 
     @property
     def springrefs(self) -> np.ndarray:
-        """Coordinates of the freedoms at which their springs are at rest, rad or m (n,); zero without a drive."""
-        return np.array([self.drives.get(freedom, NO_DRIVE).springref for freedom in self.tree.freedoms])
+        """Coordinates at which springs of freedoms and dependent joints rest, rad or m (n + d,); zero without one."""
+        names = (*self.tree.freedoms, *self.tree.dependent)
+        return np.array([self.drives.get(name, NO_DRIVE).springref for name in names])
 
     @typed()
     def beyond(self, body: str) -> "Mechanism":
@@ -173,7 +174,7 @@ class Mechanism(Brief):
         return replace(self, tree=tree, **self._of_joints(tree))
 
     def closed(self, lacking: Collection[str] = (), driven: Collection[str] = ()) -> "Mechanism":
-        """The mechanism with those joints dependent that its loops determine; they lose their names and their drives.
+        """The mechanism with those joints dependent that its loops determine; they keep their drives, by their names.
 
         Loops stay open if all their joints are measured and none is driven: they change no wrench.
 
@@ -200,7 +201,8 @@ class Mechanism(Brief):
         """Ranges, drives and couplings of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
         mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
-        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in tree.freedoms}
+        moved = (*tree.freedoms, *tree.dependent)
+        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in moved}
         loops = {name: joints for name, joints in self.loops.items() if set(joints) <= set(tree.joints)}
         return {"ranges": ranges, "mimics": mimics, "drives": drives, "loops": loops}
 

@@ -311,15 +311,39 @@ class Tree:
             if (lead := self.bodies[i].follows) is not None:
                 k = places[lead.joint]
                 own[k] = own[k] + lead.slope(states[k][0][0]) * felt[i]
-        if self.closure:
-            q, at = self.started(q), zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True)
-            G = self.closure.slopes(self._of_part(dict(at)), q[self.size :])
-            added = iter(G.T @ np.concatenate([own[places[joint]] for joint in self.dependent]))
-            for k in (places[joint] for joint in self.closure.independent):
-                own[k] = own[k] + np.array([next(added) for _ in own[k]])
+        felt = [x for x, body in zip(own, self.bodies, strict=True) if not body.follows and not body.depends]
+        if not self.closure:
+            return np.concatenate(felt)
+        return np.concatenate(felt) + self.slopes(q).T @ np.concatenate([own[places[name]] for name in self.dependent])
+
+    def slopes(self, q: np.ndarray) -> np.ndarray:
+        """Derivatives G of the dependent joints' coordinates by the n freedoms (…, d, n), for q as by `started`."""
+        if not self.closure:
+            return np.zeros((*np.shape(q)[:-1], 0, len(self.freedoms)))
+        own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
+        G = self.closure.slopes(self._of_part(own), self.started(q)[..., self.size :])
+        names = [name for name in self.closure.part.freedoms if name not in self.dependent]
+        nothing = 0.0 * G[..., :1]
         return np.concatenate(
-            [x for x, body in zip(own, self.bodies, strict=True) if not body.follows and not body.depends]
+            [G[..., k : k + 1] if k >= 0 else nothing for k in _places(names, self.freedoms)], axis=-1
         )
+
+    @cached_property
+    def slopes_in_posture(self) -> np.ndarray:
+        """Derivatives as by `slopes` in the posture in which the loops were first closed (d, n)."""
+        q = [np.zeros(0)]
+        at = self.closure.posture if self.closure else {}
+        for i in self.moving:
+            body = self.bodies[i]
+            q.append(at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)))
+        return self.slopes(np.concatenate(q))
+
+    def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
+        """Coordinates and rates of the dependent joints, each (…, d)."""
+        if not self.closure:
+            return [x[..., :0] for x in (q, *rates)]
+        states = {body.depends: x for body, x in zip(self.bodies, self.body_states(q, *rates), strict=True)}
+        return [np.concatenate([states[name][k] for name in self.dependent], axis=-1) for k in range(1 + len(rates))]
 
     def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
         values = np.asarray(values)
@@ -343,6 +367,11 @@ class Tree:
             T = body.home @ body.joint_pose(own) if body.moves else body.home
             poses.append(T if body.parent == BASE else poses[body.parent] @ T)
         return np.stack([np.broadcast_to(T, (*np.shape(q)[:-1], 4, 4)) for T in poses], -3)
+
+
+def _places(names: Sequence[str], among: Sequence[str]) -> list[int]:
+    """Index of each of some names in others, -1 if it is none of them."""
+    return [names.index(name) if name in names else -1 for name in among]
 
 
 def _welded(body: Body, q: np.ndarray) -> Body:

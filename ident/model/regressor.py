@@ -112,7 +112,8 @@ def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
 def drive_columns(tree: Tree, motion: Motion, drive: Sequence[str]) -> list[np.ndarray]:
     """Columns of rotor inertia, friction and springs of the freedoms, one diagonal block (N, n, n) for each kind."""
     signals = drive_signals(tree, Axes.of(tree), motion.states, None, 0.0)
-    return [signals[kind][:, None, :] * np.eye(len(tree.freedoms)) for kind in drive_kinds(drive)]
+    n = len(tree.freedoms)
+    return [signals[kind][:, None, :n] * np.eye(n) for kind in drive_kinds(drive)]
 
 
 def drive_signals(
@@ -125,17 +126,23 @@ def drive_signals(
         axes: Axes on which drives act.
         states: Joint coordinates (…, n_q), velocities and accelerations (…, n).
         slips: Velocity scales of the smoothed sign of friction (m,), None for a jump.
-        rests: Coordinates at which springs are at rest (n,).
+        rests: Coordinates at which springs of freedoms and dependent joints are at rest (n + d,).
     """
-    dq, ddq = axes.moved(states[1]), axes.moved(states[2])
+    y, dy, ddy = tree.dependent_states(*states)
+    dq, ddq = axes.moved(states[1], dy), axes.moved(states[2], ddy)
     sign, relative = np.sign(dq) if slips is None else np.tanh(dq / slips), dq / (STRIBECK * axes.gears)
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
-    return signals | {"spring": axes.moved(spring_lengths(tree, states[0], rests))}
+    stretched = (
+        spring_lengths(tree, states[0], rests),
+        y - np.broadcast_to(rests, (m := len(tree.freedoms)) + y.shape[-1])[m:],
+    )
+    return signals | {"spring": axes.moved(*stretched)}
 
 
 def spring_lengths(tree: Tree, q: np.ndarray, references: np.ndarray | float) -> np.ndarray:
     """Coordinates of the n freedoms less their springs' references (…, n); zero for balls, whose springs have none."""
     has_one = np.concatenate([np.zeros(0, bool), *(np.full(body.freedoms, not body.is_ball) for body in tree.bodies)])
+    references = references if np.ndim(references) == 0 else np.asarray(references)[: len(has_one)]
     return tree.freedom_coordinates(q) - references * has_one
 
 

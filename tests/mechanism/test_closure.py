@@ -9,6 +9,7 @@ import ident
 import sim
 from experiments.studies.excitation import problem
 from ident.errors import InputError, ModelError
+from ident.estimation.loads import stated_drive_torques
 from ident.estimation.preparation import prepared
 from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
@@ -32,8 +33,9 @@ def test_closed_loops_are_mujocos(name):
     assert tree.joints == MODELS[name][1]
     gaps, rates, torques, wrenches, accelerations = by_mujoco(name, arm, states)
     assert abs(gaps).max() < 1e-9 and abs(rates).max() < 1e-9
-    Y = joint_torque_regressor(tree, *states, gravity=gravity)
-    np.testing.assert_allclose(Y @ arm.known, torques, atol=1e-8 * abs(torques).max())
+    of_links = joint_torque_regressor(tree, *states, gravity=gravity) @ arm.known
+    found = of_links + stated_drive_torques(arm, Motion(*states))
+    np.testing.assert_allclose(found, torques, atol=1e-8 * abs(torques).max())
     assert abs(accelerations).max() < 1e-5 * max(1, abs(states[2]).max())
     Y = base_wrench_regressor(tree, *states, gravity=gravity)
     np.testing.assert_allclose(Y @ arm.known, wrenches, atol=1e-8 * abs(wrenches).max())
@@ -76,6 +78,13 @@ def log_of(q, names=("crank",), more=None):
     return {"time": np.arange(len(q[0])) / 100, **columns, f"{names[0]}_torque": np.cos(q[0]), **(more or {})}
 
 
+def swings(t, amplitudes, frequencies):
+    """A sum of sines and its derivatives, each (N, 1)."""
+    a, w = np.array(amplitudes), np.array(frequencies)
+    angle = np.outer(t, w)
+    return ((x @ own)[:, None] for x, own in ((np.sin(angle), a), (np.cos(angle), a * w), (-np.sin(angle), a * w**2)))
+
+
 def read(model):
     return sim.mechanism(mujoco.MjSpec.from_string(model))
 
@@ -91,10 +100,7 @@ def test_a_mechanism_prints_its_independent_and_dependent_joints():
 
 def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
     arm, rng, t = closed("four-bar"), np.random.default_rng(0), np.arange(500) / 100
-    a, w = np.array([0.8, 0.25]), np.array([2, 5.3])
-    q, dq, ddq = (np.sum(x, axis=1)[:, None] for x in (
-        a * np.sin(np.outer(t, w)), a * w * np.cos(np.outer(t, w)), -a * w**2 * np.sin(np.outer(t, w))
-    ))  # fmt: skip
+    q, dq, ddq = swings(t, [0.8, 0.25], [2, 5.3])
     phi, log = 1.2 * arm.known, {"time": t, "crank_position": q[:, 0] + 1e-3 * rng.normal(size=len(t))}
     log["crank_torque"] = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi)[:, 0]
     wrench = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi
@@ -104,6 +110,20 @@ def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
     estimate = ident.identify(read(FOUR_BAR), log | noisy, drive=())
     distance = (estimate.psi - estimate.base.regroup(phi)) / estimate.std_setup
     assert estimate.verdict().usable and abs(distance).max() < 4
+
+
+@pytest.mark.parametrize("estimator", ["ordinary", "trajectory"])
+def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimator):
+    arm, t = closed("driven"), np.arange(500) / 100
+    q, dq, ddq = swings(t, [1.2, 0.5, 0.2], [1.5, 4.3, 7.9])
+    torque = joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ arm.known
+    more = {"crank_velocity": dq[:, 0], "crank_acceleration": ddq[:, 0]} if estimator == "ordinary" else {}
+    torque += stated_drive_torques(arm, Motion(q, dq, ddq)) + 1e-4 * np.random.default_rng(0).normal(size=q.shape)
+    log = {"time": t, "crank_position": q[:, 0], "crank_torque": torque[:, 0], **more}
+    estimate = ident.identify(read(MODELS["driven"][0]), log, estimator=estimator, drive=("rotor", "viscous", "spring"))
+    for name, true in {"Fv(rod)": 0.03, "Fv(rocker)": 0.05, "K(rocker)": 0.7, "Ia(rod)": 0.002}.items():
+        each = estimate[name]
+        assert abs(each.value - true) < max(4 * each.std, 1e-4), (name, each)
 
 
 @pytest.mark.parametrize(
