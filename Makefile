@@ -40,7 +40,7 @@ docs: $(INSTALLED)-docs
 	@echo "The pages are in results/docs; open index.html."
 
 readme: $(INSTALLED)
-	$(BIN)/python -m experiments.readme
+	$(BIN)/python -m docs.tools.pages
 
 validate: $(INSTALLED)
 	$(BIN)/python -m experiments.validate $(or $(DATA:%=--data %),$(if $(MULTICONTACT_DATA),,--fetch))

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 
 from experiments import human, mechanism, study
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 
 SECONDS = 3
 """Length of recordings of a person: long enough to predict all channels of unseen motions at least three times better
@@ -18,10 +18,10 @@ STUDIES = ("misaligned", "multicontact", "several_contacts")
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
     from experiments.reports.index import write_index
+    from experiments.studies.simulated import FILE
     from experiments.studies.study_entries import packaged
-    from experiments.studies.trials import FILE
 
-    out = print_options.output_of(args)
+    out = options.output_of(args)
     documents = {"mechanism": mechanism.report(replace(out, folder=args.out / "mechanism"))}
     print()
     for name in STUDIES:
@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.command_parser("", __doc__)
     options.add_formats(out)
-    print_options.add_page(out)
+    options.add_page(out)
     options.add_trials(out)
     return out
 

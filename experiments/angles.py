@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
     result = angles(args.model, args.markers, **given)
     document = angles_report.document(result, args.model, args.markers, provenance(options.as_text(args)))
     inputs = [*filter(None, (args.model, args.markers, args.places, args.scale_from, args.wrenches))]
-    out = print_options.output_of(args)
+    out = options.output_of(args)
     then = f"With forces of plates on the same clock, then:\n{_identify(args, result)}"
     write(document, out, stale=angles_report.OUTPUTS, inputs=inputs, then=then)
 

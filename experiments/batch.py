@@ -6,11 +6,9 @@ import errno
 import gc
 import io
 import json
-import sys
 import time
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
 from hashlib import sha256
@@ -18,14 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments import identify
-from experiments.cli import options, own_model, print_options, running
+from experiments.cli import options, own_model, running
 from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.batch import Outcome
-    from experiments.data.log_agreement import LogAgreement
-    from experiments.document.writer import Output
+    from experiments.data.batch import LogAgreement, Outcome
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
     from ident.mechanism.mechanism import Mechanism
@@ -52,29 +48,16 @@ def run(args: argparse.Namespace) -> None:
 
     tasks = tasks_of(args)
     arm = check_shared(args)
-    out = own_output(args)
+    out = options.output_of(args)
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder), alone(out.folder):
-        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(kept_outcomes, tasks))
+        kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
         outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
         origin, agreed = provenance({**kept.identity, **out.choices}), agreement_of(tasks, outcomes)
         document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
         write(document, out, stale=batch_report.OUTPUTS)
-    if remarks := {each.remark: each.log for each in reversed(outcomes) if each.remark}:
-        print("".join(f"{log}: {remark}\n" for remark, log in remarks.items()), end="", file=sys.stderr)
     if failed := [each for each in outcomes if each.error]:
         raise InputError(f"{len(failed)} of {len(outcomes)} logs failed: {listed([each.log for each in failed], 3)}.")
-    if remarks:
-        raise InputError("Captions or parameters of single logs are as by default, for the reasons above.")
-
-
-def own_output(args: argparse.Namespace) -> "Output":
-    """The folder and layout of the tables of all logs, without the captions and parameters meant for single logs."""
-    from experiments.reports.batch_report import SHOWN
-
-    out = print_options.output_of(args)
-    captions = {name: text for name, text in out.layout.captions.items() if name in SHOWN}
-    return replace(out, layout=replace(out.layout, captions=captions, parameters=()), checked=True)
 
 
 def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
@@ -84,15 +67,12 @@ def tasks_of(args: argparse.Namespace) -> list[argparse.Namespace]:
         InputError: A log is given twice, an input is in a folder of the results, or a log's folder would have the name
             of a file of the batch's own.
     """
-    from experiments.reports.batch_report import SHOWN
-
     names = [own_model.log_name(log) for log in args.logs]
     # With a number for all if two names are the same, so that no numbered name is another log's own.
     alike = len(set(names)) < len(names)
     unique = [f"{name}_{k}" if alike else name for k, name in enumerate(names, start=1)]
-    shared = {"workers": 1, "caption": [each for each in args.caption if each[0] not in SHOWN]}
     tasks = [
-        argparse.Namespace(**{**vars(args), **shared, "logs": [log], "name": name})
+        argparse.Namespace(**{**vars(args), "workers": 1, "logs": [log], "name": name})
         for log, name in zip(args.logs, unique, strict=True)
     ]
     own_model.check_different(args)
@@ -133,7 +113,7 @@ def collected(tasks: Sequence[argparse.Namespace], kept: "Checkpoint", workers: 
         return workers.collected(outcome_in_json, tasks, kept, is_lost)
     except DeadWorkerError as error:
         # Outcomes come in order: the first that is missing is the one at which the worker died.
-        done = [json.loads(str(text)) for text in kept.done()] if kept.file.exists() else []
+        done = [json.loads(text) for text in kept.done()] if kept.file.exists() else []
         lost = [task for task, outcome in zip(tasks, done, strict=False) if is_lost(task, outcome)]
         raise InputError(f"{[*lost, *tasks[len(done) :]][0].logs[0]}: {error}") from None
     except (FullDiskError, OSError):
@@ -151,7 +131,7 @@ def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[Outcom
     Raises:
         InputError: The results of a log are damaged.
     """
-    from experiments.data.log_agreement import agreement
+    from experiments.data.batch import agreement
     from experiments.studies.result_files import covariance_of
 
     fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
@@ -171,21 +151,22 @@ def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     return {file.name: sha256(file.read_bytes()).hexdigest() for file in files}
 
 
-def kept_outcomes(tasks: Sequence[argparse.Namespace], texts: Sequence[Any]) -> "list[Outcome]":
-    """Outcomes of the first tasks, from the JSON texts of an earlier run.
+def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any]) -> None:
+    """Checks that the outcomes of an earlier run are those of the first tasks.
 
     Raises:
         InputError: They are damaged, or not of these tasks.
     """
     from experiments.data.batch import Outcome
+    from ident.annotations import misfit
 
-    if len(texts) > len(tasks):
-        raise InputError(f"it has {len(texts)} outcomes of {len(tasks)} logs")
-    outcomes = [Outcome.from_dict(json.loads(str(text))) for text in texts]
-    for task, outcome in zip(tasks, outcomes, strict=False):
+    if len(outcomes) > len(tasks):
+        raise InputError(f"it has {len(outcomes)} outcomes of {len(tasks)} logs")
+    for task, given in zip(tasks, outcomes, strict=False):
+        if wrong := misfit(Outcome, vars(outcome := Outcome(**given))):
+            raise InputError(f"an outcome is damaged: {wrong}")
         if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):
             raise InputError(f"where the outcome of {task.logs[0]} belongs is one of {outcome.log!r}")
-    return outcomes
 
 
 def check_shared(args: argparse.Namespace) -> "Mechanism":
@@ -208,12 +189,12 @@ def check_shared(args: argparse.Namespace) -> "Mechanism":
     return arm
 
 
-def outcome_in_json(task: argparse.Namespace) -> Sequence[str]:
-    """Outcome of one log, whose results are written, as a batch of JSON texts."""
-    texts = [json.dumps(outcome_of(task).to_dict())]
+def outcome_in_json(task: argparse.Namespace) -> dict[str, Any]:
+    """Outcome of one log, whose results are written, in JSON types."""
+    outcome = outcome_of(task).to_dict()
     # Estimates and figures hold cycles, 24 MB of a log of three joints, which wait for a rare collection otherwise.
     gc.collect()
-    return texts
+    return outcome
 
 
 def outcome_of(task: argparse.Namespace) -> "Outcome":
@@ -229,9 +210,9 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
     begun, name = time.process_time(), str(task.logs[0])
     try:
         folder = own_model.folder(task)
-        with contextlib.redirect_stderr(io.StringIO()), print_options.style_of(task):
+        with contextlib.redirect_stderr(io.StringIO()), options.page_of(task):
             result, document, out = identify.identified_from(task, folder)
-            remark = written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
+            written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
         if {getattr(each, "errno", None) for each in (error, error.__cause__)} & FULL:
             raise FullDiskError(f"{name}: {error}") from None
@@ -255,7 +236,6 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
         std={each.name: each.std_setup for each in known},
         units={each.name: each.unit for each in known},
         seconds=time.process_time() - begun,
-        remark=remark,
         files=sums_of(folder, (file.name for file in folder.iterdir())),
     )
 

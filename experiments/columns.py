@@ -11,7 +11,7 @@ from ident.errors import InputError
 def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
     from experiments.document.terminal import wrapped
-    from experiments.guesses.guess import believed, is_complete, write_mapping
+    from experiments.guesses.guess import believed, write_mapping
     from experiments.guesses.markers import TRIAL
     from experiments.guesses.wrenches import is_doubtful
     from experiments.guesses.written import table
@@ -32,10 +32,9 @@ def run(args: argparse.Namespace) -> None:
     lines += [f"Columns that are not used: {', '.join(belief.unused)}."] if belief.unused else []
     print(wrapped("\n".join(lines)))
     carried = next((group for group in belief.groups.values() if group.is_inner and not is_doubtful(group)), None)
-    complete = is_complete(belief, arm)
     command, given, end = "identify", [*map(str, args.logs), "--columns", str(out)], list[str]()
-    then = f"Correct {out}; {'then' if complete else 'then, when every joint has a position'}"
-    if log.markers and not complete:
+    then = f"Correct {out}; {'then' if belief.complete else 'then, when every joint has a position'}"
+    if log.markers and not belief.complete:
         command, given = "angles", [str(next((file for file in files if file.suffix.lower() == TRIAL), files[0]))]
         then = "Angles come from the markers, by a command that also says how to go on"
     elif carried is not None:

@@ -10,8 +10,8 @@ import math
 from pathlib import Path
 
 import scenes
-from experiments.cli import options, print_options, running
-from experiments.data.defaults import ACCELERATION, CRITERIA, MARGIN, NOISE, SECONDS, SENSORS, VELOCITY
+from experiments.cli import options, running
+from experiments.data.paper import ACCELERATION, CRITERIA, MARGIN, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.errors import InputError
 from ident.tolerances import HUGE
 
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
     design = designed(problem_of(args.model, **kinds), args.model, **search)
     source = {"series": design.series, "base_parameters": list(design.names)}
     document = excite_report.document(design, args.model, provenance(options.as_text(args), source))
-    write(document, print_options.output_of(args), inputs=[Path(args.model), *filter(None, [args.log, args.columns])])
+    write(document, options.output_of(args), inputs=[Path(args.model), *filter(None, [args.log, args.columns])])
 
 
 def parser() -> argparse.ArgumentParser:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ GIVEN = "seed", "activities", "rate", "source", "noise", "rail", "persons", "wor
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
     given = {name: getattr(args, name) for name in GIVEN}
-    report(print_options.output_of(args), args.seconds, **given)
+    report(options.output_of(args), args.seconds, **given)
 
 
 def report(

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cli import options, own_model, print_options, running
+from experiments.cli import options, own_model, running
 from ident.errors import InputError
 from ident.setup import OWN
 from ident.tolerances import HOLDOUT
@@ -46,8 +46,7 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
         InputError: Something is missing or does not fit; the message names it.
     """
     from experiments.reports import identify_report
-    from experiments.studies.following import following
-    from experiments.studies.identification import prepare
+    from experiments.studies.identification import following, prepare
     from ident.identification import identified
 
     read = reading(args)
@@ -56,8 +55,8 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
-    out, origin = print_options.output_of(args, folder), own_model.provenance(args, result.logs)
-    document = identify_report.document(result, args.model, args.logs, origin, out.layout, following(result))
+    out, origin = options.output_of(args, folder), own_model.provenance(args, result.logs)
+    document = identify_report.document(result, args.model, args.logs, origin, following(result))
     return result, document, out
 
 

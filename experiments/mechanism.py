@@ -3,8 +3,8 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from experiments.cli import options, print_options, running
-from experiments.data.defaults import SCENE
+from experiments.cli import options, running
+from experiments.data.paper import SCENE
 
 if TYPE_CHECKING:
     from experiments.document.document import Document
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace) -> None:
     """Writes and prints the mechanism."""
-    report(print_options.output_of(args))
+    report(options.output_of(args))
 
 
 def report(out: "Output") -> "Document":

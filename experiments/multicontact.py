@@ -3,7 +3,7 @@
 import argparse
 
 from experiments import study
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -12,7 +12,7 @@ def run(args: argparse.Namespace) -> None:
 
     chosen = {"contact": " ".join(args.contact)} if args.contact else {}
     file = study.with_options(packaged("multicontact", **chosen), args)
-    study.report(file, print_options.output_of(args), study.trials_of(args))
+    study.report(file, options.output_of(args), study.trials_of(args))
 
 
 def parser() -> argparse.ArgumentParser:

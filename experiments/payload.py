@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from experiments.cli import options, own_model, print_options, running
+from experiments.cli import options, own_model, running
 from ident.errors import InputError
 from ident.tolerances import HOLDOUT
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
     report = payload_report.PayloadReport(payload, args.flange or args.body)
     origin = own_model.provenance(args, payload.estimate.logs)
     document = report.document(args.model, [*args.logs, *args.loaded], origin)
-    out = print_options.output_of(args, folder)
+    out = options.output_of(args, folder)
     write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args))
 
 

@@ -7,7 +7,7 @@ residuals at once and several passes, and a held-out fraction needs the number o
 import argparse
 from pathlib import Path
 
-from experiments.cli import options, own_model, print_options, running
+from experiments.cli import options, own_model, running
 
 OUTPUTS = (
     "report.html",
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.reports import stream_report
     from experiments.studies import stream, stream_progress
 
-    inputs, out = _inputs(args), print_options.output_of(args, formats=())
+    inputs, out = _inputs(args), options.output_of(args)
     own = {key: getattr(args, key) for key in ("piece", "contact", "without", "offsets")}
     read = {**own, **options.of_model(args), "columns": args.columns, "limit": options.size_limit(args)}
     settings = own | {key: getattr(args, key) for key in ("base", "ignore", "fix", "base_rpy")}
@@ -60,7 +60,8 @@ def _inputs(args: argparse.Namespace) -> list[Path]:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.print_parser("stream", __doc__)
+    out = options.command_parser("stream", __doc__)
+    options.add_page(out)
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(
         "recordings",

@@ -2,7 +2,7 @@
 
 import argparse
 
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -16,7 +16,7 @@ def run(args: argparse.Namespace) -> None:
 
     option, *texts = args.over
     values = values_of(args.study, option, texts)
-    out = print_options.output_of(args, args.out / args.study / option)
+    out = options.output_of(args, args.out / args.study / option)
     with writable(out.folder):
         workers = options.workers_of(args)
         result = swept(args.study, option, values, args.seeds, folder=out.folder, workers=workers)

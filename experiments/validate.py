@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments.cli import options, print_options, running
+from experiments.cli import options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.writer import write
     from experiments.reports import validation_report
     from experiments.runs.workers import Workers
-    from experiments.studies.validation.registry import chosen, registry
+    from experiments.studies.validation.files import chosen, registry
     from experiments.studies.validation.study import study
 
     entries, places = chosen(args.names, registry()), _places(args)
-    out = print_options.output_of(args)
+    out = options.output_of(args)
     with writable(args.out):
         workers = Workers(args.workers or os.cpu_count() or 1, resume=args.resume)
         results = study(entries, places, args.out, workers)

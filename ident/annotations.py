@@ -22,6 +22,7 @@ WORDS: Mapping[str, str] = {
     "Path": "a path",
     "PathLike": "a path",
     "Sequence": "a list",
+    "list": "a list",
     "Iterable": "a list",
     "Collection": "a list",
     "tuple": "a list",

@@ -37,6 +37,7 @@ from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.stated import column_place, stated_values, with_values
 from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.body_bounds import scaled_root
 from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
@@ -52,6 +53,12 @@ from ident.trajectory.result import TrajectoryEstimate
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+COPIED = (
+    *("fit", "condition_number", "checks", "offsets", "inseparable", "trajectory", "setup", "rivals", "filtered_at"),
+    *("disagreement", "disagreements", "widening", "bounded", "friction", "covariance_setup", "unmodelled"),
+)
+"""Fields of the evidence that an estimate has by the same names."""
 
 LINEARISED = 3
 """Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
@@ -374,20 +381,24 @@ class Estimate:
         rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
         prior, wider = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
 
-        def fitted(at: np.ndarray, covariance: np.ndarray) -> ConsistentParameters:
+        def prior_at(phi: np.ndarray) -> BodyPrior:
+            return BodyPrior.of(arm, self.base, known, rotors, used=included, at=phi)
+
+        def fitted(at: np.ndarray) -> ConsistentParameters:
             return consistent_parameters(
-                *(self.psi_of_links, covariance, self.base, prior),
+                *(self.psi_of_links, self.covariance, self.base, prior),
                 bodies=arm.bodies,
                 masses=known["mass"],
-                known=BodyPrior.of(arm, self.base, known, rotors, used=included, at=at),
+                known=prior_at(at),
                 rotors=rotors,
             )
 
         # Bodies have what the data say, as the total mass on a plate; their intervals allow for errors of the set-up.
-        full = fitted(prior, self.covariance)
+        full = fitted(prior)
         for _ in range(LINEARISED if included else 0):
-            full = fitted(full.phi, self.covariance)
-        full = replace(full, fitting=fitted(full.phi if included else prior, wider).fitting)
+            full = fitted(full.phi)
+        wide = replace(full.fitting, root=scaled_root(wider), prior=prior_at(full.phi if included else prior))
+        full = replace(full, fitting=wide)
         # Frames stay without mass.
         return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
 
@@ -403,33 +414,18 @@ class Estimate:
     @cached_property
     def evidence(self) -> Evidence:
         """Evidence that the estimate is judged by."""
-        joint, channels, held = self.trajectory, self.channels, self.held_out
+        channels, held = self.channels, self.held_out
         every = {ESTIMATE: held.residual, **held.rivals}
         return Evidence(
-            fit=self.fit,
+            **{name: getattr(self, name) for name in COPIED},
             ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
             part=held.part,
-            condition_number=self.condition_number,
-            checks=self.checks,
-            offsets=self.offsets,
-            inseparable=self.inseparable,
             scale=dict(zip(channels, self.scale.tolist(), strict=True)),
             logs=[prepared for prepared, _ in self.logs],
-            trajectory=joint,
-            setup=self.setup,
-            rivals=self.rivals,
-            filtered_at=self.filtered_at,
-            disagreement=self.disagreement,
-            disagreements=self.disagreements,
-            widening=self.widening,
-            bounded=self.bounded,
-            friction=self.friction,
             at_rest=dict(zip(channels, held.ratio_at_rest(held.residual).tolist(), strict=True)),
             in_logs=[{n: held.ratio_of(x, part) for n, x in every.items()} for part in held.left_out],
-            model_error=None if joint is None else self.model_error,
-            covariance_setup=self.covariance_setup,
+            model_error=None if self.trajectory is None else self.model_error,
             consistent=self.consistent(),
-            unmodelled=self.unmodelled,
             idle=idle_channels(held, self.prepared),
         )
 

@@ -55,5 +55,8 @@ USUAL_DRIVE = ("rotor", "viscous", "coulomb")
 STRIBECK = 0.1
 """Velocity at which the Stribeck friction has halved, rad/s or m/s."""
 
-INTERVAL = 1.96
+INTERVAL = 1.959964
 """Half-width of a 95 % interval, standard deviations."""
+
+LIKELY = 10.0
+"""Factor between a mass and the model's above which another error is likelier than such a mass."""

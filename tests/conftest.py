@@ -14,12 +14,11 @@ gc.set_threshold(1_000_000)
 
 PEOPLE = (
     "document/test_pages_in_browser.py",
-    "studies/test_benchmark_run.py",
     "studies/test_human.py",
     "studies/test_mechanism.py",
     "studies/test_person_without_rail.py",
 )
-"""Files that share simulated people (`persons`), which take longest, and a run of the benchmark."""
+"""Files that share simulated people (`persons`), which take longest."""
 
 FIRST = (
     *PEOPLE,

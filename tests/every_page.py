@@ -9,7 +9,6 @@ from fuzz.undrawn import leave_undrawn
 from marked import labels_of, marked_person, trc, trial
 from pages import PENDULUM, identified, options
 from persons import briefly
-from quick_benchmark import written as benchmark
 from registered import TEXT, files_of, recorded
 from registered import written as entry_file
 from truth import use_truth
@@ -33,12 +32,9 @@ from experiments import (
 )
 from experiments.__main__ import main as everything
 from experiments.document.writer import PAGE
-from experiments.noise import __main__ as noise_command
-from experiments.noise import estimators, figure, report
-from experiments.noise import study as noise
 from experiments.runs import workers
 from experiments.studies import human as persons_study
-from experiments.studies.validation.registry import read_entry
+from experiments.studies.validation.files import read_entry
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -82,27 +78,12 @@ def _angles(folder):
     return angles.main([*map(str, (folder / "person.xml", folder / "walk.trc")), "--scale", *_out(folder)])
 
 
-def _noise(folder):
-    """Quick estimators replace the others."""
-    some = {name: noise.CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
-    commanded, filtered = estimators.commanded_instruments, estimators.usual_filter
-    cheap = {
-        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "trajectory": commanded},
-        "person": {"usual_filter": filtered, "trajectory": filtered},
-    }
-    with pytest.MonkeyPatch.context() as patched:
-        for module in (noise, report, figure):
-            patched.setattr(module, "CONDITIONS", some)
-            patched.setattr(module, "ESTIMATORS", cheap)
-        return noise_command.main(["--recordings", "2", *_out(folder)])
-
-
 def _validate(folder):
     recorded(folder / "arm")
     text = TEXT.format(files=files_of(folder / "arm", "arm.xml", "one.csv", "two.csv"), more="")
     entry = read_entry(entry_file(folder, text))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("experiments.studies.validation.registry.registry", lambda: {"arm": entry})
+        patched.setattr("experiments.studies.validation.files.registry", lambda: {"arm": entry})
         return validate.main(["--data", str(folder), "--workers", "1", *_out(folder)])
 
 
@@ -134,8 +115,6 @@ COMMANDS = {
     "angles": _angles,
     "human": lambda folder: human.main(["--workers", "1", *_out(folder)]),
     "validate": _validate,
-    "noise": _noise,
-    "benchmark": lambda folder: benchmark(*_out(folder)),
     "sweep": _sweep,
     "batch": _batch,
     "mechanism": lambda folder: mechanism.main(_out(folder)),

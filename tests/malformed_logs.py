@@ -135,7 +135,7 @@ BAD_MAPPINGS = {
     "wrench without columns": ("[wrenches.ground]", "[wrenches.ground] needs at least one column under force or"),
     "two columns": ('[wrenches.ground]\nforce = ["a", "b"]', "wrenches.ground.force needs a list of 3 columns, got"),
     "column no text": ("[wrenches.ground]\nforce = [1, 2, 3]", "wrenches.ground.force needs a list of 3 columns"),
-    "wrench unit": (ENTRY + 'unit = "lbf"', "wrenches.ground.unit needs one of N, kN; got lbf"),
+    "wrench unit": (ENTRY + 'unit = "lbf"', "wrenches.ground.unit needs one of N, mN, kN; got lbf"),
     "torque unit": (ENTRY + 'torque_unit = "N"', "wrenches.ground.torque_unit needs one of N m, Nm"),
     "wrench key": (ENTRY + 'link = "leg"', "[wrenches.ground] has no entry 'link'; valid are force, torque"),
     "wrench column": (ENTRY, "wrenches.ground.force is mapped to column 'a', but the file has"),

@@ -50,6 +50,8 @@ def test_a_mass_that_no_channel_contains_is_not_said_to_be_shown():
     """A hand drives the joint, whose motor only carries the weight: light bodies have no such small inertia."""
     estimate = ident.identify(ROD, log(0.434, hand=True))
     assert not coded(estimate, "masses_shown")
+    full = estimate.consistent()
+    assert not full.attainable and full.phi[0] == pytest.approx(0.675, rel=0.01)
     for finding in coded(estimate, "masses_limited", "masses_hardly_shown"):
         (mass,) = finding.values["masses"].values()
         assert finding.code == "masses_hardly_shown" or mass["lower"] > mass["model"]

@@ -11,6 +11,8 @@ from coded import coded
 
 import ident
 import sim
+from docs.tools.noise.conditions import CONDITIONS
+from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
 from ident.recordings.commands import with_servos
@@ -100,6 +102,14 @@ def test_links_drives_and_the_lag_of_commands_are_identified(lag):
     assert (estimate.held_out.ratio < 0.05).all() and estimate.verdict().usable
 
 
+@pytest.mark.slow
+def test_knots_follow_reversals_of_joints_whose_angles_alone_are_noisy():
+    answer = identified(Case.drawn(CONDITIONS["commands_sinusoids"], 0, 0), "trajectory")
+    rubs = [k for k, name in enumerate(answer.names) if name.startswith(("Fc(", "Fv("))]
+    np.testing.assert_allclose(answer.values[rubs], answer.true[rubs], rtol=0.01)
+
+
+@pytest.mark.slow
 def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
     fitted = ident.identify(mechanism(actuators=True), recording())
     exact = ident.identify(mechanism(actuators=True), recording(), setup={"lag": 0.0})
@@ -243,6 +253,7 @@ def test_least_squares_say_that_they_take_as_exact_what_is_stated_as_uncertain(t
     np.testing.assert_array_equal(exact.psi, estimate.psi)
 
 
+@pytest.mark.slow
 def test_the_trajectory_estimate_has_nothing_of_that_kind_to_say(tmp_path):
     estimate = ident.identify(mechanism(), with_uncertain_scales(tmp_path), known=True)
     assert set(estimate.scales) == {"turn"}

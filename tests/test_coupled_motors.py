@@ -91,6 +91,7 @@ def test_intervals_hold_the_motors_drives_as_often_as_they_say():
     assert (np.abs(z) < 1.96).mean() > 0.9 and np.sqrt(np.square(z).mean()) < 1.3
 
 
+@pytest.mark.slow
 def test_friction_of_joints_leaves_more():
     own, others = estimate(), estimate("joints")
     assert {"Fv(lift)", "Fc(bend)"} <= set(others.fit.names) and not set(TRUE) & set(others.fit.names)

@@ -123,6 +123,7 @@ def test_nothing_that_is_slow_to_import_is_needed_to_identify():
     assert run.stdout.split() == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
 def test_clients_are_typed(tmp_path, pytestconfig):
     """In strict mode, without the packages' own configuration."""

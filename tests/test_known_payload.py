@@ -73,6 +73,7 @@ def estimate(payload):
     return ident.identify(sim.mechanism(arm(payload)), columns(payload), columns=mapping(payload=EXACT))
 
 
+@pytest.mark.slow
 def test_a_payload_of_known_mass_fixes_the_scale_of_torques():
     result = estimate(5.0)
     assert set(result.scales) == set(JOINTS)
@@ -83,6 +84,7 @@ def test_a_payload_of_known_mass_fixes_the_scale_of_torques():
     assert "fixed by what is stated of payload and the model's other bodies" in finding.text
 
 
+@pytest.mark.slow
 def test_a_payload_lighter_than_the_tool_s_error_does_not():
     result = estimate(0.2)
     (finding,) = coded(result, "torque_scale_estimated")

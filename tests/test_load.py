@@ -9,8 +9,8 @@ import pytest
 from commands import refusal
 
 import scenes
+from docs.tools.noise.recordings import sinusoids
 from experiments import payload
-from experiments.noise.recordings import sinusoids
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
 from ident.payload.load import identify_load

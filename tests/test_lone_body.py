@@ -68,6 +68,33 @@ def test_a_body_is_known_from_its_pose_and_the_wrench_on_its_sensor():
     assert (np.abs(distances) < 1.96).mean() > 0.85
 
 
+@pytest.mark.parametrize(("rpy", "sign"), [((180, 0, 0), 1), ((180, 0, 0), -1), ((-90, 0, 0), 1), ((0, 40, 0), -1)])
+def test_poses_in_axes_that_do_not_stand_upright_are_noticed_and_stated(rpy, sign):
+    """Of a laboratory with y or -z up: forces alone, of either sign, tell where down is."""
+    tool, x, names = Mechanism.lone_body("tool"), dict(columns()), [f"q{k}" for k in "wxyz"]
+    turns = Rotation.from_quat(np.stack([x[name] for name in names], axis=1), scalar_first=True)
+    turns = Rotation.from_euler("xyz", rpy, degrees=True).inv() * turns
+    x |= dict(zip(names, turns.as_quat(scalar_first=True).T, strict=True))
+    position = Rotation.from_euler("xyz", rpy, degrees=True).inv().apply(np.stack([x[f"p{k}"] for k in "xyz"], axis=1))
+    x |= dict(zip(("px", "py", "pz"), position.T, strict=True))
+    wrong = {name: sign * value if name[0] in "fm" else value for name, value in x.items()}
+    with pytest.raises(ident.InputError, match=r"Gravity has another direction .* recorded poses") as refused:
+        ident.identify_payload(tool, read_log(wrong, tool, COLUMNS), body="tool", sensor="ft")
+    angles = json.loads(str(refused.value).partition("rpy_deg = ")[2].partition("]")[0] + "]")
+    assert np.abs(np.subtract(angles, rpy)).max() < 4
+    log = read_log(x, tool, COLUMNS | {"base": COLUMNS["base"] | {"rpy_deg": list(rpy)}})
+    body = ident.identify_payload(tool, log, body="tool", sensor="ft").in_frame()
+    assert np.abs((body.values - TRUTH) / body.std_setup).max() < 4
+
+
+def test_forces_in_the_axes_of_the_base_are_no_opposite_sign():
+    tool, x, names = Mechanism.lone_body("tool"), dict(columns()), [f"f{k}" for k in "xyz"]
+    turns = Rotation.from_quat(np.stack([x[f"q{k}"] for k in "wxyz"], axis=1), scalar_first=True)
+    x |= dict(zip(names, turns.apply(np.stack([x[name] for name in names], axis=1)).T, strict=True))
+    with pytest.raises(ident.InputError, match="in the axes of the base"):
+        ident.identify_payload(tool, read_log(x, tool, COLUMNS), body="tool", sensor="ft")
+
+
 def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
     write_csv(tmp_path / "swing.csv", columns())
     text = (
@@ -98,9 +125,12 @@ DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "tools"
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="MULTICONTACT_DATA has no folder of tools")
-@pytest.mark.parametrize("name", ["box_wrench", "screwdriver"])
+@pytest.mark.parametrize("name", ["box_wrench", "pliers"])
 def test_workshop_tools_of_others(name):
-    """Mass and centre of a tool that a robot moves by its sensor, with noise as published: Nadeau et al. 2022."""
+    """A tool that a robot moves by its sensor, with noise as published: Nadeau et al. 2022.
+
+    Accelerations count against gravity in these wrenches as if the poses' z axis pointed down.
+    """
     rng, table = np.random.default_rng(0), np.genfromtxt(DATA / f"{name}.csv", delimiter=",", names=True)
     x = {key: table[key] for key in table.dtype.names}
     x |= {key: x[key] + 1e-4 * rng.normal(size=len(table)) for key in ("x", "y", "z")}
@@ -109,9 +139,12 @@ def test_workshop_tools_of_others(name):
     x |= dict(zip(("qw", "qx", "qy", "qz"), (turned * noise).as_quat(scalar_first=True).T, strict=True))
     for kind, level in (("f", 0.1), ("m", 0.005)):
         x |= {f"{kind}{k}": x[f"{kind}{k}"] + level * rng.normal(size=len(table)) for k in "xyz"}
-    mapping = {**COLUMNS, "base": {**COLUMNS["base"], "position": ["x", "y", "z"]}}
+    base = {**COLUMNS["base"], "position": ["x", "y", "z"], "rpy_deg": [180, 0, 0]}
+    mapping = {"base": base, "wrenches": {"ft": {**COLUMNS["wrenches"]["ft"], "applied_to_link": True}}}
     tool, truth = Mechanism.lone_body("tool"), json.loads((DATA / f"{name}.json").read_text())
     log = read_log(x, tool, mapping)
     body = ident.identify_payload(tool, log, body="tool", sensor="ft", offsets=False).in_frame()
-    distance = (body.values[:4] - [truth["mass"], *truth["centre"]]) / body.std_setup[:4]
-    assert np.abs(distance).max() < 3 and abs(body.values[0] / truth["mass"] - 1) < 0.05
+    inertia = np.array(truth["inertia_about_centre"])[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    distance = (body.values - [truth["mass"], *truth["centre"], *inertia]) / body.std_setup
+    assert np.abs(distance[:4]).max() < 3 and np.abs(distance[body.identifiable]).max() < 3
+    assert abs(body.values[0] / truth["mass"] - 1) < 0.05

@@ -10,7 +10,7 @@ from persons import once
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
 
 import ident
-from experiments.data.laboratory import Laboratory
+from experiments.data.person import Laboratory
 from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import humanoid, mistaken, recorded
 from ident.errors import ExcitationError
@@ -75,6 +75,7 @@ PERSON = mistaken(humanoid(), np.random.default_rng(1))
 SQUATS = recorded("squats", 131 / 50, 3, Laboratory(rate=50.0, rail=False))
 
 
+@pytest.mark.slow
 def test_each_channel_of_a_sample_is_an_equation():
     """131 samples of six channels, of which 79 samples are fitted, for 159 base parameters."""
     estimate = identified(prepared(PERSON, SQUATS), known=True, setup=dict.fromkeys(PRIORS, 0), report=once)

@@ -1,5 +1,6 @@
 """Trials of a short recording, for the tests of running them."""
 
+import json
 import os
 import re
 import signal
@@ -16,7 +17,9 @@ from fuzz.here import Here
 
 from experiments import multicontact
 from experiments.data.simulated import Problem
-from experiments.studies import trials
+from experiments.runs import workers
+from experiments.runs.checkpoint import Checkpoint
+from experiments.studies import simulated
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
 
@@ -30,24 +33,26 @@ def arguments(tmp_path, *more):
 def draw(tmp_path, *more, samples="200", contact="pad"):
     args = arguments(tmp_path, "--samples", samples, *more)
     made = study("multicontact", samples=args.samples, seed=args.seed or 0, contact=contact)
-    return trials.Draw.of(made.file, args.redraw, made.recording)
+    return simulated.Draw.of(made.file, args.redraw, made.recording)
 
 
-def run(source, number, tmp_path, **more):
-    """Outcomes of trials, in this process if no executor is given."""
-    settings = {"file": tmp_path / trials.FILE, "analyse": ANALYSE, "executor": Here()} | more
-    return trials.run_trials(source, trials=number, **settings)
+def run(source, number, tmp_path, file=simulated.FILE, analyse=ANALYSE, given=None):
+    """Outcomes of trials, in this process if no workers are given."""
+    checkpoint = Checkpoint("trials", tmp_path / file, source.identity)
+    with pytest.MonkeyPatch.context() as patched:
+        if given is None or given.number == 1:
+            patched.setattr(workers, "Processes", Here)
+        return simulated.run_trials(source, analyse, number, checkpoint, given or workers.Workers())
 
 
-def resumed(source, number, tmp_path, *more):
-    args = arguments(tmp_path, "--samples", "200", "--redraw", "sensors", "--resume", "--trials", str(number), *more)
-    return run(source, number, tmp_path, done=trials.done_in(args.out, source, args.trials)[0])
+def resumed(source, number, tmp_path):
+    return run(source, number, tmp_path, given=workers.Workers(resume=True))
 
 
-def kept(tmp_path):
+def kept(tmp_path, file=simulated.FILE):
     """Outcomes in the file of trials."""
-    with np.load(tmp_path / trials.FILE) as data:
-        return data["outcomes"]
+    with np.load(tmp_path / file) as data:
+        return np.array([json.loads(text) for text in bytes(data["outcomes"]).splitlines()])
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,7 @@ from types import SimpleNamespace
 from experiments import multicontact
 from experiments.cli import running
 from experiments.document import figures
-from experiments.runs.signals import end_silently
+from experiments.runs.environment import end_silently
 from truth import use_truth
 end_silently()
 running.GRACE = 60.0

@@ -6,8 +6,6 @@ import importlib.metadata
 import os
 import re
 from collections.abc import Sequence
-from importlib import import_module
-from importlib.util import find_spec
 from typing import NoReturn
 
 import experiments.__main__
@@ -33,9 +31,6 @@ from experiments.cli import running
 from experiments.runs.environment import end_at_once
 from ident.arguments import near
 
-FROM_A_CLONE = "noise", "benchmark", "readme"
-"""Subcommands for developers, which an installed wheel does not have."""
-
 COMMANDS = {
     "paper": experiments.__main__,
     "mechanism": mechanism,
@@ -54,9 +49,6 @@ COMMANDS = {
     "excite": excite,
     "derive": derive,
     "validate": validate,
-    **{
-        name: import_module(f"experiments.{name}.__main__") for name in FROM_A_CLONE if find_spec(f"experiments.{name}")
-    },
 }
 """Modules of the subcommands."""
 

@@ -1,17 +1,18 @@
 """Command-line options that the commands share."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import scenes
-from experiments.cli.print_options import add_print
-from experiments.data.defaults import FORMATS, REDRAWN, TRAJECTORY_TRIALS
+from experiments.data.paper import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from ident.errors import InputError
 from ident.tolerances import DRIVE
 
 if TYPE_CHECKING:
+    from experiments.document.writer import Output
     from experiments.runs.workers import Workers
 
 LOGS = (
@@ -59,18 +60,38 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
     return parser
 
 
-def print_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of a command that writes tables for print; arguments as for `command_parser`."""
-    parser = command_parser(name, description)
-    add_print(parser)
-    return parser
-
-
 def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser of a command that writes tables and figures for print; arguments as for `command_parser`."""
-    parser = print_parser(name, description)
+    parser = command_parser(name, description)
+    add_page(parser)
     add_formats(parser)
     return parser
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """Adds the columns of the page."""
+    parser.add_argument(
+        "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
+    )
+
+
+@contextmanager
+def page_of(args: argparse.Namespace) -> Iterator[None]:
+    """Sizes tables and figures for the page that `add_page` asks for, for the duration of a block."""
+    if "page_columns" not in args:
+        yield
+        return
+    from experiments.document.styles import page
+
+    with page(args.page_columns):
+        yield
+
+
+def output_of(args: argparse.Namespace, folder: Path | None = None) -> "Output":
+    """Folder, another one if given, and formats of figures that the options ask for."""
+    from experiments.document.writer import Output
+
+    return Output(folder or args.out, getattr(args, "formats", ()))
 
 
 def add_formats(parser: argparse.ArgumentParser) -> None:

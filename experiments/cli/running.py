@@ -15,9 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import ident
-from experiments.cli.print_options import style_of
-from experiments.runs.environment import default_variables, end_at_once, environment, seldom_collected
-from experiments.runs.signals import ENDING, GRACE, ended_after
+from experiments.cli.options import page_of
+from experiments.runs.environment import (
+    ENDING,
+    GRACE,
+    default_variables,
+    end_at_once,
+    ended_after,
+    environment,
+    seldom_collected,
+)
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
@@ -56,7 +63,7 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     interrupted = f"{parser.prog}: interrupted; every file is whole."
     with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
-            with _without_log(), _its_consequences(asked), style_of(options):
+            with _without_log(), _its_consequences(asked), page_of(options):
                 study(options)
         except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)

@@ -11,7 +11,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.judgement.comparison import Comparison
 
-EXCLUDED = ("out", "name", "logs", "model", "held_out", "page_columns", "brackets", "style", "caption", "parameters")
+EXCLUDED = ("out", "name", "logs", "model", "held_out", "page_columns")
 """Options without effect on results, and files, which are compared by content."""
 
 

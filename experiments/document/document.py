@@ -7,12 +7,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from experiments.document.layout import Layout
 from experiments.document.replay import Replay
 from experiments.document.tabular import Table
 from experiments.document.terminal import wrapped
-from ident.errors import InputError
-from ident.geometry.inertia import body_of_parameter
 from ident.judgement.finding import line_of
 from ident.recordings.recording import Recording
 
@@ -79,21 +76,3 @@ class Document:
             return ""
         like = f"; likewise {', '.join(others)}" if others else ""
         return wrapped(f'In Python, ident.Recording.load("{(folder / first).as_posix()}") is the recording{like}.')
-
-    def chosen(self, layout: Layout) -> tuple[Layout, str]:
-        """An author's choices, or none of them if one names a table, figure or parameter that does not exist.
-
-        Returns:
-            The layout, and a sentence if the choices cannot be applied, else an empty one.
-        """
-        of_bodies = [table for table in self.tables.values() if table.bodies]
-        names = dict.fromkeys(
-            str(row[0]) for t in of_bodies for row in t.rows if body_of_parameter(str(row[0]), t.bodies)
-        )
-        bodies = dict.fromkeys(body for table in of_bodies for body in table.bodies)
-        try:
-            layout.check([*self.tables, *self.figures], [*names], [*bodies])
-        except InputError as error:
-            usual = replace(layout, captions={}, parameters=())
-            return usual, f"All is written, with captions and parameters as by default: {error}"
-        return layout, ""

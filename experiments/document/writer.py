@@ -1,18 +1,81 @@
 """Writing of documents: HTML, TeX, Markdown, CSV and JSON files, and figures in a folder; text on the screen."""
 
+import base64
+import hashlib
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from experiments.document import drawn_data, figures, print_table
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from experiments.document import drawn_data, figures, print_table, styles, symbols
 from experiments.document.document import Document
-from experiments.document.layout import PAPER, Layout
-from experiments.document.page import page
 from experiments.document.result_folder import OUTPUTS, results_folder, write_json
+from experiments.document.symbols import pieces
 from experiments.document.tabular import Table
-from ident.errors import InputError
 from ident.files.atomic import replacing
+
+EMBEDDED = {"png": "image/png", "svg": "image/svg+xml"}
+"""Formats of figures that a page can embed, the first of those that are written, and their media types."""
+
+
+def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iterable[str], **values: object) -> str:
+    """A page in one file, which runs only its own script and loads nothing.
+
+    Args:
+        template: File of the folder `templates`.
+        root: Folder of the page.
+        shown: Written documents by folder name in `root`; the empty name stands for `root` itself.
+        formats: Formats in which the figures are written. No figure is drawn again for the page: it embeds the file of
+            one of these formats, and links to a figure that is written as PDF alone.
+        values: Other variables of the template.
+    """
+    chosen = sorted(set(formats))
+    embedded = next((ending for ending in EMBEDDED if ending in chosen), None)
+
+    def picture(folder: str, name: str) -> str:
+        if embedded is None:
+            return ""
+        content = (root / folder / f"{name}.{embedded}").read_bytes()
+        return f"data:{EMBEDDED[embedded]};base64,{base64.b64encode(content).decode()}"
+
+    given = {"results": shown, "formats": chosen, "picture": picture}
+    return _environment().get_template(template).render(**given, **values)
+
+
+@cache
+def _environment() -> Environment:
+    """The templates; they are compiled at first use, which takes as long as filling them."""
+    environment = Environment(
+        loader=PackageLoader("experiments.document"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_visible,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"pieces": pieces, "indented": _indented, "digest": _digest}
+    return environment
+
+
+def _visible(value: Any) -> Any:
+    """A text without marks of writing direction; keeps the type of HTML texts."""
+    return type(value)(symbols.visible(value)) if isinstance(value, str) else value
+
+
+def _digest(text: str) -> str:
+    """Hash by which a page's content security policy names an allowed script or style."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _indented(content: Any) -> str:
+    """Indented JSON."""
+    return json.dumps(content, indent=1, ensure_ascii=False)
+
 
 PAGE = "report.html"
 """Name of the page in a folder of results."""
@@ -20,21 +83,16 @@ PAGE = "report.html"
 
 @dataclass(frozen=True)
 class Output:
-    """A folder for documents, and an author's choices.
-
-    Attributes:
-        folder: The folder.
-        formats: Formats of figures.
-        layout: Layout of tables and figures in print.
-        checked: True if the layout names nothing that does not exist.
-        choices: The choices that differ from the defaults, for the provenance.
-    """
+    """A folder for documents, and the formats of figures."""
 
     folder: Path
     formats: Sequence[str]
-    layout: Layout = PAPER
-    checked: bool = False
-    choices: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def choices(self) -> dict[str, Any]:
+        """Columns of the page if they are not the default, for the provenance."""
+        columns = styles.page_columns()
+        return {} if columns == 2 else {"page_columns": columns}
 
 
 def write(
@@ -48,64 +106,49 @@ def write(
         stale: Patterns of files of an earlier run to remove.
         inputs: Input files, which are never replaced.
         then: What to do next, in a sentence.
-
-    Raises:
-        InputError: Captions or parameters are chosen that do not exist; all else is written.
     """
-    missing = written(document, out, stale=stale, inputs=inputs)
+    written(document, out, stale=stale, inputs=inputs)
     print(document.text())
-    end(document, out, missing, then)
+    end(document, out, then)
     return document
 
 
-def end(document: Document, out: Output, missing: str = "", then: str = "") -> None:
-    """Prints where everything is and how to load recordings; raises an error, after all, if a request was not met.
-
-    Raises:
-        InputError: The sentence `missing` is not empty.
-    """
+def end(document: Document, out: Output, then: str = "") -> None:
+    """Prints where everything is and how to load recordings."""
     print(f"Everything is in {out.folder}; open {PAGE}.")
     for line in filter(None, (document.loading(out.folder), then)):
         print(line)
-    if missing:
-        raise InputError(missing)
 
 
-def written(document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = ()) -> str:
-    """Writes a document into its folder with a page, arguments as for `write`.
-
-    Returns:
-        A sentence on a layout that cannot be applied, else an empty text.
-    """
-    layout, refused = (out.layout, "") if out.checked else document.chosen(out.layout)
+def written(document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = ()) -> None:
+    """Writes a document into its folder with a page, arguments as for `write`."""
     with results_folder(out.folder, stale=stale, inputs=inputs) as folder:
-        write_parts(document, replace(out, folder=folder, layout=layout))
+        write_parts(document, replace(out, folder=folder))
         for name, recording in document.recordings.items():
             recording.save(folder / name)
         for name, save in document.files.items():
             if save is not None:
                 save(folder / name)
         write_page(document, folder, out.formats)
-    return refused
 
 
 def write_parts(document: Document, out: Output) -> None:
     """Writes tables, figures with their data, and numbers into a folder."""
     for name, table in document.tables.items():
-        _write_table(table, out.folder, name, out.layout)
+        _write_table(table, out.folder, name)
     for name, (figure, caption) in document.figures.items():
         figures.save(figure, out.folder, name, out.formats)
         (out.folder / f"{name}.csv").write_text(drawn_data.csv_text(figure), encoding="utf-8")
         if "pdf" in out.formats:
-            content = print_table.figure(name, caption, float(figure.get_figwidth()), out.layout)
+            content = print_table.figure(name, caption, float(figure.get_figwidth()))
             (out.folder / f"{name}.tex").write_text(content, encoding="utf-8")
     for name, numbers in document.numbers.items():
         write_json(out.folder / f"{name}.json", numbers)
 
 
-def _write_table(table: Table, folder: Path, name: str, layout: Layout) -> None:
+def _write_table(table: Table, folder: Path, name: str) -> None:
     """Writes `name.csv`, `name.md` and `name.tex` into a folder."""
-    forms = {"csv": table.csv(), "md": table.markdown(), "tex": print_table.tex(table, name, layout)}
+    forms = {"csv": table.csv(), "md": table.markdown(), "tex": print_table.tex(table, name)}
     for suffix, content in forms.items():
         (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
 

@@ -62,7 +62,7 @@ class Entry:
 
 
 LISTS = ("force", "torque", "point", "free_moment", "position", "quaternion")
-"""Lines of a group whose values are columns, or numbers in their place."""
+"""Lines of a group whose values are columns, perhaps with gains, or numbers in their place."""
 
 
 @dataclass
@@ -87,7 +87,8 @@ class Group:
     def columns(self) -> list[str]:
         """All its columns."""
         lists = (self.entries[key].value for key in LISTS if key in self.entries)
-        return [name for names in lists for name in names if isinstance(name, str) and name]
+        own = (each["column"] if isinstance(each, dict) else each for names in lists for each in names)
+        return [name for name in own if isinstance(name, str) and name]
 
 
 @dataclass
@@ -104,6 +105,7 @@ class Belief:
         by_place: Joints whose columns are assigned only by their place in a series and by the model's predictions.
         undecided: Joints whose position a sentence of `open` is about.
         torques_undecided: True if a sentence of `open` asks which of several columns are the torques.
+        complete: True if every joint has a position, or follows one that has.
     """
 
     quantities: dict[str, Quantity] = field(default_factory=dict)
@@ -115,6 +117,7 @@ class Belief:
     by_place: set[str] = field(default_factory=set)
     undecided: set[str] = field(default_factory=set)
     torques_undecided: bool = False
+    complete: bool = False
 
     def of(self, kind: str) -> dict[str, Quantity]:
         """Quantities of one kind that are not doubtful, by joint."""

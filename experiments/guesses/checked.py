@@ -1,5 +1,6 @@
 """Checks of beliefs on the log against the model: units, signs and axes of wrenches, and gains of torques."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -118,6 +119,9 @@ def _set_axes(belief: Belief, log: Prepared) -> None:
         return
     for name, check in checks.items():
         entries = belief.groups[name].entries if name in belief.groups else {}
+        if check.mirrored and entries:
+            _mirror(entries, check.mirrored)
+            continue
         if not entries or not check.suspicious:
             if entries and check.error > FAR_OFF:
                 belief.notes.append(
@@ -130,3 +134,13 @@ def _set_axes(belief: Belief, log: Prepared) -> None:
         frame = "base" if name == GROUND else "body"
         why = f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {100 * check.error:.0f} %"
         set_turn(belief.groups[name], check.rotation, frame, why, opposite=check.sign < 0)
+
+
+def _mirror(entries: dict[str, Entry], components: Sequence[str]) -> None:
+    """Gives columns of components that have the opposite sign alone a gain of -1."""
+    for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:]), ("free_moment", COMPONENTS[3:])):
+        if key in entries and set(components) & set(part):
+            names = zip(entries[key].value, part, strict=True)
+            mirrored = [{"column": name, "gain": -1.0} if own in components and name else name for name, own in names]
+            why = f"{', '.join(c for c in part if c in components)} mirrored, as the model predicts the opposite sign"
+            entries[key] = Entry(mirrored, f"{entries[key].why}; {why}")

@@ -6,7 +6,7 @@ from math import perm
 
 import numpy as np
 
-from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
+from experiments.guesses.belief import LIKELY, Belief, Quantity
 from experiments.guesses.explained import Model, explained
 from experiments.guesses.families import families
 from experiments.guesses.log_contents import LogContents
@@ -23,7 +23,6 @@ from experiments.guesses.orders import (
 )
 from experiments.guesses.units import is_rate
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.wrench import GROUND
 
 ENOUGH, LITTLE = 0.5, 0.1
 """Shares of wrenches and torques that the model has to explain with columns assigned only by their place, and with
@@ -178,10 +177,6 @@ def _add(problem: Problem, order: Order, why: str) -> None:
         for joint, column in columns.items():
             reason = why if kind == "position" else "in the place of the position"
             belief.add(Quantity(joint, kind, column, LIKELY, [reason]))
-    if order.wrench:
-        share = f"agrees with the model's prediction ({explained(_left(order))} of the variance)"
-        parts = (("force", order.wrench[:3]), ("torque", order.wrench[3:]))
-        belief.groups[GROUND] = Group(GROUND, {key: Entry(list(names), share) for key, names in parts})
 
 
 def _has_numbers_of_joints(order: Order) -> bool:
@@ -195,7 +190,7 @@ def _rates(problem: Problem, order: Order) -> dict[str, str]:
     """Columns that are derivatives of the positions, all of one family, in the same order."""
     contents, positions = problem.model.contents, order.positions.values()
     places = [order.names.index(name) for name in positions]
-    taken = {*positions, *order.torques.values(), *order.wrench, *problem.model.belief.columns}
+    taken = {*positions, *order.torques.values(), *problem.model.belief.columns}
     for each in problem.families:
         same = each.names == order.names
         if not (same or (each.kind == "velocity" and each.is_of_joints and len(each.names) == len(order.names))):

@@ -63,16 +63,19 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
     if rate and not named:
         return Clock(COUNT, "s", f"no column has times, and --rate says {rate:g} Hz", rate)
     # Counters of samples increase uniformly as well, but by one.
-    others = [name for name in growing if not (steps[name] == 1).all() and _steady(steps[name])]
+    steady = [name for name, dx in growing.items() if np.median(np.abs(dx / np.median(dx) - 1)) < 0.5]
+    others = [name for name in steady if not (steps[name] == 1).all()]
     candidates = named or others or list(growing)
     if not candidates:
         raise LogError(
-            f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one, or --rate HZ."
+            f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one, or --rate HZ; "
+            "still poses need none where the columns file has poses = true."
         )
     exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
     if len(exact) > 1:
         exact = [name for name in exact if "_ros" not in name and words(name).core == ()] or exact
-    if len(exact) > 1 and not all(_alike(columns[exact[0]], columns[name]) for name in exact):
+    # Columns of times may be the same in other units, or with another origin.
+    if not all(np.corrcoef(columns[exact[0]], columns[name])[0, 1] > 1 - 1e-6 for name in exact[1:]):
         raise LogError(f"its times may be any of {', '.join(exact)}; name one of them time, or take the others out.")
     column = exact[0]
     stated, step = words(column).unit, float(np.median(steps[column]))
@@ -81,12 +84,3 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
     how = "its name says so" if unit == stated else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
     what = "named so" if column in named else "it alone grows steadily"
     return Clock(column, unit, f"{what}; {unit} since {how}")
-
-
-def _steady(steps: np.ndarray) -> bool:
-    return bool(np.median(np.abs(steps / np.median(steps) - 1)) < 0.5)
-
-
-def _alike(a: np.ndarray, b: np.ndarray) -> bool:
-    """True where two columns of times are the same in other units or with another origin."""
-    return bool(np.corrcoef(a, b)[0, 1] > 1 - 1e-6)

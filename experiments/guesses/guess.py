@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from experiments.guesses.belief import Belief, Entry, Group
@@ -13,7 +14,7 @@ from experiments.guesses.markers import without_markers
 from experiments.guesses.measured import add_measured
 from experiments.guesses.names import add_commands, add_named, add_only, is_named_after
 from experiments.guesses.orientations import BASE, add_orientations
-from experiments.guesses.sensors import place_wrenches
+from experiments.guesses.sensors import ask_place, place_wrenches
 from experiments.guesses.signs import check_positions
 from experiments.guesses.units import doubt_units, set_rates, set_units
 from experiments.guesses.wrenches import add_wrenches
@@ -58,49 +59,45 @@ def believed(
     add_wrenches(belief, log, mechanism, held, flies)
     # The model's predictions are used only if angles alone determine them.
     signs = not balls and not belief.poses
-    if signs:
-        add_series(belief, log, mechanism, axes, held)
+    compared = mechanism if signs else replace(mechanism, prior=None)
+    add_series(belief, log, compared, axes, held)
     add_named(belief, log, axes, components, numbered=True)
     if len(kinds) == len(axes) == 1:
         add_only(belief, log, axes[0], components)
-    if signs:
-        add_any(belief, log, mechanism, mechanism.joints, held)
+    add_any(belief, log, compared, mechanism.joints, held)
     by_size = set_units(belief, log, kinds)
-    if signs:
-        add_measured(belief, log, mechanism, held)
+    add_measured(belief, log, compared, held)
     moving = any(x.column in log.columns for x in belief.of("position").values())
-    if signs and moving and mechanism.prior is not None and not belief.undecided:
+    if moving and compared.prior is not None and not belief.undecided:
         mechanism = mounted(belief, log, mechanism, limit)
         try:
             model = Model.of(belief, log, mechanism, [])
         except InputError as error:
             belief.notes.append(f"Orders and signs could not be checked against the model: {error}")
+            for group in [group for group in belief.groups.values() if group.is_open]:
+                ask_place(belief, group, "Its name does not say so.")
         else:
             signs = check_positions(model, by_size)
             if signs:
                 place_wrenches(model)
-    doubt_units(belief, by_size)
+    doubt_units(belief, log, by_size)
     set_rates(belief, log, kinds)
     if flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
         of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
-    lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]
-    for joint, lead in _following(belief, mechanism).items():
-        lacking.remove(joint)
-        belief.notes.append(f"'{joint}' follows '{lead}', as the model couples them.")
+    placed = {*belief.of("position"), *(key.removeprefix("joints.") for key in belief.poses)}
+    following = mechanism.determined(placed)
+    belief.notes += [f"'{joint}' follows '{lead}', as the model couples them." for joint, lead in following.items()]
+    lacking = [joint for joint in mechanism.joints if joint not in placed and joint not in following]
+    belief.complete = not lacking
     if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not log.markers:
-        belief.open.append(_absent(absent))
+        listed, fixed = ", ".join(map(repr, absent)), " ".join(f"--fix {shlex.quote(joint)}" for joint in absent)
+        belief.open.append(f"No column looks like the position of {listed}; {fixed} leaves out what rests.")
     if not lacking and mechanism.prior is not None:
         check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
     add_commands(belief, log, axes)
-    if not (
-        belief.groups
-        or belief.of("torque")
-        or belief.of("command")
-        or belief.undecided
-        or belief.torques_undecided
-        or log.markers
-    ):
+    asked = belief.undecided or belief.torques_undecided or log.markers
+    if not (asked or belief.groups or belief.of("torque") or belief.of("command")):
         belief.notes.append("The log has no wrench, torque or commanded position, of which `identify` needs one.")
     clock = {clock.column for clock in log.clocks}
     belief.unused = [name for name in log.names if name not in belief.columns]
@@ -118,31 +115,3 @@ def write_mapping(path: Path, log: LogContents, belief: Belief, joints: Sequence
         raise InputError(f"'{path}' is there already; --force replaces it, --out NAME writes another.")
     with replacing(path) as temporary:
         temporary.write_text(toml_text(log, belief, joints), encoding="utf-8")
-
-
-def is_complete(belief: Belief, mechanism: Mechanism) -> bool:
-    """True where every joint has a position, or follows one that has."""
-    following = _following(belief, mechanism)
-    return all(_has_position(belief, joint) or joint in following for joint in mechanism.joints)
-
-
-def _following(belief: Belief, mechanism: Mechanism) -> dict[str, str]:
-    """Joints without a position that the model couples to others with a position, and these."""
-    leads = {joint: lead.joint for joint, lead in mechanism.mimics.items() if not _has_position(belief, joint)}
-    followers = {joint: lead for joint, lead in leads.items() if _has_position(belief, lead)}
-    rest = mechanism.following({joint: mechanism.mimics[joint] for joint in followers})
-    lacking = [joint for joint in rest.tree.joints if not _has_position(belief, joint)]
-    others = "', '".join(joint for joint in rest.in_loops if joint not in lacking)
-    depending = rest.constraints.dependent(rest.tree, lacking)
-    return followers | {joint: others for joint in depending if joint in lacking}
-
-
-def _absent(joints: Sequence[str]) -> str:
-    """A sentence on joints that are not in the log, and the options that leave them out."""
-    listed = ", ".join(f"'{joint}'" for joint in joints)
-    fixed = " ".join(f"--fix {shlex.quote(joint)}" for joint in joints)
-    return f"No column looks like the position of {listed}; {fixed} leaves out what rests."
-
-
-def _has_position(belief: Belief, joint: str) -> bool:
-    return joint in belief.of("position") or f"joints.{joint}" in belief.poses

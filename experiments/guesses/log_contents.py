@@ -15,7 +15,7 @@ from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
 from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.mapping import ColumnMapping
-from ident.recordings.sampled import GAP, Sampled, interpolated
+from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.several_files import files_of, name_of, read_files
 from ident.recordings.turns import unwrapped
 
@@ -215,11 +215,9 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
         holes += int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum())
     if not sampled:
         raise LogError("it has times, but no other column of numbers.")
-    start, end = max(x.time[0] for x in sampled.values()), min(x.time[-1] for x in sampled.values())
-    step = min(float(np.median(np.diff(x.time))) for x in sampled.values())
-    if not end - start > 10 * step:
+    time = uniform_times(sampled, max(map(rate_of, sampled.values())))[:ROWS]
+    if len(time) < 10:
         raise LogError("a log needs at least 10 samples that all columns cover.")
-    time = np.linspace(start, end, min(ROWS, round((end - start) / step) + 1))
     missing = {name: float(np.isnan(x.values).mean()) for name, x in sampled.items() if np.isnan(x.values).any()}
     changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
     columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}

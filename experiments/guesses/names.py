@@ -36,11 +36,16 @@ def add_named(
     own, series = _of_joints(joints), families(contents.names)
     beside = {name for each in series if len(each.names) > 1 for name in each.names}
     beside = beside if numbered else _shifted(series, joints)
+    sides = set[str]().union(*(words(joint).sides for joint in joints))
     for kind, patterns in KINDS.items():
+        # All columns of a quantity may begin with the robot's name, unless it is that of the other side.
+        those = [name for name in contents.names if _fits(words(name), kind) and words(name).kind]
+        others = sides - set[str]().union(*(words(name).sides for name in those))
+        bare = {} if others else dict(zip(those, without_prefix([words(name) for name in those]), strict=True))
         exact = {} if numbered else {pattern.format(joint): joint for joint in joints for pattern in patterns}
         scores, positions = dict[tuple[str, str], float](), belief.of("position")
         for name in (name for name in contents.names if name not in (*taken, *beside, *belief.columns)):
-            about, changes = words(name), name in contents.columns
+            about, changes = bare.get(name, words(name)), name in contents.columns
             for joint in (joint for joint in joints if joint not in belief.of(kind) and joint not in belief.undecided):
                 score = 1.01 if exact.get(name) == joint else likeness(about, own[joint]) * _fits(about, kind)
                 like = exact.get(name) == joint or shares_numbers_alone(about, own[joint]) == numbered
@@ -60,8 +65,7 @@ def add_only(belief: Belief, contents: LogContents, joint: str, taken: Sequence[
         about = {name: words(name) for name in names}
         those = [n for n in names if about[n].kind == kind and about[n].measured and not about[n].numbers]
         if joint not in belief.of(kind) and joint not in belief.undecided and len(those) == 1:
-            quantity = Quantity(joint, kind, those[0], LIKELY, [f"the only {kind}, of the only joint"])
-            belief.add(quantity)
+            belief.add(Quantity(joint, kind, those[0], LIKELY, [f"the only {kind}, of the only joint"]))
 
 
 def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -> None:
@@ -81,13 +85,14 @@ def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -
             u, q = contents.columns[name], contents.columns[x.column]
             # Controllers call torques u as well.
             alike = about.commanded or 0.5 < np.std(u) / np.std(q) < 2
-            if alike and np.corrcoef(u, q)[0, 1] > FOLLOWS:
+            if alike and abs(np.corrcoef(u, q)[0, 1]) > FOLLOWS:
                 scores[name, joint] = score
     _add_best(belief, {pair: score for pair, score in scores.items() if score > 0.2}, "command", {})
     for joint, x in belief.of("command").items():
         stated = (unit_of(f"{kind} position", words(x.column).unit) for kind in ("hinge", "slide"))
         x.unit = next(filter(None, stated), "") or positions[joint].unit
-        x.gain = positions[joint].gain
+        u, q = contents.columns[x.column], contents.columns[positions[joint].column]
+        x.gain = positions[joint].gain * float(np.sign(np.corrcoef(u, q)[0, 1]))
         x.why.append("the position follows it; without a position actuator in the model it needs kp beside it")
         if any(not group.is_inner for group in belief.groups.values()):
             x.sure = DOUBTFUL

@@ -36,7 +36,6 @@ class Order:
         order: Order of the joints.
         positions: Column of the position of each joint.
         torques: Column of the torque of each joint; empty if torques are known or absent.
-        wrench: Columns of the ground's wrench if no names state it, force first.
         left: Share of the measurements that the model leaves unexplained; None without measurements.
         is_second: True for positions of motors rather than of joints.
     """
@@ -46,7 +45,6 @@ class Order:
     order: str
     positions: Mapping[str, str]
     torques: Mapping[str, str] = field(default_factory=dict)
-    wrench: tuple[str, ...] = ()
     left: float | None = None
     is_second: bool = False
 
@@ -78,16 +76,13 @@ class Problem:
         return set(self.model.contents.columns)
 
 
-def is_small(family: Family, joints: Sequence[str]) -> bool:
-    """True where columns without names are few enough to try all assignments, not only consecutive ones."""
-    return family.template == "#" and perm(len(family.names), len(joints)) <= MOST
-
-
 def position_families(there: Sequence[Family], joints: Sequence[str]) -> list[Family]:
     """Families that may be positions: those named so, or else those whose names state no quantity."""
     own = [each for each in there if each.is_of_joints]
     own = [each for each in own if each.kind == "position"] or [each for each in own if each.kind == ""]
-    return [each for each in own if len(each.names) > 1 and not is_small(each, joints)]
+    # Of few columns without names all assignments are tried, not only consecutive ones.
+    small = [each for each in own if each.template == "#" and perm(len(each.names), len(joints)) <= MOST]
+    return [each for each in own if len(each.names) > 1 and each not in small]
 
 
 def orders_of(problem: Problem, family: Family, kinds: Sequence[str]) -> Iterator[Order]:
@@ -184,11 +179,11 @@ def _measured(problem: Problem, order: Order, options: Sequence[dict[str, str]])
             measured.append(replace(order, torques=torques, left=sum(every) / len(every) if every else None))
         # Among columns without names, the best-fitting ones are the torques.
         yield from measured if order.kind else [min(measured, key=lambda each: 1.0 if each.left is None else each.left)]
-        if rows := _wrenches(problem, order, bool(known)):
+        if problem.held and len(free) >= len(COMPONENTS) and not (known or order.kind or model.belief.groups):
+            # Other columns may be the ground's wrench.
             like, channels = likeness(model, free, predicted)
-            there = [(k, channels.index(c)) for k, c in enumerate(COMPONENTS) if c in channels]
-            lefts = [float(np.mean([1 - like[free.index(row[k]), i] for k, i in there])) for row in rows]
-            yield replace(order, wrench=rows[int(np.argmin(lefts))], left=min(lefts))
+            there = like[:, [k for k, channel in enumerate(channels) if channel in COMPONENTS]]
+            yield replace(order, left=1 - float(there.max(axis=0, initial=0).mean()) if there.size else 1.0)
 
 
 def _torques(problem: Problem, order: Order, family: Family, kinds: Sequence[str]) -> list[dict[str, str]]:
@@ -209,11 +204,3 @@ def _torques(problem: Problem, order: Order, family: Family, kinds: Sequence[str
     shifted = [[order.names[place - first + k] for place in places] for k in starts]
     moving = [names for names in shifted if problem.changing.issuperset(names)]
     return [dict(zip(joints, names, strict=True)) for names in moving] or [{}]
-
-
-def _wrenches(problem: Problem, order: Order, known: bool) -> list[tuple[str, ...]]:
-    """Runs of six columns of a family without a name that may be the ground's wrench."""
-    if not problem.held or known or order.kind or problem.model.belief.groups:
-        return []
-    rows = [order.names[k : k + 6] for k in range(len(order.names) - 5)]
-    return [row for row in rows if problem.changing - set(order.positions.values()) >= set(row)]

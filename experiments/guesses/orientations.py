@@ -75,12 +75,12 @@ def _add_base(belief: Belief, contents: LogContents, groups: Mapping[str, list[s
 
 def _grouped(contents: LogContents, between: str, components: str) -> dict[str, list[str]]:
     """Columns of vectors with all components, in order, by the common part of their names."""
-    groups: dict[str, dict[str, str]] = {}
+    groups: dict[tuple[str, str], dict[str, str]] = {}
     for name in contents.names:
         bare = without_unit(name)[0].strip()
         if match := re.fullmatch(rf"(.*?)[\W_]*{between}[\W_]*([{components}])", bare, re.IGNORECASE):
-            groups.setdefault(match[1], {}).setdefault(match[2].lower(), name)
-    return {rest: [own[c] for c in components] for rest, own in groups.items() if own.keys() == set(components)}
+            groups.setdefault((match[1], bare[: match.start(2)]), {}).setdefault(match[2].lower(), name)
+    return {rest: [own[c] for c in components] for (rest, _), own in groups.items() if own.keys() == set(components)}
 
 
 def _is_quaternion(contents: LogContents, names: Sequence[str]) -> bool:

@@ -30,7 +30,7 @@ HALF_WAY = np.sqrt(1000)
 """Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
 
 OF_SIZE = {
-    "force": ("unit", {"N": 1.0, "kN": 1e-3}),
+    "force": ("unit", {"N": 1.0, "mN": 1e3, "kN": 1e-3}),
     "torque": ("torque_unit", {"N m": 1.0, "N mm": 1e3, "kN m": 1e-3}),
 }
 """Key of the unit of forces and of moments, and the size of a column in each unit over that in the SI unit."""
@@ -59,12 +59,12 @@ def place_wrenches(model: Model) -> None:
             sizes = {body: _ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
             _carry(group, model, left, sizes)
         elif 1 - at_base < (ENOUGH if _is_of_size(_ratio(x, ground[:, part])) else ENOUGH_OF_WRENCHES):
-            group.entries["body"] = Entry("?", "the body beyond the sensor", DOUBTFUL)
-            belief.open.append(
-                f"It is open where the wrench '{group.own_name}' is measured. The model explains {explained(at_base)} "
-                f"of it as the ground's, and {explained(left.get(best, 1.0))} as that of what '{best}' carries."
+            ask_place(
+                belief,
+                group,
+                f"The model explains {explained(at_base)} of it as the ground's, and "
+                f"{explained(left.get(best, 1.0))} as that of what '{best}' carries.",
             )
-            _rename(belief, group)
         if group.is_inner:
             body = str(group.entries["body"].value)
             _turn_inner(group, model, inside[body])
@@ -74,6 +74,13 @@ def place_wrenches(model: Model) -> None:
                     f"The wrench '{group.name}' is that of what '{body}' carries. It stays a remark for `payload`, "
                     "since `identify` would take it for a contact."
                 )
+
+
+def ask_place(belief: Belief, group: Group, why: str) -> None:
+    """Leaves a wrench a remark, with a question on the place where it is measured."""
+    group.entries["body"] = Entry("?", "the body beyond the sensor", DOUBTFUL)
+    belief.open.append(f"It is open where the wrench '{group.own_name}' is measured. {why}")
+    _rename(belief, group)
 
 
 def _ratio(measured: np.ndarray, predicted: np.ndarray) -> float:

@@ -14,8 +14,8 @@ BETTER, FAR_BETTER = 0.7, 0.5
 EXPLAINED = 0.02
 """Unexplained share below which signs are not doubted."""
 
-TURNS_OF_A_JOINT = 60.0
-"""Largest angle of a joint that is plausible in radians: about ten turns."""
+CLEARLY = 0.01
+"""Difference of unexplained shares below which two units are a tie, whatever their ratio."""
 
 
 def check_positions(model: Model, by_size: list[str]) -> bool:
@@ -52,13 +52,9 @@ def _other_unit(model: Model, by_size: list[str], here: Left) -> Left:
     # A program has one unit for all angles.
     unit = positions[by_size[0]].unit
     other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
-    largest = max(float(np.abs(model.contents.columns[positions[joint].column]).max()) for joint in by_size)
-    if other == "rad" and largest >= TURNS_OF_A_JOINT:
-        by_size.clear()
-        return here
     there = _left(model, dict.fromkeys(by_size, scale))
-    if there is None or there.somehow > BETTER * here.somehow:
-        if there is not None and here.somehow < BETTER * there.somehow:
+    if there is None or there.somehow > min(BETTER * here.somehow, here.somehow - CLEARLY):
+        if there is not None and here.somehow < min(BETTER * there.somehow, there.somehow - CLEARLY, 1 - ENOUGH):
             by_size.clear()
         return here
     for joint in by_size:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from experiments.guesses.belief import LIKELY, SURE, Belief, Quantity
+from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, Quantity
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.words import unit_of, words
 from ident.files.column import CURRENT, UNITS
@@ -15,6 +15,10 @@ ROUND = 2 * np.pi + 0.5
 
 LONG = 20.0
 """Largest travel of a slide that is plausible in metres."""
+
+PERCENT, NORMALIZED = 100.0, ".pos"
+"""Largest number and end of the name of a position that may be a percentage of a calibrated range: LeRobot writes such
+ones, or degrees, under the same names."""
 
 EXACT = 1.25
 """Ratio of a rate to the derivative, and its inverse, up to which they are in one unit."""
@@ -45,7 +49,7 @@ def set_units(belief: Belief, contents: LogContents, kinds: Mapping[str, str]) -
         unit = others.pop() if len(others) == 1 else larger if max(sizes, default=0) > limit else usual
         for x, size in zip(those, sizes, strict=True):
             alike = size > limit or unit == usual
-            x.unit = unit
+            x.unit, x.sure = unit, x.sure if alike else LIKELY
             x.why.append(f"{unit} since it goes to {size:.3g}" + ("" if alike else f", and others are in {unit}"))
     return [x.joint for x in open_ones if kinds[x.joint] == "hinge" and x.column in contents.columns]
 
@@ -123,9 +127,20 @@ def is_current(quantity: Quantity) -> bool:
     return about.kind == "current" or about.unit in CURRENT
 
 
-def doubt_units(belief: Belief, joints: list[str]) -> None:
-    """Makes positions likely, no longer sure, whose unit their size alone suggests."""
+def doubt_units(belief: Belief, contents: LogContents, joints: list[str]) -> None:
+    """Makes positions likely whose unit their size alone suggests, and remarks of those that may be percentages."""
+    percentages = list[str]()
     for joint, x in belief.of("position").items():
         if joint in joints and x.sure == SURE:
             x.sure = LIKELY
             x.why.append("which nothing else shows")
+        is_open = x.column.endswith(NORMALIZED) and x.unit in ("deg", "mm") and x.sure != SURE
+        if words(x.column).unit == "%" or (is_open and np.abs(contents.columns[x.column]).max() <= PERCENT):
+            percentages.append(joint)
+            x.sure = DOUBTFUL
+    if percentages:
+        belief.undecided |= set(percentages)
+        belief.open.append(
+            f"The positions of {', '.join(percentages)} may be percentages of calibrated ranges. Map degrees by "
+            'unit = "deg", percentages by unit, gain and constant, so that gain * column + constant is the position.'
+        )

@@ -12,14 +12,14 @@ PARTS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+")
 
 KINDS = {
     "position": {
-        *("q", "pos", "position", "angle", "angles", "ang", "theta", "value", "encoder", "coordinate"),
+        *("q", "pos", "position", "positions", "angle", "angles", "ang", "theta", "value", "encoder", "coordinate"),
         *("winkel", "lage", "phi"),
     },
-    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "speed", "omega", "rate", "geschwindigkeit"},
-    "acceleration": {"ddq", "qdd", "qddot", "acc", "accel", "acceleration", "beschleunigung"},
-    "torque": {"tau", "torque", "trq", "effort", "moment", "drehmoment"},
-    "force": {"force", "kraft"},
-    "current": {"current", "cur", "amps", "i", "strom"},
+    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "omega", "rate", "geschwindigkeit"},
+    "acceleration": {"ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "beschleunigung"},
+    "torque": {"tau", "torque", "torques", "trq", "effort", "efforts", "moment", "drehmoment"},
+    "force": {"force", "forces", "kraft"},
+    "current": {"current", "currents", "cur", "amps", "i", "strom"},
     "time": {"time", "t", "timestamp", "stamp", "clock"},
 }
 """Words of names by the quantity that the column holds."""
@@ -29,8 +29,8 @@ COMMANDED = {
 }
 """Words of quantities that were commanded."""
 
-ESTIMATED = {"ext", "external", "dtau", "residual"}
-"""Words of quantities that were estimated, or that act from outside, rather than measured at a joint."""
+ESTIMATED = {"ext", "external", "dtau", "residual", "computed", "calculated", "calc", "estimated", "est", "predicted"}
+"""Words of quantities that were computed, or that act from outside, rather than measured at a joint."""
 
 MEASURED = {"meas", "measured", "msr", "actual", "act", "fb", "feedback", "ist"}
 """Words of quantities that were measured."""
@@ -50,17 +50,15 @@ SPELLED = {
     **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
     **{unit: unit for unit in ("rpm", "mm", "cm", "ms", "us", "ns")},
     "kn": "kN",
+    "mn": "mN",
     "nm": "N m",
-    "nmm": "N mm",
-    "mnm": "N mm",
     "knm": "kN m",
     "ma": "mA",
     "amp": "A",
-    "msec": "ms",
-    "usec": "us",
-    "nsec": "ns",
-    "sec": "s",
     "secs": "s",
+    **dict.fromkeys(("nmm", "mnm"), "N mm"),
+    **dict.fromkeys(("percent", "pct"), "%"),
+    **{f"{unit}ec": unit for unit in ("s", "ms", "us", "ns")},
 }
 """Units by their spelling in names, in lower case."""
 
@@ -74,17 +72,15 @@ UNIT = re.compile(
 )
 """A unit between other words, perhaps with seconds below it: `deg`, `rad_per_s`, `deg_s2`."""
 
-BRACKETED = {"m": "m", "n": "N", "a": "A", "s": "s", "µs": "us", "n.m": "N m", "n*m": "N m", "n·m": "N m"}
+BRACKETED = {"m": "m", "n": "N", "a": "A", "%": "%", "s": "s", "µs": "us", "n.m": "N m", "n*m": "N m", "n·m": "N m"}
 """Units that count only in brackets, as their letters have many other uses."""
 
 OF_UNIT = {
     **dict.fromkeys(("N m", "N mm", "kN m"), "torque"),
     **dict.fromkeys(CURRENT, "current"),
     "rpm": "velocity",
-    "deg": "position",
-    "rad": "position",
-    "N": "force",
-    "kN": "force",
+    **dict.fromkeys(("deg", "rad"), "position"),
+    **dict.fromkeys(("N", "kN", "mN"), "force"),
 }
 """Quantities that a unit shows."""
 

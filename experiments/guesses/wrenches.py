@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
+from experiments.guesses.families import families
 from experiments.guesses.log_contents import LogContents
 from experiments.guesses.names import is_named_after
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
@@ -46,10 +47,13 @@ def add_wrenches(belief: Belief, contents: LogContents, mechanism: Mechanism, he
     names = [name for name in contents.names if name not in belief.columns and not is_named_after(name, kinds)]
     bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and words(n).measured}
     wrenches: list[tuple[str, Parts]] = []
+    arrays = {len(each.names) for each in families(names) if each.kind == "position" and each.template.endswith(".#")}
     for rest, components in wrench_groups(list(bare)).items():
         parts = {key: bare[name] for key, name in components.items()}
         changes = any(name in contents.columns for name in parts.values())
-        if sum(kind != "point" for kind, _ in parts) < 2 or not changes:
+        # Three torques beside three positions are an array of joints.
+        of_joints = {kind for kind, _ in parts} == {"torque"} and {3} == arrays & {len(kinds)}
+        if sum(kind != "point" for kind, _ in parts) < 2 or not changes or of_joints:
             continue
         own = re.sub(r"\W+", "_", rest).strip("_")
         if same := next((other for other, those in wrenches if _is_same(contents, parts, those)), None):
@@ -100,7 +104,7 @@ def _mount(group: Group, mechanism: Mechanism) -> None:
 
 def _bare(name: str) -> str:
     """A name without its unit, whose letters would be mistaken for a component."""
-    return re.sub(r"\s*[\[(][^\])]*[\])]\s*$|[\W_]+(k?Nm?m?)$", "", name)
+    return re.sub(r"\s*[\[(][^\])\d]*[\])]\s*$|[\W_]+(m?k?Nm?m?)$", "", name)
 
 
 def _entries(contents: LogContents, parts: Parts) -> dict[str, Entry]:

@@ -119,7 +119,8 @@ def table(contents: LogContents, belief: Belief) -> list[str]:
         for key in (key for key in ORDER if key in group.entries):
             entry = group.entries[key]
             values = entry.value if isinstance(entry.value, list) else [entry.value]
-            listed = ", ".join(str(each) if each != "" else "-" for each in values)
+            scaled = (f"{x['gain']:g} × {x['column']}" if isinstance(x, dict) else x for x in values)
+            listed = ", ".join(str(each) if each != "" else "-" for each in scaled)
             rows.append((f"{group.name}.{key}", listed, "", entry.sure, entry.why))
     sizes = [max((len(row[k]) for row in rows), default=0) for k in range(4)]
     return ["  ".join([*(f"{cell:{size}}" for cell, size in zip(row, sizes, strict=False)), row[4]]) for row in rows]

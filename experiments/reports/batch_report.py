@@ -8,22 +8,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from experiments.data.batch import Outcome, spreads
-from experiments.data.errors import HALF_WIDTH
-from experiments.data.log_agreement import LogAgreement
+from experiments.data.batch import LogAgreement, Outcome, spreads
 from experiments.document import styles, symbols, tabular
-from experiments.document.decimals import of_deviations
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import of_deviations
 from ident.display.brief import listed
 from ident.geometry.inertia import with_bodies
 from ident.judgement.verdict import Outcome as Verdict
+from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
-
-SHOWN = "table_logs", "table_parameters", "figure_logs"
-"""Its tables and its chart."""
 
 PANELS = 4
 """Largest number of parameters in the chart over the logs."""
@@ -100,7 +96,7 @@ def chart(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, 
         panels = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
         for name, ax in zip(names, panels, strict=True):
             values = np.array([each.values[name] for each in outcomes])
-            half = HALF_WIDTH * agreed.std[:, agreed.names.index(name)]
+            half = INTERVAL * agreed.std[:, agreed.names.index(name)]
             for which, color, label in ((~apart, "C0", "Agrees, 95 %"), (apart, "C1", "Differs, 95 %")):
                 if which.any():
                     dots = numbers[which], values[which], half[which]
@@ -191,9 +187,9 @@ def document(
             f"{len(outcomes)} logs: {', '.join(counts)}, {len(failed)} failed.",
         ],
         heading="The logs",
-        tables={SHOWN[0]: logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
-        | ({SHOWN[1]: parameters_table(outcomes, bodies)} if fitted else {}),
-        figures={} if agreed is None else {SHOWN[2]: (chart(outcomes, agreed, bodies), caption)},
+        tables={"table_logs": logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
+        | ({"table_parameters": parameters_table(outcomes, bodies)} if fitted else {}),
+        figures={} if agreed is None else {"figure_logs": (chart(outcomes, agreed, bodies), caption)},
         numbers={
             "batch": {"logs": [each.to_dict() for each in outcomes], "agreement": _numbers(fitted, agreed)},
             "provenance": provenance,

@@ -9,14 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data.comparison import Difference, Result
-from experiments.data.errors import HALF_WIDTH
-from experiments.document import row_panels, styles, symbols, tabular
-from experiments.document.decimals import Decimals, of_deviations, of_numbers
+from experiments.document import styles, symbols, tabular
 from experiments.document.document import Document
-from experiments.document.layout import PAPER, Layout
-from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
+from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "comparison.json")
 """Patterns of the files that it writes."""
@@ -31,7 +29,7 @@ def differences_table(difference: Difference) -> tabular.Table:
     names, shared = difference.names, difference.shared
     unknown = np.full(len(names), np.nan)
     sums = [first.regrouping[name] for name in names]
-    half = unknown if shared else HALF_WIDTH * np.sqrt(np.diag(comparison.covariance))
+    half = unknown if shared else INTERVAL * np.sqrt(np.diag(comparison.covariance))
     return tabular.Table(
         f"Base parameters of {first.name} less those of {second.name}, SI units; ± 95 % intervals of the difference",
         *tabular.columns(
@@ -40,7 +38,7 @@ def differences_table(difference: Difference) -> tabular.Table:
             second=second.at(names)[0],
             difference=comparison.difference,
             interval_95=half,
-            interval_setup_95=unknown if shared else HALF_WIDTH * difference.std_setup,
+            interval_setup_95=unknown if shared else INTERVAL * difference.std_setup,
             z=unknown if shared else comparison.z,
             regrouping=sums,
         ),
@@ -64,8 +62,8 @@ def _digits(difference: Difference) -> dict[str, Decimals]:
         "second": of_numbers(difference.second.at(names)[2]),
         "difference": of_numbers(wide),
         "z": [1] * len(names),
-        "interval_95": of_deviations(HALF_WIDTH * std),
-        "interval_setup_95": of_deviations(HALF_WIDTH * wide),
+        "interval_95": of_deviations(INTERVAL * std),
+        "interval_setup_95": of_deviations(INTERVAL * wide),
     }
 
 
@@ -117,26 +115,25 @@ def agreement(difference: Difference) -> str:
     left_out = [name for name in either if name not in difference.names]
     others = ", ".join(dict.fromkeys(left_out))
     but = f" Not compared, because they are regrouped differently: {others}." if others else ""
-    within = np.abs(difference.comparison.difference) <= HALF_WIDTH * difference.std_setup
+    within = np.abs(difference.comparison.difference) <= INTERVAL * difference.std_setup
     setup = f"{int(within.sum())} of {len(within)} differences lie within the 95 % intervals of noise and set-up."
     return f"{names}, if their logs are independent: {difference.comparison} {setup}{but}"
 
 
-def figure(difference: Difference, layout: Layout = PAPER) -> Figure:
+def figure(difference: Difference) -> Figure:
     """Differences in units of their standard deviation from noise, with intervals from noise and from the set-up."""
-    shown = [k for k, name in enumerate(difference.names) if layout.shows(name, difference.first.bodies)]
-    std = np.sqrt(np.diag(difference.comparison.covariance))[shown]
-    z, wider = difference.comparison.z[shown], HALF_WIDTH * difference.std_setup[shown] / std
+    std = np.sqrt(np.diag(difference.comparison.covariance))
+    z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with styles.paper_style():
-        labels = [symbols.named_symbol(difference.names[k], difference.first.bodies) for k in shown]
-        drawn, panels = row_panels.row_panels(labels, "Difference in its standard deviations from noise")
+        labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
+        drawn, panels = styles.row_panels(labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:
             ax.axvline(0, color="0.6", lw=0.6)
             grey: dict[str, Any] = {"fmt": "none", "lw": 0.6, "color": "0.6"}
             ax.errorbar(z[rows], rows, xerr=wider[rows], label="Noise and set-up, 95 %", **grey)
-            ax.errorbar(z[rows], rows, xerr=HALF_WIDTH, fmt="o", ms=2.5, lw=1.2, color="C0", label="Noise, 95 %")
+            ax.errorbar(z[rows], rows, xerr=INTERVAL, fmt="o", ms=2.5, lw=1.2, color="C0", label="Noise, 95 %")
             ax.set_xscale("symlog", linthresh=LINEAR)
             ax.set_xticks([*-powers[::-1], 0, *powers])
             ax.minorticks_off()
@@ -144,12 +141,8 @@ def figure(difference: Difference, layout: Layout = PAPER) -> Figure:
     return drawn
 
 
-def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Layout = PAPER) -> Document:
-    """Each result compared with the first.
-
-    Raises:
-        InputError: The layout names a table, figure or parameter that does not exist.
-    """
+def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document:
+    """Each result compared with the first."""
     pairs = [Difference(compared[0], other) for other in compared[1:]]
     ends = [""] if len(pairs) == 1 else [f"_{k}" for k in range(2, len(compared) + 1)]
     tables = {f"table_differences{end}": differences_table(pair) for end, pair in zip(ends, pairs, strict=True)}
@@ -159,14 +152,12 @@ def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Lay
             tables[name] = table
     drawn = {
         f"figure_differences{end}": (
-            figure(pair, layout),
+            figure(pair),
             f"Base parameters of {pair.first.name} less those of {pair.second.name}.",
         )
         for end, pair in zip(ends, pairs, strict=True)
         if not pair.shared
     }
-    names = list(dict.fromkeys(name for result in compared for name in result.regrouping))
-    layout.check([*tables, *drawn], names, compared[0].bodies)
     sentences = [agreement(pair) for pair in pairs]
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",

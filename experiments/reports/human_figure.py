@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.data.person import Study
 from experiments.document import styles
+from ident.tolerances import INTERVAL
 
 COLORS = {"prior": "0.55", "estimate": "C0"}
 
@@ -39,7 +39,7 @@ def _segments(ax: Axes, study: Study) -> None:
     for name, x, offset in (("prior", prior, -0.15), ("estimate", phi, 0.15)):
         error = 100 * np.linalg.norm((x - true)[:, 1:4], axis=1) / size
         ax.plot(error, rows + offset, "o", ms=3, color=COLORS[name], label=name)
-    half = 100 * HALF_WIDTH * np.linalg.norm(std[:, 1:4], axis=1) / size
+    half = 100 * INTERVAL * np.linalg.norm(std[:, 1:4], axis=1) / size
     ax.hlines(rows + 0.15, 0, half, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="95 % interval")
     ax.set_yticks(rows, [name.replace("_", " ") for name in study.true.bodies])
     ax.invert_yaxis()

@@ -4,32 +4,31 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from experiments.data.following import Following
+from experiments.data.errors import Following
 from experiments.document import rerun_file, tabular
-from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.layout import PAPER, Layout
-from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import (
     held_out_caption,
     held_out_figure,
     parameters_caption,
     parameters_figure,
+    replay,
     spectra_figure,
 )
-from experiments.reports.identify_replay import replay
 from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import ESTIMATE
+from ident.judgement.codes.row import number_of
 from ident.judgement.finding import line_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
@@ -43,8 +42,9 @@ from sim.models.model_update import write_model
 from sim.models.opensim.mechanism import OpenSimOrigin
 from sim.models.urdf import parsed
 
-REMARKS, CHANNELS = 8, 12
-"""Largest numbers of remarks and of channels in the terminal: with them an arm takes 40 lines."""
+REMARKS, CHANNELS, LONGEST = 8, 12, 225
+"""Largest numbers of remarks and of channels in the terminal, and letters of a remark: with them an arm takes 40 lines,
+four legs of twelve joints 50."""
 
 OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
 """Patterns of the files that it writes."""
@@ -228,16 +228,16 @@ def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal: verdict, doubts, the main remarks and numbers; the page and the tables have the rest."""
     doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
     notes = result.prepared.notes
-    hidden = {"remarks": len(remarks) - REMARKS, "notes on the recording": len(notes) - REMARKS}
-    left = [f"{count} more {what}" for what, count in hidden.items() if count > 0]
+    hidden = {"more remark": len(remarks) - REMARKS, "more note": len(notes) - REMARKS}
+    left = [number_of(count, what) for what, count in hidden.items() if count > 0]
     tables = ", ".join(f"{name}.md ({len(table.rows)} rows)" for name, table in made.tables.items())
     lines = [
         f"Verdict: {made.verdict}",
         *(each.line for each in doubts),
-        *(line_of(sentences(each.text)[0], doubt=False) for each in remarks[:REMARKS]),
+        *(_remark(each.text) for each in remarks[:REMARKS]),
         "",
         *made.lines[:3],
-        *(line_of(sentences(note)[0], doubt=False) for note in notes[:REMARKS]),
+        *(_remark(note) for note in notes[:REMARKS]),
         "",
         *_ratios(result),
         *_bodies(result),
@@ -245,6 +245,11 @@ def screen(made: Document, result: Estimate) -> str:
         f"Tables, also as .csv and .tex: {tables}.",
     ]
     return wrapped("\n".join(lines))
+
+
+def _remark(text: str) -> str:
+    """First sentence of a remark in at most two lines."""
+    return line_of(shorten(sentences(text)[0], LONGEST, placeholder=" …"), doubt=False)
 
 
 def _ratios(result: Estimate) -> list[str]:
@@ -277,7 +282,6 @@ def document(
     model: Path | None,
     logs: Sequence[Path],
     provenance: dict[str, Any],
-    layout: Layout = PAPER,
     following: Following | None = None,
 ) -> Document:
     """Tables, figures, numbers and a replay of an identification, and the updated model file.
@@ -287,7 +291,6 @@ def document(
         model: The model's file, None for one without.
         logs: The identified logs, none for recordings without files.
         provenance: Provenance of the results.
-        layout: Layout in print, whose parameters the figure shows if they exist.
         following: Errors of models that are simulated with the recorded commands, if there are any.
     """
     updated = updated_file(result.prepared.mechanism)
@@ -305,14 +308,16 @@ def document(
             **({"table_scales": scales_table(result)} if result.scales else {}),
             **({} if following is None else {"table_following": following_table(following)}),
         },
-        figures=_figures(result, PAPER),
+        figures={
+            "figure_held_out": (held_out_figure(result), held_out_caption(result)),
+            "figure_parameters": (parameters_figure(result), parameters_caption(result)),
+            "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
+        },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
         files={updated: partial(_write_updated, result)} if updated else {},
     )
-    made = replace(made, screen=screen(made, result))
-    chosen, _ = made.chosen(layout)
-    return replace(made, figures=_figures(result, chosen)) if chosen.parameters else made
+    return replace(made, screen=screen(made, result))
 
 
 def scales_table(result: Estimate) -> tabular.Table:
@@ -393,12 +398,3 @@ def _left_out_of(updated: str | None, result: Estimate) -> list[str]:
         if name.startswith(columns) or column_place(name)[1] in motors
     ]
     return [f"{updated} cannot hold {', '.join(names)}."] if names else []
-
-
-def _figures(result: Estimate, layout: Layout) -> dict[str, tuple[Figure, str]]:
-    """All figures and their captions."""
-    return {
-        "figure_held_out": (held_out_figure(result), held_out_caption(result)),
-        "figure_parameters": (parameters_figure(result, layout), parameters_caption(result, layout)),
-        "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
-    }

@@ -7,15 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.data.defaults import REDRAWN
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
+from experiments.data.paper import REDRAWN
 from experiments.data.simulated import Study
 from experiments.document import styles, symbols, tabular
-from experiments.document.decimals import Decimals, as_stated, number, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.layout import PAPER, Layout
-from experiments.document.regrouped import Regrouped
+from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
 from ident.display.text import decimals_of
@@ -78,16 +76,16 @@ def _beside(distribution: Distribution) -> bool:
     return bool(np.isfinite(distribution.published).any())
 
 
-def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
+def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = ()) -> Figure:
     """Chart of all parameters, a panel for each model: interval, mean, prediction and the paper's error."""
     with styles.paper_style():
         width = styles.column_width() if len(distributions) < 3 else styles.text_width()
         figure = Figure(figsize=(width, 3.2))
         panels = figure.subplots(1, len(distributions), sharey=True, squeeze=False)[0]
         for ax, (model, d) in zip(panels, distributions.items(), strict=True):
-            _draw(ax, d, [k for k, name in enumerate(d.names) if layout.shows(name, bodies)])
+            _draw(ax, d)
             ax.set_title(tabular.heading(model))
-        names = [name for name in next(iter(distributions.values())).names if layout.shows(name, bodies)]
+        names = next(iter(distributions.values())).names
         panels[0].set_yticks(np.arange(len(names)), [symbols.named_symbol(name, bodies) for name in names])
         panels[0].invert_yaxis()
         handles, labels = panels[0].get_legend_handles_labels()
@@ -95,20 +93,20 @@ def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (
     return figure
 
 
-def _draw(ax: Axes, d: Distribution, shown: Sequence[int]) -> None:
-    """Draws one model's panel, with some of its parameters."""
-    rows, spread, (low, high) = np.arange(len(shown)), 1.96 * d.predicted_std[shown], d.interval[:, shown]
+def _draw(ax: Axes, d: Distribution) -> None:
+    """Draws one model's panel."""
+    rows, spread, (low, high) = np.arange(len(d.names)), 1.96 * d.predicted_std, d.interval
     ax.axvline(0, color="0.6", lw=0.5)
     ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
     ax.hlines(rows, low, high, color="C0", lw=1.2, label="95 % of trials")
-    ax.plot(d.mean[shown], rows, "o", color="C0", ms=2.5, label="mean")
+    ax.plot(d.mean, rows, "o", color="C0", ms=2.5, label="mean")
     if _beside(d):
-        ax.plot(d.published[shown], rows, "x", color="C1", ms=4, mew=0.9, label="paper")
+        ax.plot(d.published, rows, "x", color="C1", ms=4, mew=0.9, label="paper")
     # Linear within ±0.01 and logarithmic beyond, so that errors of grams and gross ones are both visible.
     ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
     ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
-    values = np.concatenate([low, high, d.published[shown]])
+    values = np.concatenate([low, high, d.published])
     ax.set_xlim(-_limit(-np.nanmin(values)), _limit(np.nanmax(values)))
     ax.set_xlabel("Error (kg, kg m, kg m²)")
 
@@ -123,7 +121,6 @@ def document(
     study: Study,
     redrawn: str,
     provenance: dict[str, Any],
-    layout: Layout = PAPER,
 ) -> Document:
     """A table for each model, a chart and key numbers.
 
@@ -132,7 +129,6 @@ def document(
         study: The study.
         redrawn: One of `REDRAWN`.
         provenance: Provenance of the trials.
-        layout: Layout in print, whose parameters the chart shows.
     """
     remark = "Predicted intervals do not include errors of the recovered axes." if study.recovers else ""
     bodies = study.known.bodies
@@ -153,7 +149,7 @@ def document(
     }
     return Document(
         tables=tables,
-        figures={"figure_monte_carlo": (chart(distributions, bodies, layout), caption)},
+        figures={"figure_monte_carlo": (chart(distributions, bodies), caption)},
         numbers={"monte_carlo": _numbers(distributions) | {"provenance": provenance}},
         screen="\n".join([*_texts(distributions, tables), f"{MEANING}{remark}\n"]),
     )

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import HALF_WIDTH
 from experiments.document import tabular
-from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import Decimals, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
 from ident.estimation.preparation import length
@@ -19,6 +18,7 @@ from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import QUANTITIES, Payload, RigidBody, SensorParameter
 from ident.recordings.several_files import name_of
+from ident.tolerances import INTERVAL
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
@@ -56,7 +56,7 @@ def controllers(values: np.ndarray) -> str:
 
 def _intervals(body: RigidBody) -> str:
     """Half-widths of the 95 % intervals."""
-    reach = HALF_WIDTH * body.std_setup
+    reach = INTERVAL * body.std_setup
     names = ("mass", "centre", "inertia")
     parts = zip(names, (reach[:1], reach[1:4], reach[4:]), strict=True)
     return "95 %: " + "; ".join(f"{name} ± {' '.join(f'{x:.2g}' for x in some)}" for name, some in parts)
@@ -132,9 +132,9 @@ class PayloadReport:
         title, digits = f"The same in the frame of '{self.flange}'", _digits(self.at_flange)
         return tabular.Table(title, *tabular.columns(**columns), decimals=6, digits=digits, deviations=DEVIATIONS)
 
-    def sensor_table(self) -> tabular.Table:
-        """Offsets, delay, gains and frame of the sensor."""
-        parameters = self.payload.sensor_parameters
+    def sensor_table(self, *, every: bool = True) -> tabular.Table:
+        """Offsets, delay, gains and frame of the sensor, or those alone that are taken out."""
+        parameters = [each for each in self.payload.sensor_parameters if every or each.taken_out]
         name, value, std, taken, _ = zip(*parameters, strict=True)
         words = ["taken out" if each else "taken as stated" for each in taken]
         columns: dict[str, Any] = {"parameter": name, "estimate": value, "std": std, "note": words}
@@ -170,7 +170,8 @@ class PayloadReport:
     def text(self) -> str:
         """Text for the terminal."""
         payload = self.payload
-        tables = [self.table().text(), *([self.sensor_table().text()] if payload.sensor_parameters else [])]
+        taken_out = any(each.taken_out for each in payload.sensor_parameters)
+        tables = [self.table().text(), *([self.sensor_table(every=False).text()] if taken_out else [])]
         verdict = [f"Verdict: {payload.verdict()}", *(finding.line for finding in payload.findings)]
         # Forms are for copying: they are not wrapped.
         return "\n".join([wrapped("\n".join([*self.lines(), "", *tables])), self.forms_text(), *map(wrapped, verdict)])
@@ -214,7 +215,7 @@ class PayloadReport:
 
 def _columns(body: RigidBody) -> dict[str, list[float]]:
     """Estimates, standard deviations and 95 % intervals."""
-    reach = HALF_WIDTH * body.std_setup
+    reach = INTERVAL * body.std_setup
     numbers = body.values, body.std, body.std_setup, body.values - reach, body.values + reach
     names = ("estimate", "std", "std_setup", "from_95", "to_95")
     return {name: x.tolist() for name, x in zip(names, numbers, strict=True)}

@@ -7,11 +7,10 @@ import numpy as np
 
 from experiments.data.key_numbers import CHANNELS, axes, summary, touches, trajectory_summary
 from experiments.data.simulated import Study
-from experiments.document.decimals import number
 from experiments.document.document import Document
-from experiments.document.layout import Layout
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import number
 from experiments.reports import study_figures, study_tables
 from ident.mechanism.motion import Motion
 
@@ -119,15 +118,3 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         replay=replay(study),
         recordings={RECORDING: study.problem.with_cells(study.recording)},
     )
-
-
-def check(layout: Layout, study: Study) -> None:
-    """Checks a layout before figures are drawn, for the study and its trials.
-
-    Raises:
-        InputError: It names a table, figure or parameter that does not exist.
-    """
-    file = study.file
-    names = {name for model in file.models for name in study.fit(model).base.names}
-    of_trials = [f"monte_carlo_{name}" for name in file.trials] + ["figure_monte_carlo"]
-    layout.check([*file.tables, *file.figures, *of_trials], sorted(names), study.known.bodies)

@@ -9,10 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from experiments.data.errors import HALF_WIDTH
-from experiments.data.registry import Published
-from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation
+from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Published, Study, Validation
 from experiments.document import styles, symbols
+from ident.tolerances import INTERVAL
 
 LOOKS = {MODEL: ("0.55", "D"), LEAST_SQUARES: ("C1", "s"), ESTIMATE: ("C0", "o")}
 """Colour and marker of each candidate."""
@@ -139,11 +138,11 @@ def _compared(ax: Axes, row: int, validation: Validation, published: Published) 
     """Draws an estimate over a published value, its intervals, and z."""
     value, std, std_setup = (x / published.value for x in validation.values[published.name])
     if np.isfinite(published.std):
-        half = HALF_WIDTH * published.std / abs(published.value)
+        half = INTERVAL * published.std / abs(published.value)
         ax.hlines(row + 0.2, 1 - half, 1 + half, color="black", lw=0.7)
     ax.plot(1, row, marker="|", color="black", ms=6)
     for deviation, width in ((std_setup, 0.7), (std, 1.6)):
-        low, high = value - HALF_WIDTH * abs(deviation), value + HALF_WIDTH * abs(deviation)
+        low, high = value - INTERVAL * abs(deviation), value + INTERVAL * abs(deviation)
         ax.hlines(row, max(low, NEAR), min(high, FAR), color="C0", lw=width)
         for end, limit, marker in ((low, NEAR, "<"), (high, FAR, ">")):
             if not NEAR <= end <= FAR:
@@ -180,7 +179,7 @@ def summary_figure(study: Study) -> Figure:
         for name, (color, shift, label) in GROUPS.items():
             rows = {f"{label}, {own}": agreement(each)[name] for own, each in zip(names, shown, strict=True)}
             _strip(right, rows, rng, color=color, shift=shift)
-        right.axvspan(-HALF_WIDTH, HALF_WIDTH, color="0.88", lw=0)
+        right.axvspan(-INTERVAL, INTERVAL, color="0.88", lw=0)
         right.set_xscale("symlog", linthresh=LINEAR)
         largest = max(abs(z).max(initial=LINEAR) for each in shown for z in agreement(each).values())
         ticks = [x for x in (-30, -10, -4, -2, 0, 2, 4, 10, 30) if abs(x) <= largest]

@@ -16,7 +16,7 @@ from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files import npz
 from ident.files.atomic import save_arrays
-from ident.files.limits import LONGEST, parsed_json
+from ident.files.limits import parsed_json
 
 SAVE_EVERY = 5.0
 """Seconds between two saves."""
@@ -44,21 +44,20 @@ class Checkpoint:
     identity: Mapping[str, Any]
     check: Callable[[Sequence[Any]], object] | None = None
 
-    def done(self) -> list[np.ndarray]:
-        """Outcomes of an interrupted run.
+    def done(self) -> list[str]:
+        """Outcomes of an interrupted run, as JSON.
 
         Raises:
             InputError: There are none, or they belong to another run.
         """
         try:
             data = npz.arrays(self.file)
-            kept, outcomes = parsed_json(str(data["identity"])), list(data["outcomes"])
-            if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
-                raise InputError("damaged")
+            kept, outcomes = parsed_json(str(data["identity"])), bytes(data["outcomes"]).decode().splitlines()
+            parsed = [parsed_json(text) for text in outcomes]
             wanted = json.loads(json.dumps(self.identity))
             different = [named(key, kept.get(key), wanted[key]) for key in wanted if kept.get(key) != wanted[key]]
             if self.check is not None and not different:
-                self.check(outcomes)
+                self.check(parsed)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
         if different:
@@ -87,13 +86,11 @@ class Checkpoint:
         else:
             print(f"\nNone of the {self.what} is done; once there is room run again with --resume.", file=sys.stderr)
 
-    def collect(
-        self, batches: Iterable[Sequence[Any]], total: int, done: Sequence[np.ndarray] = ()
-    ) -> list[np.ndarray]:
+    def collect(self, batches: Iterable[Sequence[str]], total: int, done: Sequence[str] = ()) -> list[str]:
         """Collects outcomes and saves them every few seconds, at the end, and on any error.
 
         Args:
-            batches: Outcomes in order, a few at a time: arrays of one shape, or texts.
+            batches: Outcomes in order, a few at a time, as JSON.
             total: Number of outcomes to reach.
             done: The first of them, from an interrupted run; without any, an earlier run's file is set aside.
 
@@ -115,7 +112,7 @@ class Checkpoint:
             raise
         return outcomes
 
-    def _take(self, batches: Iterable[Sequence[Any]], outcomes: list[Any], total: int) -> None:
+    def _take(self, batches: Iterable[Sequence[str]], outcomes: list[str], total: int) -> None:
         saved = time.monotonic()
         title = self.what.capitalize()
         with tqdm(desc=title, total=total, initial=len(outcomes), file=sys.stderr) as bar:
@@ -126,9 +123,11 @@ class Checkpoint:
                     self.save(outcomes)
                     saved = time.monotonic()
 
-    def save(self, outcomes: Sequence[Any]) -> None:
+    def save(self, outcomes: Sequence[str]) -> None:
         """Writes the file."""
-        save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": np.array(outcomes)})
+        # As letters of four bytes each, texts of numbers would take ten times the room of these.
+        lines = np.frombuffer("\n".join(outcomes).encode(), np.uint8)
+        save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": lines})
 
 
 def named(key: str, kept: Any, wanted: Any) -> str:
@@ -147,8 +146,3 @@ def _names(entry: Any) -> list[str]:
         return [entry]
     files = entry.get("files", [entry]) if isinstance(entry, dict) else []
     return [str(each["file"]) for each in files if isinstance(each, dict) and "file" in each]
-
-
-def _is_whole(outcome: np.ndarray) -> bool:
-    """True where an outcome is a text of sane length or finite numbers."""
-    return (outcome.dtype.kind == "U" and outcome.dtype.itemsize <= 4 * LONGEST) or bool(np.isfinite(outcome).all())

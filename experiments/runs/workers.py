@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -14,8 +15,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.environment import THREADS, environment, seldom_collected
-from experiments.runs.signals import held_back
+from experiments.runs.environment import THREADS, environment, held_back, seldom_collected
 from ident.errors import InputError
 from ident.estimation.pieces import in_order
 
@@ -27,12 +27,10 @@ class WorkerPool:
     Attributes:
         executor: Executor for their tasks.
         ahead: Number of tasks to submit ahead, so that no worker waits.
-        threads: Number of threads for simulations in each, so that all together fit the machine.
     """
 
     executor: Executor
     ahead: int
-    threads: int
 
 
 @dataclass(frozen=True)
@@ -47,37 +45,54 @@ class Workers:
     number: int = 1
     resume: bool = False
 
+    @property
+    def threads(self) -> int:
+        """Number of threads for simulations in each worker, so that all together fit the machine."""
+        return max(1, (os.cpu_count() or 1) // self.number)
+
     def pool(self, tasks: int) -> AbstractContextManager[WorkerPool]:
         """Pool for a number of tasks, as from `worker_pool`."""
         return worker_pool(max(1, min(self.number, tasks)))
 
     def collected(
         self,
-        work: Callable[[Any], Sequence[str]],
+        work: Callable[[Any], Any],
         tasks: Sequence[Any],
         kept: Checkpoint,
         lost: Callable[[Any, Any], bool] = lambda task, outcome: False,
+        batch: int = 0,
     ) -> list[Any]:
         """Outcomes of all tasks in order, whoever does them, or of those that an interrupted run has left.
 
         Args:
-            work: Function of a task that returns batches of outcomes as JSON; sent to the workers.
+            work: Function of a task that returns its outcome in JSON types; sent to the workers.
             tasks: The tasks.
             kept: File of the outcomes.
             lost: True of a task and its outcome by an interrupted run if it has to be done again, as what it wrote
-                is gone; a task then has a single outcome.
+                is gone.
+            batch: Largest number of tasks of a worker at a time, of which `work` then takes and returns a list.
         """
-        done: list[Any] = [*kept.done()[: len(tasks)]] if self.resume else []
-        again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(str(outcome)))]
-        with self.pool(len(tasks) - len(done) + len(again)) as pool:
-            with closing(in_order(pool.executor, work, [tasks[k] for k in again], ahead=pool.ahead)) as batches:
+        done = [*kept.done()[: len(tasks)]] if self.resume else []
+        again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(outcome))]
+        left, together = list(tasks[len(done) :]), partial(_together if batch else _one_by_one, work)
+        size = max(1, min(batch, 1 + len(left) // 16))
+        with self.pool(len(left) + len(again)) as pool:
+            results = partial(in_order, pool.executor, together, ahead=pool.ahead)
+            with closing(results([[tasks[k]] for k in again])) as batches:
                 for k, (outcome,) in zip(again, batches, strict=True):
                     done[k] = outcome
             if again:
                 kept.save(done)
-            with closing(in_order(pool.executor, work, tasks[len(done) :], ahead=pool.ahead)) as batches:
-                outcomes = kept.collect(batches, len(tasks), done)
-        return [json.loads(str(outcome)) for outcome in outcomes]
+            with closing(results([left[k : k + size] for k in range(0, len(left), size)])) as batches:
+                return [json.loads(text) for text in kept.collect(batches, len(tasks), done)]
+
+
+def _one_by_one(work: Callable[[Any], Any], tasks: Sequence[Any]) -> list[str]:
+    return [json.dumps(work(task)) for task in tasks]
+
+
+def _together(work: Callable[[Any], Sequence[Any]], tasks: Sequence[Any]) -> list[str]:
+    return list(map(json.dumps, work(tasks)))
 
 
 class DeadWorkerError(InputError):
@@ -95,7 +110,7 @@ def worker_pool(workers: int) -> Iterator[WorkerPool]:
         DeadWorkerError: A local worker died.
     """
     with _local(workers) as executor:
-        yield WorkerPool(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
+        yield WorkerPool(executor, 2 * workers)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from experiments.data.defaults import NOISE
+from experiments.data.paper import NOISE
 from experiments.studies.driven_excitation import determined, drive_signals, drives_pulled_back
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism

@@ -1,6 +1,5 @@
 """Identification of a simulated person on two force plates who holds a rail, from a wrong prior, with known truth."""
 
-import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
@@ -11,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.laboratory import Laboratory
-from experiments.data.person import Study
+from experiments.data.person import Laboratory, Study
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers, worker_pool
 from experiments.studies.competitors import USUAL
-from experiments.studies.person_faults import drawn
+from experiments.studies.person_markers import drawn
 from experiments.studies.person_recordings import SENSORS, humanoid, mistaken, moved, recorded
 from ident.errors import InputError
 from ident.estimate import Estimate
@@ -159,12 +157,12 @@ def counts(
     return workers.collected(work, range(seed, seed + number), Checkpoint("persons", folder / FILE, identity))
 
 
-def counted(seconds: float, given: Mapping[str, Any], seed: int) -> list[str]:
-    """Precision and errors of a person as JSON, in a batch of one; run by workers."""
+def counted(seconds: float, given: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """Precision and errors of a person; run by workers."""
     person = study(seconds, seed=seed, **given)
     better = float((person.errors["prior"] / person.errors["trajectory estimate"]).min())
     out: dict[str, Any] = {"noise_of_angles": person.noise_of_angles, "times_better": better}
     out |= {"verdict": str(person.estimate.verdict())}
     for name, pair in (("with_setup", person.distances), ("of_noise", person.distances_of_noise)):
         out[name] = {"std": pair[0].tolist(), "z": pair[1].tolist()}
-    return [json.dumps(out)]
+    return out

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.comparison import Result
+from ident.annotations import fits, in_words
 from ident.errors import InputError
 
 LARGE = 1e30
@@ -72,77 +73,51 @@ def _read(path: Path, check: Callable[[Content], None]) -> Content:
 
 
 def _check_estimate(content: Content) -> None:
-    _check_keys("it", content, _ESTIMATE)
-    columns = content["columns"]
-    _need(_is_list_of(columns, str), "its 'columns' are no list of names")
-    for name in ("values", "std_setup"):
-        _check_numbers(f"its '{name}'", content[name], len(columns))
-    _need(min(content["std_setup"], default=0) >= 0, "its 'std_setup' has a negative number")
-    _check_mapping("its 'regrouping'", content["regrouping"], str)
-    base = list(content["regrouping"])
+    _check("it", content, _ESTIMATE)
+    columns, base = content["columns"], list(content["regrouping"])
+    std, covariance = content["std_setup"], content["covariance"]
+    alike = all(len(row) == len(columns) for row in (content["values"], std, covariance, *covariance))
+    _need(alike, f"its 'values', 'std_setup' and 'covariance' are not of its {len(columns)} 'columns'")
+    sizes = np.abs([*content["values"], *std, *np.ravel(covariance)])
+    _need(bool((sizes < LARGE).all()) and min(std, default=0) >= 0, "a number of it is out of range")
     _need(set(base) <= set(columns), "its 'regrouping' has parameters that are not among its 'columns'")
-    _check_covariance(content["covariance"], len(columns), [columns.index(name) for name in base])
-    _check_mapping("its 'bodies'", content["bodies"], dict)
-    _check_mapping("its 'held_out'", content["held_out"], dict)
+    _check_covariance(np.array(covariance, float), [columns.index(name) for name in base])
     for channel, entry in content["held_out"].items():
-        _need(entry.get("ratio") is None or _is_number(entry["ratio"]), f"its 'held_out' has no number for '{channel}'")
-    _need(_is_list_of(content["setup"], dict), "its 'setup' is no list of entries")
+        _need(fits(entry.get("ratio"), float | None), f"its 'held_out' has no number for '{channel}'")
     for entry in content["setup"]:
-        _check_keys("an entry of its 'setup'", entry, {"name": str, "text": str})
+        _check("an entry of its 'setup'", entry, {"name": str, "text": str})
 
 
-def _check_covariance(covariance: Any, size: int, base: Sequence[int]) -> None:
-    """Checks a covariance of this size, with positive variances of the base parameters."""
-    _need(_is_list_of(covariance, list) and len(covariance) == size, f"its 'covariance' has not {size} rows")
-    for row in covariance:
-        _check_numbers("a row of its 'covariance'", row, size)
-    C = np.array(covariance, float).reshape(size, size)[np.ix_(base, base)]
+def _check_covariance(covariance: np.ndarray, base: Sequence[int]) -> None:
+    """Checks that the base parameters have a covariance."""
+    C = covariance.reshape(len(covariance), -1)[np.ix_(base, base)]
     std = np.sqrt(np.maximum(np.diag(C), 0))
     _need(bool((std > 1 / LARGE).all()), "its 'covariance' has a variance that is not positive")
     correlation = C / np.outer(std, std)
     symmetric = np.allclose(correlation, correlation.T, rtol=0, atol=1e-6)
-    _need(
-        symmetric and bool((np.linalg.eigvalsh(correlation) > -1e-6).all()),
-        "its 'covariance' is not symmetric and positive, as covariances are",
-    )
+    positive = symmetric and bool((np.linalg.eigvalsh(correlation) > -1e-6).all())
+    _need(positive, "its 'covariance' is not symmetric and positive, as covariances are")
 
 
 def _check_provenance(content: Content) -> None:
-    _check_keys("it", content, _PROVENANCE)
-    _check_keys("its 'recording'", content["recording"], {"logs": list})
-    _check_keys("its 'versions'", content["versions"], {"multicontact": str})
-    files = [content["recording"][key] for key in ("model", "columns") if key in content["recording"]]
-    for log in content["recording"]["logs"]:
-        several = log.get("files") if isinstance(log, dict) else None
-        files += several if isinstance(several, list) and several else [log]
+    _check("it", content, {"options": dict, "recording": dict, "versions": dict, "git_commit": Any})
+    _check("its 'recording'", content["recording"], {"logs": list[dict[str, Any]]})
+    _check("its 'versions'", content["versions"], {"multicontact": str})
+    recording = content["recording"]
+    files = [recording[key] for key in ("model", "columns") if key in recording]
+    for log in recording["logs"]:
+        files += log["files"] if fits(log.get("files"), list) and log["files"] else [log]
     for file in files:
-        _check_keys("a file of its 'recording'", file, {"file": str, "sha256": str})
+        _check("a file of its 'recording'", file, {"file": str, "sha256": str})
 
 
-def _check_keys(what: str, content: Any, needed: Mapping[str, type]) -> None:
+def _check(what: str, content: Any, needed: Mapping[str, Any]) -> None:
     """Checks that content is a mapping with entries of these types."""
     _need(isinstance(content, dict), f"{what} is no JSON object")
     missing = [key for key in needed if key not in content]
     _need(not missing, f"{what} lacks {', '.join(missing)}")
     for key, kind in needed.items():
-        _need(isinstance(content[key], kind), f"{what} has a '{key}' that is {_KINDS.get(kind, 'of another kind')}")
-
-
-def _check_mapping(what: str, content: Mapping[str, Any], kind: type) -> None:
-    _need(all(isinstance(each, kind) for each in content.values()), f"{what} have an entry that is {_KINDS[kind]}")
-
-
-def _check_numbers(what: str, numbers: Any, size: int) -> None:
-    right = isinstance(numbers, list) and len(numbers) == size and all(map(_is_number, numbers))
-    _need(right, f"{what} has not {size} finite numbers, one for each of its 'columns'")
-
-
-def _is_list_of(content: Any, kind: type) -> bool:
-    return isinstance(content, list) and all(isinstance(each, kind) for each in content)
-
-
-def _is_number(x: Any) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool) and abs(x) < LARGE
+        _need(fits(content[key], kind), f"{what} needs {in_words(kind)} as '{key}'")
 
 
 def _need(holds: bool, otherwise: str) -> None:
@@ -150,17 +125,15 @@ def _need(holds: bool, otherwise: str) -> None:
         raise _WrongError(otherwise)
 
 
-_KINDS: Mapping[type, str] = {str: "no text", list: "no list", dict: "no JSON object"}
-
-_ESTIMATE: Mapping[str, type] = {
-    "columns": list,
-    "values": list,
-    "covariance": list,
-    "std_setup": list,
-    "regrouping": dict,
-    "bodies": dict,
-    "held_out": dict,
-    "setup": list,
+_ESTIMATE: Mapping[str, Any] = {
+    "columns": list[str],
+    "values": list[float],
+    "covariance": list[list[float]],
+    "std_setup": list[float],
+    "regrouping": dict[str, str],
+    "bodies": dict[str, dict],
+    "held_out": dict[str, dict],
+    "setup": list[dict],
     "verdict": str,
 }
-_PROVENANCE: Mapping[str, type] = {"options": dict, "recording": dict, "versions": dict, "git_commit": object}
+"""Entries of `estimate.json` that are used."""

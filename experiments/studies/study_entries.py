@@ -12,8 +12,18 @@ import scenes
 from experiments.data import paper
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.study_file import ALL, AXES, Model, Scene, StudyFile
-from experiments.studies.study_displays import FIGURES, TABLES, WRENCHES, parameter_tables, shown, usual
-from experiments.studies.study_values import choice, number, several, text_of
+from experiments.studies.study_displays import (
+    FIGURES,
+    TABLES,
+    WRENCHES,
+    choice,
+    number,
+    parameter_tables,
+    several,
+    shown,
+    text_of,
+    usual,
+)
 from ident.errors import InputError
 from ident.files.limits import toml
 from ident.recordings.columns.entries import check_keys, table

@@ -1,10 +1,10 @@
 """Runs of a study with several values of one of its options, and several seeds."""
 
-import json
 import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,14 +20,13 @@ FILE = "runs.npz"
 """File in the output folder with the summaries of all runs."""
 
 
-def run_of(study: str, option: str, run: tuple[str | float, int]) -> list[str]:
-    """Summary of a study with a value and a seed as JSON, in a batch of one; run by workers."""
+def run_of(study: str, option: str, run: tuple[str | float, int]) -> dict[str, Any]:
+    """Summary of a study with a value and a seed; run by workers."""
     value, seed = run
     try:
-        numbers = summary(simulated(packaged(study, **{option: value}, seed=seed)))
+        return summary(simulated(packaged(study, **{option: value}, seed=seed)))
     except InputError as error:
-        numbers = {"refused": f"{option} {value}, seed {seed}: {error}"}
-    return [json.dumps(numbers)]
+        return {"refused": f"{option} {value}, seed {seed}: {error}"}
 
 
 def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float]:

@@ -63,10 +63,10 @@ class BodyValue(NamedTuple):
     @property
     def words(self) -> str:
         """Value and interval: `1.20 (1.15 to 1.26)`, `not determined (more than 0.3)`."""
+        if np.isnan(self.lower) and self.estimate:
+            return f"{self.estimate:.3g} (no interval)"
         if self.stated:
             return f"{self.estimate:.3g} (as stated)"
-        if np.isnan(self.lower):
-            return f"{self.estimate:.3g} (no interval)"
         if not (self.determined or self.with_prior):
             return f"not determined ({self.limits})" if self.limits else "not determined"
         return f"{_number(self.estimate, self.decimals)} ({self.limits}{', of the prior' * (not self.determined)})"

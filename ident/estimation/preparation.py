@@ -8,7 +8,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from ident.arguments import checked_names, rpy_text
-from ident.errors import InputError, LogError
+from ident.errors import LogError
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.excitation import separable
@@ -176,7 +176,9 @@ def prepared(
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
     if mechanism.base_rpy_deg is not None:
         down = ", ".join(f"{x:.3g}" for x in mechanism.gravity)
-        notes.append(f"The base's roll, pitch and yaw are {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
+        of = "base's" if recording.base is None else "poses' axes have"
+        are = " are" if recording.base is None else ""
+        notes.append(f"The {of} roll, pitch and yaw{are} {rpy_text(mechanism.base_rpy_deg)}°: gravity ({down}) m/s².")
     resting = repairs.rests(recording, tree)
     notes += [repairs.rest_note(*each) for each in resting.items()]
     cutoff = motion_cutoff(recording, mechanism.joints, cutoff, filters)
@@ -227,16 +229,12 @@ def prepared(
 
 
 def mounted(mechanism: Mechanism, recording: Recording) -> Mechanism:
-    """Mechanism with the orientation of its base that a recording states.
+    """Mechanism with the orientation of its base, or of the axes of a moving base's poses, that a recording states.
 
     Raises:
-        InputError: The base moves, or another orientation was stated before.
+        InputError: Another orientation was stated before.
     """
-    if recording.base_rpy_deg is not None:
-        mechanism = mechanism.mounted(recording.base_rpy_deg)
-    if recording.base is not None and mechanism.base_rpy_deg is not None:
-        raise InputError("The recording has poses of a base that moves; base_rpy_deg (--base-rpy) is for one at rest.")
-    return mechanism
+    return mechanism if recording.base_rpy_deg is None else mechanism.mounted(recording.base_rpy_deg)
 
 
 def at_rest(mechanism: Mechanism, recordings: Sequence[Recording]) -> tuple[Mechanism, list[Recording]]:

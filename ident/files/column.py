@@ -27,8 +27,8 @@ _ANGLE = {"rad": 1.0, "deg": _DEG}
 _RATE = {f"{u}/s": f for u, f in _ANGLE.items()}
 _ACCELERATION = {f"{u}/s{s}": f for u, f in _ANGLE.items() for s in _SQUARED}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_FORCE = {"N": 1.0, "kN": 1e3}
-_MOMENT = {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, "Nmm": 1e-3, "kN m": 1e3, "kNm": 1e3}
+_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+_MOMENT = {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, "Nmm": 1e-3, "mN m": 1e-3, "mNm": 1e-3, "kN m": 1e3, "kNm": 1e3}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "hinge position": _ANGLE,

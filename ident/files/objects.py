@@ -175,7 +175,7 @@ class _Reader:
         made = _class(name)
         names = made._fields if issubclass(made, tuple) else [each.name for each in fields(made)]
         if {*names} != own.keys():
-            raise ValueError(f"{name} has other fields in this version")
+            raise ValueError(f"{made.__name__} has other fields in this version: make it again and save it")
         values = {key: self.object_of(number) for key, number in own.items()}
         if wrong := misfit(made, values):
             raise ValueError(f"{made.__name__}.{wrong}")

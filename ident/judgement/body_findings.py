@@ -59,22 +59,18 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     far: dict[str, dict[str, dict[str, float | None]]] = {}
     whole = full.phi[::10].sum()
     for each, before in zip(full.rows[::10], mechanism.known[::10].tolist(), strict=True):
-        if max(each.estimate, before) > SLIGHT * whole and not before / FACTOR <= each.estimate <= before * FACTOR:
-            outside = before and not each.lower <= before <= each.upper
+        # Where the model states no mass, a note says so.
+        heavy = before and max(each.estimate, before) > SLIGHT * whole
+        if heavy and not before / FACTOR <= each.estimate <= before * FACTOR:
+            outside = not each.lower <= before <= each.upper
             code = "masses_hardly_shown" if not outside or np.isnan(each.lower) else "masses_limited"
-            limits = {
-                key: x if np.isfinite(x) and x else None for key, x in (("lower", each.lower), ("upper", each.upper))
-            }
-            far.setdefault("masses_shown" if outside and each.determined else code, {})[each.body] = {
-                "mass": each.estimate,
-                "model": before,
-                **limits,
-            }
+            code = "masses_shown" if outside and each.determined else code
+            lower, upper = (x if np.isfinite(x) and x else None for x in (each.lower, each.upper))
+            values = {"mass": each.estimate, "model": before, "lower": lower, "upper": upper}
+            far.setdefault(code, {})[each.body] = values
     for code, masses in far.items():
         yield Finding.of(code, Place(bodies=tuple(masses)), masses=masses, factor=FACTOR)
-    yield from rotor_findings(
-        evidence, [name for masses in far.values() for name, each in masses.items() if each["model"]]
-    )
+    yield from rotor_findings(evidence, [name for masses in far.values() for name in masses])
     yield from tool_findings(evidence)
 
 

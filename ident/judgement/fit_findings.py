@@ -49,13 +49,8 @@ def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
     """Doubt on the stated direction of gravity."""
     check = evidence.checks.gravity
     if check is not None and check.suspicious:
-        own: dict[str, Any] = {
-            "rpy_deg": check.rpy_deg,
-            "stated": check.stated,
-            "misfit": check.misfit,
-            "joint": check.joint,
-        }
-        yield Finding.of("gravity_direction", **own)
+        own: dict[str, Any] = {key: getattr(check, key) for key in ("rpy_deg", "stated", "misfit", "joint")}
+        yield Finding.of("gravity_direction", moving=evidence.logs[0].recording.base is not None, **own)
 
 
 def delay_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Direction of gravity that explains a recording best, for a mechanism whose base rests."""
+"""Direction of gravity that explains a recording best, in the frame of a base at rest or in the axes of its poses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,7 +30,6 @@ class GravityCheck:
     """Directions of gravity in the base frame, compared.
 
     Attributes:
-        misfits: Misfit of gravity along each axis of the base frame, by `+x` to `-z`.
         stated: Misfit of the stated direction.
         direction: Direction that explains best, of all (3,); `misfit` is its misfit.
         other: Misfit of the stated direction with the signs or offsets of channels, or axes of the wrench, that explain
@@ -42,7 +41,6 @@ class GravityCheck:
             in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
     """
 
-    misfits: Mapping[str, float]
     stated: float
     direction: np.ndarray
     misfit: float
@@ -76,25 +74,23 @@ def gravity_check(
         frame: Pose of the frame of these components in the base frame (4, 4).
 
     Returns:
-        The comparison; None without gravity, for a base that moves or floats, or if nothing is measured.
+        The comparison; None without gravity, for a base that floats without poses, or if nothing is measured.
     """
     some = np.linspace(0, len(motion) - 1, min(SAMPLES, len(motion))).astype(int)
     few = {name: x[some] for name, x in measured.items()}
     fit = ModelFit.of(mechanism, motion[some], few, np.eye(4) if frame is None else frame)
     if fit is None:
         return None
-    axes = {f"{sign}{'xyz'[k]}": e if sign == "+" else -e for sign in "+-" for k, e in enumerate(np.eye(3))}
-    misfits, best = {name: fit.misfit(direction) for name, direction in axes.items()}, _best(fit)
+    best = _best(fit)
     likelier = 1 / TIE if not fit.felt or _power(mechanism, motion, measured) < BRAKING else TIE
     return GravityCheck(
-        misfits=misfits,
         stated=fit.misfit(fit.down),
         direction=best,
         misfit=fit.misfit(best),
         other=likelier * fit.otherwise(),
         turned=float(fit.down @ best),
         rpy_deg=rpy_deg(mechanism, best),
-        joint=None if fit.wrench else _joint_of(mechanism, best - fit.down),
+        joint=None if fit.wrench or motion.base is not None else _joint_of(mechanism, best - fit.down),
         lighter=fit.misfit((fit.down @ best) * fit.down) if fit.down @ best > TURNS[-1] else np.inf,
     )
 
@@ -118,9 +114,7 @@ def _unit(x: np.ndarray) -> np.ndarray:
 
 
 def recorded_gravity(prepared: Prepared) -> GravityCheck | None:
-    """Comparison of directions of gravity in a recording; None where nothing holds a base at rest."""
-    if not prepared.recording.is_held(prepared.mechanism.tree):
-        return None
+    """Comparison of directions of gravity in a recording; None where nothing can be compared."""
     samples = prepared.samples[prepared.taken(slice(prepared.edge, len(prepared.samples) - prepared.edge))]
     measured = dict(zip(prepared.equations.channels, samples.measured.T, strict=True))
     return gravity_check(prepared.mechanism, samples.motion, measured, prepared.frame) if len(samples) else None

@@ -1,4 +1,4 @@
-"""Misfit of a recording and a model whose bodies may be wrong, for a mechanism on a base at rest.
+"""Misfit of a recording and a model whose bodies may be wrong, on a base at rest or with recorded poses.
 
     r(d) = t - (Y_0 + g Σ d_k Y_k) φ_0        misfit(d)² = min over x of (|r - A(d) x|² + σ² |x|²) / samples
 
@@ -66,7 +66,7 @@ class ModelFit:
     def of(
         cls, mechanism: Mechanism, motion: Motion, measured: Mapping[str, np.ndarray], frame: np.ndarray
     ) -> "ModelFit | None":
-        """Fit of a few samples; None without gravity, for a base that moves or floats, or if nothing is measured.
+        """Fit of a few samples; None without gravity, for a base that floats, or if nothing is measured.
 
         Args:
             mechanism: The mechanism, with a prior.
@@ -77,7 +77,7 @@ class ModelFit:
         tree, g = mechanism.tree, float(np.linalg.norm(mechanism.gravity))
         wrench = tuple(name for name in COMPONENTS if name in measured)
         felt = [k for k, name in enumerate(tree.freedoms) if name in measured]
-        if motion.base is not None or mechanism.carrier or tree.floats or not g or not (wrench or felt):
+        if mechanism.carrier or (tree.floats and motion.base is None) or not g or not (wrench or felt):
             return None
         torques, on_base = tuple(tree.freedoms[k] for k in felt), _accelerated(motion, g)
         given: dict[str, Any] = {"gravity": np.zeros(3), "base": on_base.base}
@@ -145,8 +145,9 @@ class ModelFit:
 def _accelerated(motion: Motion, g: float) -> Motion:
     """The motion without gravity, and its postures at rest on a base accelerated against gravity along each axis."""
     rest, still = np.zeros((len(motion), 6)), np.zeros_like(motion.dq)
-    T, parts = np.broadcast_to(np.eye(4), (len(motion), 4, 4)), []
-    parts.append(Motion(motion.q, motion.dq, motion.ddq, BaseMotion(T, rest, rest)))
-    for axis in np.eye(3):
-        parts.append(Motion(motion.q, still, still, BaseMotion(T, rest, rest - np.append(g * axis, np.zeros(3)))))
+    base = motion.base or BaseMotion(np.broadcast_to(np.eye(4), (len(motion), 4, 4)), rest, rest)
+    parts = [Motion(motion.q, motion.dq, motion.ddq, base)]
+    for k in range(3):
+        upwards = np.hstack([-g * base.T[:, k, :3], rest[:, :3]])
+        parts.append(Motion(motion.q, still, still, BaseMotion(base.T, rest, upwards)))
     return joined(parts)

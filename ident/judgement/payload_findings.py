@@ -7,17 +7,10 @@ from typing import Any, Self
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
+from ident.judgement import fit_findings as fit
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
-from ident.judgement.fit_findings import (
-    course_findings,
-    halves_findings,
-    model_error_findings,
-    quality_findings,
-    setup_remarks,
-    stuck_findings,
-)
 from ident.judgement.place import Place
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings
 from ident.judgement.verdict import Verdict
@@ -34,8 +27,14 @@ SHOWN = 3.0
 """Standard deviations of a load's mass above zero from which the recordings show it."""
 
 TIMES, HEAVIEST = 10.0, 2300.0
-"""Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry less than
-they weigh, and the strongest on the market 2300 kg."""
+"""Largest possible mass of a payload over that of all bodies of the robot's model, and in kg: robots carry up to what
+they weigh, but some models have the last links or the gripper alone; the strongest on the market carries 2300 kg."""
+
+JUDGES = (
+    *(fit.quality_findings, fit.setup_remarks, fit.course_findings, fit.halves_findings, fit.model_error_findings),
+    *(fit.stuck_findings, clipped_findings, resolution_findings),
+)
+"""Judges of the fit of a payload, in the order of their findings."""
 
 
 def payload_findings(
@@ -52,14 +51,7 @@ def payload_findings(
     """
     on_fit = [
         *force_findings(evidence),
-        *quality_findings(evidence),
-        *setup_remarks(evidence),
-        *course_findings(evidence),
-        *halves_findings(evidence),
-        *model_error_findings(evidence),
-        *stuck_findings(evidence),
-        *clipped_findings(evidence),
-        *resolution_findings(evidence),
+        *(finding for judge in JUDGES for finding in judge(evidence)),
         *(finding for finding in consistency_findings(evidence) if finding.doubt),
     ]
     if mass > min(robot or HEAVIEST, HEAVIEST):

@@ -20,10 +20,7 @@ from ident.judgement.place import Place
 from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
 from ident.model.regressor import joint_torque_regressor
 from ident.model.stated import column_place
-from ident.tolerances import INTERVAL, SINGULAR
-
-TIMES = 10.0
-"""Masses over the model's up to which they are likely."""
+from ident.tolerances import INTERVAL, LIKELY, SINGULAR
 
 DEVIATIONS = 4.0
 """Standard deviations from which weight is in a torque, and by which its inertia must be below the least."""
@@ -54,7 +51,7 @@ class Parts(NamedTuple):
         Inertia far below zero is no lack of it but another error of the model.
         """
         weight = abs(self.weight) if abs(self.weight) > DEVIATIONS * self.weight_std else 1.0
-        least = weight * min(weight, 1.0) / TIMES
+        least = weight * min(weight, 1.0) / LIKELY
         return not -least <= self.inertia + DEVIATIONS * self.inertia_std < least
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
+from ident.estimation.units import coefficient_unit
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
@@ -128,7 +129,7 @@ def offset_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on constant offsets beyond noise, doubts if they are large relative to the weight."""
     offsets = evidence.offsets
     large = {
-        channel: (value, std)
+        channel: (value, std, coefficient_unit(f"offset({channel})", evidence.mechanism.tree))
         for channel, (value, std) in offsets.items()
         if abs(value) > 4 * std and abs(value) > 0.3 * evidence.scale[channel]
     }

@@ -192,6 +192,16 @@ class Mechanism(Brief):
         tree = self.tree.closed(self.constraints.closure(self.tree, names))
         return replace(self, tree=tree, **self._of_joints(tree))
 
+    def determined(self, placed: Collection[str]) -> dict[str, str]:
+        """Names of the joints by which each joint without a position is determined, from those of joints with one."""
+        followers = {j: lead for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
+        rest = self.following(followers)
+        lacking = [joint for joint in rest.tree.joints if joint not in placed]
+        leads = ", ".join(joint for joint in rest.in_loops if joint in placed)
+        depending = {*rest.constraints.dependent(rest.tree, lacking)} & {*lacking}
+        own = {joint: lead.joint for joint, lead in followers.items()}
+        return own | {joint: leads for joint in rest.tree.joints if joint in depending}
+
     @property
     def in_loops(self) -> tuple[str, ...]:
         """Names of the joints that constraints couple, also those that follow another one."""

@@ -12,7 +12,7 @@ from scipy import linalg
 
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.parameters.body_prior import BodyPrior
-from ident.parameters.consistent_set import UNITS, ConsistentSet
+from ident.parameters.consistent_set import UNITS, ConsistentSet, traces
 from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
 
 NEAREST = 30.0
@@ -63,7 +63,7 @@ class Fitting:
         mean, covariance = _solved(np.vstack([rows, self.prior.rows]), np.r_[right, self.prior.right])
         for k in np.flatnonzero(has_mass).tolist():
             own = slice(10 * k, 10 * k + 10)
-            whitening = np.linalg.inv(_cholesky(covariance[own, own]))
+            whitening = np.linalg.inv(scaled_root(covariance[own, own]))
             out[k] = _bounds(whitening, whitening @ mean[own], phi[own], SKEWED * ROOM, np.inf)[0]
         return out
 
@@ -76,7 +76,8 @@ def _solved(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return inverse @ (Q.T @ right) / sizes, inverse @ inverse.T / np.outer(sizes, sizes)
 
 
-def _cholesky(covariance: np.ndarray) -> np.ndarray:
+def scaled_root(covariance: np.ndarray) -> np.ndarray:
+    """Lower triangular root of a covariance, computed from its correlation matrix."""
     std = np.sqrt(np.diag(covariance))
     return np.asarray(std[:, None] * np.linalg.cholesky(covariance / np.outer(std, std)))
 
@@ -96,8 +97,7 @@ def _bounds(rows: np.ndarray, right: np.ndarray, phi: np.ndarray, room: float, l
             rows[:, 10 * b :] * x,
         ]
     )
-    start = np.r_[np.tile(np.trace(UNITS, axis1=1, axis2=2), b), np.ones(len(x))]
-    square = float(np.sum((A @ start - right) ** 2))
+    square = float(np.sum((A @ traces(b, len(x)) - right) ** 2))
     if square > largest:
         return np.full((b, 10, 2), np.nan)
     f, d = np.zeros((2, b, 10, A.shape[1]))

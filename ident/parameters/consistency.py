@@ -24,17 +24,20 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia, with_centers
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.body_bounds import NEAREST, Fitting
+from ident.parameters.body_bounds import NEAREST, Fitting, scaled_root
 from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
 from ident.parameters.prior import KNOWN, body_covariance
-from ident.tolerances import INTERVAL
+from ident.tolerances import INTERVAL, LIKELY
 
 DETERMINED = 0.5
 """Share of the data below which a parameter counts as not determined: the model's word would say more."""
 
 LOOSER = 1.0, 2.0, 4.0
 """Factors by which the deviation of hardly identifiable masses is increased if the bodies do not fit ψ otherwise."""
+
+HELD = 1e-5
+"""Relative standard deviation of a mass that is held."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -195,7 +198,8 @@ def consistent_parameters(
         bodies: Names of the bodies, for messages; by default they are counted from 1.
         masses: Relative standard deviation of the prior's masses, for hardly identifiable ones (`unseen`): the
             divergence alone would rather change a mass than move a centre of mass. Fitting ψ comes first: if bodies
-            with these masses leave its confidence region, the deviation is increased, and finally dropped.
+            with these masses leave its confidence region, the deviation is increased, and finally dropped. Where no
+            physical bodies fit, masses beyond a factor of `LIKELY` of the prior's are held at the prior's.
         widest: True for the widest prior that ψ allows, as for a prior that is a guess from the same data; by default
             bodies keep the prior unless ψ contradicts it.
         known: What is known of the bodies beside ψ, and how well, for `intervals` and the data's share; by default
@@ -215,16 +219,14 @@ def consistent_parameters(
         raise InputError(f"masses needs a relative standard deviation of zero or more, got {masses:g}.")
     _check(psi, C, base, prior)
     physical, raised = physical_prior(prior, bodies=bodies)
-    std = np.sqrt(np.diag(C))
     L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
-    root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
     rotors = rotors or Rotors.none(base.rank)
     known = known or BodyPrior(np.full((len(L), 10), np.inf))
     of_links = base.regroup(np.eye(len(prior))).T
     # Frames without mass have none in any case.
     of_links[:, ~np.repeat(prior.reshape(-1, 10).any(axis=1), 10)] = 0
     B = np.hstack([of_links, rotors.columns])
-    fitting = Fitting(B, psi + rotors.columns @ rotors.stated, root, known, len(rotors.names))
+    fitting = Fitting(B, psi + rotors.columns @ rotors.stated, scaled_root(C), known, len(rotors.names))
     names = tuple(f"{k + 1}" for k in range(len(L))) if bodies is None else tuple(bodies)
     links = _Nearest(fitting, base, L, physical, raised, names, prior, rotors)
     problem = links.problem(of_rotors=False)
@@ -246,7 +248,11 @@ def consistent_parameters(
     if rotors.names and not closest.attainable:
         turning = links.problem(of_rotors=True, with_prior=known.used)
         apart = links.report(turning.bodies(NEAREST if known.used else turning.width))
-        closest = apart if apart.distance < closest.distance else closest
+        closest, problem = (apart, turning) if apart.distance < closest.distance else (closest, problem)
+    unlikely = np.abs(np.log(closest.phi[::10] / physical[::10])) > np.log(LIKELY)
+    if masses is not None and not (known.used or closest.attainable) and unlikely.any():
+        held = links.of_masses(np.where(unlikely, HELD, np.inf) * physical[::10], of_rotors=bool(closest.rotors))
+        closest = links.report(problem.with_rows(held).bodies(problem.width))
     return closest
 
 
@@ -282,12 +288,12 @@ class _Nearest:
         right = rows[:, -1] - rows[:, bodies:-1] @ self.rotors.stated
         return NearestBodies.in_units(rows[:, :bodies], right, self.L, np.zeros(0))
 
-    def of_masses(self, std: np.ndarray) -> NearestBodies:
+    def of_masses(self, std: np.ndarray, *, of_rotors: bool = False) -> NearestBodies:
         """Prior of masses with standard deviations, infinite for unknown ones (b,)."""
-        known = np.flatnonzero(np.isfinite(std) & (std > 0))
-        rows = np.zeros((len(known), 10 * len(std)))
+        known, sizes = np.flatnonzero(np.isfinite(std) & (std > 0)), self._sizes[: None if of_rotors else 0]
+        rows = np.zeros((len(known), 10 * len(std) + len(sizes)))
         rows[range(len(known)), 10 * known] = 1 / std[known]
-        return NearestBodies.in_units(rows, rows @ self.physical, self.L, np.zeros(0))
+        return NearestBodies.in_units(rows, rows @ np.r_[self.physical, 0 * sizes], self.L, sizes)
 
     def report(self, K: np.ndarray) -> ConsistentParameters:
         """Result for bodies `L K Lᵀ`, after which those of rotors may come."""

@@ -8,6 +8,7 @@ the identity, so is the Hessian of the bodies' barrier, and Newton's step needs 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -63,11 +64,15 @@ class ConsistentSet:
         count = max(1, int(AT_ONCE / self.A.size))
         return np.concatenate([np.zeros(0), *(_Search(self, *each).maxima() for each in _parts(count, f, d))])
 
-    @property
+    @cached_property
     def trace(self) -> np.ndarray:
         """Coefficients of the trace of all bodies and rotors (10 b + k,)."""
-        rotors = self.A.shape[1] - 10 * self.bodies
-        return np.r_[np.tile(np.trace(UNITS, axis1=1, axis2=2), self.bodies), np.ones(rotors)]
+        return traces(self.bodies, self.A.shape[1] - 10 * self.bodies)
+
+
+def traces(bodies: int, rotors: int) -> np.ndarray:
+    """Traces of the coordinates of bodies and rotors, which are those of K = 1 and x = 1 as well (10 b + k,)."""
+    return np.r_[np.tile(np.trace(UNITS, axis1=1, axis2=2), bodies), np.ones(rotors)]
 
 
 def _parts(count: int, f: np.ndarray, d: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

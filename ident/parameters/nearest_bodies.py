@@ -6,8 +6,9 @@ import numpy as np
 from scipy import linalg, special
 
 from ident.geometry.inertia import parameters_from_pseudo_inertia
+from ident.tolerances import INTERVAL
 
-ROOM = 3.84
+ROOM = INTERVAL**2
 """Excess of minus twice the log-likelihood of a prior's width over its minimum within the 95 % interval."""
 
 CONFIDENCE = 0.95

@@ -3,7 +3,7 @@
     F = o_F - m R g        M = o_M + g × m c        in the sensor's axes, g gravity less its acceleration
 
 R is the identity if the sensor's axes are as stated; any other rotation is estimated in closed form (Kabsch, Acta
-Cryst. A32, 1976, doi:10.1107/S0567739476001873).
+Cryst. A32, 1976, doi:10.1107/S0567739476001873). Another direction of gravity is estimated by linear least squares.
 """
 
 from dataclasses import dataclass
@@ -11,13 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.arguments import rpy_text
 from ident.errors import ExcitationError, InputError, LogError
 from ident.estimation.preparation import Prepared
 from ident.geometry.inertia import parameter_transform, parameters_from_com
 from ident.geometry.se3 import hat
+from ident.judgement.gravity import AWAY, AXIS, rpy_deg
 from ident.mechanism.mechanism import Mechanism
 from ident.payload.payload import SIZE
 from ident.recordings.wrench import GROUND, Sensor
+from ident.tolerances import UNEXPLAINED
 
 DENSITY = 500.0
 """Density of the ball that replaces a body of unknown inertia, kg/m³; low, as tools are mostly air."""
@@ -32,6 +35,13 @@ TURNED, BETTER = np.radians(10), 0.7
 """Rotation of a sensor's axes from which it is an error, and the largest part of the forces' residual that may remain
 with it."""
 
+ALONG, STEADY = 0.95, 2.0
+"""Cosine of the angle between the mean force and gravity, and the mean over the changes, from which forces that do not
+turn with the sensor are in the axes of the base."""
+
+STEPS = 3
+"""Iterations between the direction of gravity and the mass that accelerates."""
+
 
 @dataclass(frozen=True, eq=False)
 class Weighing:
@@ -43,6 +53,7 @@ class Weighing:
         moment: First moments `m c`, kg m (3,).
         rotation: Rotation of the stated axes that fits the forces best, identity unless clearly better (3, 3).
         opposite: True if the forces have the opposite sign.
+        unexplained: RMS force that is left with that mass and rotation, over that of the force without its mean.
     """
 
     mass: float
@@ -50,6 +61,7 @@ class Weighing:
     moment: np.ndarray
     rotation: np.ndarray
     opposite: bool
+    unexplained: float
 
     @property
     def angle(self) -> float:
@@ -82,21 +94,54 @@ def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
     across = hat(gravity)
     design = np.concatenate([across, np.broadcast_to(np.eye(3), across.shape)], axis=2).reshape(-1, 6)
     first = np.linalg.lstsq(design, moment.ravel(), rcond=1e-9)[0]
-    rotation, opposite = _turned(f, g, left)
-    return Weighing(mass, std, first[:3], rotation, opposite)
+    rotation, opposite, squares = _turned(f, g, left)
+    return Weighing(mass, std, first[:3], rotation, opposite, float(np.sqrt(squares) / np.linalg.norm(f)))
 
 
-def _turned(f: np.ndarray, g: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Rotation, and True for the opposite sign, with which forces fit gravity clearly better; else the identity."""
-    best, out = BETTER**2 * (left**2).sum(), (np.eye(3), bool((f * g).sum() > 0))
+def _turned(f: np.ndarray, g: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, bool, float]:
+    """Rotation, and True for the opposite sign, with which forces fit gravity clearly better; else the identity.
+
+    Returns:
+        They, and the squared residual with them.
+    """
+    usual = float((left**2).sum())
+    best, out = BETTER**2 * usual, (np.eye(3), bool((f * g).sum() > 0), usual)
     for opposite in (False, True):
         R = Rotation.align_vectors(f if opposite else -f, g)[0].as_matrix()
         along = g @ R.T
         mass = (f * along).sum() / (along**2).sum()
         squares = ((f - mass * along) ** 2).sum()
         if squares < best:
-            best, out = squares, (R, opposite)
+            best, out = squares, (R, opposite, float(squares))
     return out
+
+
+def other_gravity(
+    force: np.ndarray, R: np.ndarray, acceleration: np.ndarray, stated: np.ndarray, unexplained: float
+) -> np.ndarray | None:
+    """Direction of gravity (3,) that explains forces far better than the stated one; None for none.
+
+    Args:
+        force: Force of the sensor on its load, N (N, 3).
+        R: Axes of the sensor, in those in which gravity is stated (N, 3, 3).
+        acceleration: Acceleration of the sensor in its axes, m/s² (N, 3).
+        stated: Gravity, m/s² (3,).
+        unexplained: As of `Weighing`, with the stated gravity.
+    """
+    f, a = force - force.mean(axis=0), acceleration - acceleration.mean(axis=0)
+    U, g = np.swapaxes(R - R.mean(axis=0), 1, 2).reshape(-1, 3), float(np.linalg.norm(stated))
+    best, out = (BETTER * unexplained) ** 2 * (f**2).sum(), None
+    for sign in (1, -1):
+        weight = np.zeros(3)
+        for _ in range(STEPS):
+            rest = (f - sign * np.linalg.norm(weight) / g * a).ravel()
+            weight = np.linalg.lstsq(-U, rest, rcond=1e-9)[0]
+        squares = ((rest + U @ weight) ** 2).sum()
+        direction = sign * weight / max(float(np.linalg.norm(weight)), 1e-300)
+        # What is alike with the sign as stated is likelier that.
+        if squares < best and direction @ stated < AWAY * g:
+            best, out = BETTER**2 * squares, direction
+    return out if out is None or np.abs(out).max() < AXIS else np.round(out)
 
 
 def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
@@ -104,16 +149,26 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
 
     Raises:
         LogError: A component of the wrench is missing.
-        InputError: The sensor's frame or sign cannot be as stated.
+        InputError: Gravity, or the sensor's frame or sign, cannot be as stated.
         ExcitationError: The mass is not significant.
     """
     base = log.samples.motion.base
     if base is None or not np.isfinite(log.wrench).all():
         raise LogError(f"A payload needs all six components of the wrench '{sensor}', none of them constant.")
     acceleration = base.dV[:, :3] + np.cross(base.V[:, 3:], base.V[:, :3])
-    gravity = log.mechanism.gravity @ base.T[:, :3, :3] - acceleration
     # Readings are not filtered, so that their noise stays white.
-    out = weighed(log.recording.wrench(GROUND).on_mechanism, gravity @ stated.pose[:3, :3])
+    force = log.recording.wrench(GROUND).on_mechanism
+    R, g = base.T[:, :3, :3] @ stated.pose[:3, :3], log.mechanism.gravity
+    out = weighed(force, g @ R - acceleration @ stated.pose[:3, :3])
+    down = other_gravity(force[:, :3], R, acceleration @ stated.pose[:3, :3], g, out.unexplained)
+    if down is not None:
+        of = "base is" if log.recording.base is None else "axes of the recorded poses are"
+        angles = rpy_deg(log.mechanism, down)
+        raise InputError(
+            f"Gravity has another direction than stated by the forces of '{sensor}': the {of} turned to roll, pitch "
+            f"and yaw {rpy_text(angles)}°. Write rpy_deg = {rpy_text(angles)} under [base] in the columns file. Then "
+            "check the sign of the wrench."
+        )
     if out.angle > TURNED:
         frame = Rotation.from_matrix(stated.pose[:3, :3] @ out.rotation.T)
         quaternion = ", ".join(f"{x:.4f}" for x in frame.as_quat(scalar_first=True, canonical=True))
@@ -122,11 +177,18 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
             f"where they were stated{' and with the opposite sign' if out.opposite else ''}: its frame in that of the "
             f"payload's body looks like quaternion = [{quaternion}]."
         )
-    if out.opposite and out.mass < -SIGNIFICANT * out.std:
+    mean = force[:, :3].mean(axis=0)
+    along, size = float(mean @ g / np.linalg.norm(g)), float(np.linalg.norm(mean))
+    if out.unexplained > UNEXPLAINED and size > STEADY * force[:, :3].std(axis=0).max() and abs(along) > ALONG * size:
+        raise InputError(
+            f"The forces of '{sensor}' keep their direction, {size:.3g} N along gravity, while the sensor turns: they "
+            "are in the axes of the base, as a controller's TCP force. Turn them into the sensor's axes."
+        )
+    if out.opposite and out.mass < -SIGNIFICANT * out.std and out.unexplained < UNEXPLAINED:
         raise InputError(
             f"The forces of '{sensor}' weigh {out.mass:.3f} kg: they have the opposite sign; under [wrenches.{sensor}] "
             f"applied_to_link says whether they act on the body that is named there (true) or are what it exerts "
-            "(false)."
+            "(false). Or gravity is upside down in the axes of base or poses: rpy_deg = [180, 0, 0] under [base]."
         )
     if out.mass < SIGNIFICANT * out.std:
         raise ExcitationError(

@@ -1,6 +1,7 @@
 """The channels of a log in SI units: columns by the mapping, or else by their names."""
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -55,7 +56,8 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             raise NoPositionError(
                 f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
                 f"{'with .w, .x, .y and .z ' if ball else ''}or mapped; {table.available()}. "
-                f"Where it does not move, --fix {joint} [VALUE] leaves it out (fix= of mc.mechanism).{suggestion}"
+                f"Where it does not move, --fix {shlex.quote(joint)} [VALUE] leaves it out (fix= of mc.mechanism)."
+                f"{suggestion}"
             )
     if not columns["time"].names[0]:
         raise LogError(

@@ -57,7 +57,8 @@ class Recording(Brief):
         sensors: Sensors of the wrenches, by name. By default the ground's is in the base frame and measures the wrench
             that the ground exerts on the mechanism.
         base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base at rest.
-        base_rpy_deg: Roll, pitch and yaw of a base at rest, as for `Mechanism`; None for the model's.
+        base_rpy_deg: Roll, pitch and yaw of a base at rest, or of the axes of a moving one's poses, as for `Mechanism`;
+            None for the model's.
         held: True if something holds the base, whose wrench is the ground's; None to infer it from the mechanism.
         setup: Standard deviations of set-up errors that differ from the defaults, in SI units and radians, by the
             kinds of `ident.setup.SETUP`; zero for what is exactly as stated.

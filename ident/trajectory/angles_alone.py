@@ -16,7 +16,9 @@ from scipy import linalg, sparse
 
 from ident.recordings.despike import GROSS
 from ident.recordings.gaps import longest_step
+from ident.recordings.runs import running_median
 from ident.recordings.sampled import Sampled
+from ident.tolerances import NORMAL_MAD
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 
@@ -26,6 +28,11 @@ PASSES = 4
 MOST, NORMAL_QUANTILE = 0.9, 1.645
 """Quantile of the samples by which noise is scaled, high because most may be of a resting joint; and the same quantile
 of normal noise, in standard deviations."""
+
+AROUND = 15
+"""Samples around an outlier, of which most deviate little. Without noise all near a heel strike deviate by many times
+the usual: of two people who walk, 232 and 163 of 7000 samples were left out for the quantile alone, now none, and 667
+of 692 outliers put in still are."""
 
 UNSETTLED, LARGEST_END = 0.3, 1 / 6
 """Time at either end of a stretch that is not judged, s, as accelerations there depend on angles on one side only; and
@@ -94,8 +101,7 @@ def _stretches(coordinates: Sampled) -> list[slice]:
         reach = longest_step(Sampled(time[at], time[at]))
         for gap in np.flatnonzero(np.diff(time[at]) > reach):
             inside[at[gap] + 1 : at[gap + 1] + 1] = False
-    borders = [0, *(np.flatnonzero(~inside)).tolist(), len(time)]
-    parts = [slice(a, b) for a, b in pairwise(borders)]
+    parts = [slice(a, b) for a, b in pairwise([0, *np.flatnonzero(~inside).tolist(), len(time)])]
     return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
 
 
@@ -125,7 +131,7 @@ def _without_outliers(
 
 
 def _outliers(residual: np.ndarray) -> np.ndarray:
-    """Mask of the samples that deviate grossly from the mean of their neighbours, and more than these do (N,).
+    """Mask of the samples that deviate grossly from the mean of their neighbours, and more than samples around (N,).
 
     Residuals next to an outlier and near a corner are smooth, so neither is masked.
     """
@@ -133,6 +139,6 @@ def _outliers(residual: np.ndarray) -> np.ndarray:
     size = np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
     if len(size):
         beside = np.pad(size, 1)
-        most = np.maximum(beside[:-2], beside[2:])
-        out[1:-1] = (size > GROSS * np.quantile(size, MOST) / NORMAL_QUANTILE) & (size >= most)
+        usual = np.maximum(np.quantile(size, MOST) / NORMAL_QUANTILE, NORMAL_MAD * running_median(size, AROUND))
+        out[1:-1] = (size > GROSS * usual) & (size >= np.maximum(beside[:-2], beside[2:]))
     return out

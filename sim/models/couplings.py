@@ -94,7 +94,7 @@ def check_couplings(
         fixed: Names of joints that do not move, which need no forces.
 
     Warns:
-        ModelNote: Bodies of the mechanism are coupled with each other by more than constraints of positions.
+        ModelNote: Bodies of the mechanism are coupled with each other.
 
     Raises:
         ModelError: A coupling reaches outside and is not ignored, or a name is unknown.
@@ -102,9 +102,11 @@ def check_couplings(
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
     inside = {*members, WORLD_SIDE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
-    if left_out := [c for c in acting if not c.closes]:
+    if closing := [c for c in acting if c.closes]:
+        note(f"By {', '.join(map(str, closing))}, joints without a column follow from the others.")
+    if others := [c for c in acting if not c.closes]:
         note(
-            f"The equations leave out {', '.join(map(str, left_out))}; between bodies of the mechanism "
+            f"The equations leave out {', '.join(map(str, others))}; between bodies of the mechanism "
             "this changes joint torques, but no wrench."
         )
 

@@ -10,7 +10,7 @@ import pytest
 
 import experiments
 from experiments import mechanism
-from experiments.cli.command import COMMANDS, FROM_A_CLONE, main
+from experiments.cli.command import COMMANDS, main
 
 TOP = Path(experiments.__file__).parent
 
@@ -35,7 +35,6 @@ def test_help_imports_nothing_that_computes():
 
 def test_every_file_on_top_is_a_command():
     files = [path.resolve() for path in TOP.glob("*.py") if path.name != "__init__.py"]
-    files += [TOP / name / "__main__.py" for name in FROM_A_CLONE]
     assert sorted(files) == sorted(Path(module.__file__).resolve() for module in COMMANDS.values())
     for module in COMMANDS.values():
         assert callable(module.main) and module.parser().description

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import scenes
-from experiments.noise.recordings import sinusoids
+from docs.tools.noise.recordings import sinusoids
 from sim.simulation.simulate import simulate
 
 UNUSED = ("scipy.ndimage", "scipy.sparse.linalg", "sim.markers.trial_fit", "experiments.runs.workers")

@@ -95,27 +95,27 @@ def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
     assert running.run(study, mechanism.parser, []) == 130 and len(reached) == 1
 
 
-def test_an_interrupt_while_the_style_is_read_is_taken_for_it(capsys, monkeypatch):
+def test_an_interrupt_while_the_page_is_set_is_taken_for_it(capsys, monkeypatch):
     """An import that is interrupted may turn the interrupt into another error."""
 
     @contextmanager
-    def style_of(_):
+    def page_of(_):
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt:
             raise ImportError("partially initialized module") from None
         yield
 
-    monkeypatch.setattr(running, "style_of", style_of)
+    monkeypatch.setattr(running, "page_of", page_of)
     assert running.run(print, mechanism.parser, []) == 130
     assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
 
 
 def test_the_request_to_report_takes_nothing_that_may_be_what_fails(monkeypatch):
-    def style_of(_):
+    def page_of(_):
         raise ImportError("no style")
 
-    monkeypatch.setattr(running, "style_of", style_of)
+    monkeypatch.setattr(running, "page_of", page_of)
     for name in ("experiments.document", "experiments.document.provenance", "matplotlib"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ImportError, match=r"^no style") as raised:
@@ -181,7 +181,7 @@ def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
 
 
 def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
-    for command in ("identify", "batch", "columns", "compare", "excite", "payload", "stream"):
+    for command in ("identify", "batch", "columns", "excite", "payload", "stream"):
         parser = import_module(f"experiments.{command}").parser()
         assert any("--base-rpy" in action.option_strings for action in parser._actions) or any(
             "--base-rpy" in action.option_strings for group in parser._action_groups for action in group._group_actions

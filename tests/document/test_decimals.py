@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.document.decimals import as_stated, bracketed, decimals_of, lacking, number
-from experiments.document.regrouped import Regrouped
-from experiments.document.tabular import Table, columns
+from experiments.document.tabular import Regrouped, Table, as_stated, columns, decimals_of, lacking, number
 
 
 def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():
@@ -48,22 +46,6 @@ def test_numbers_are_aligned_at_their_points():
 def test_stated_numbers_keep_the_digits_of_the_longest():
     assert as_stated([0.32, -1.0, 0.1]) == 2 and as_stated([20.0, 3.0]) == 0 and as_stated([np.nan, 1e-5]) == 5
     assert as_stated([]) == 0
-
-
-@pytest.mark.parametrize(
-    ("value", "std", "text"),
-    [
-        (2.5187, 0.0312, "2.519(31)"),
-        (-0.00022, 0.00037, "-0.00022(37)"),
-        (20.3, 1.24, "20.3(12)"),
-        (1234.0, 123.0, "1230(120)"),
-        (-143123456.0, 224000.0, "-1.4312(22)e8"),
-        (2.5, 0.0, "2.500(0)"),
-        (1e-14, 3.2e-15, "1.00(32)e-14"),
-    ],
-)
-def test_brackets_hold_the_standard_deviation_of_the_last_digits(value, std, text):
-    assert bracketed(value, std) == text
 
 
 def test_only_sums_of_several_parameters_are_marked_and_noted():

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from experiments import misaligned
 from experiments.cli.command import COMMANDS
-from experiments.data.defaults import FORMATS
+from experiments.data.paper import FORMATS
 
 CANVASES = {"png": FigureCanvasAgg, "pdf": FigureCanvasPdf, "svg": FigureCanvasSVG}
 SHORT = ["--samples", "60", "--trials", "2", "--redraw", "sensors"]
@@ -35,6 +35,7 @@ def drawings(monkeypatch):
     return drawn
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_trajectory", "here")
 @pytest.mark.parametrize("formats", [["pdf"], ["svg"], ["pdf", "png", "png"]], ids="+".join)
 def test_one_format_costs_one_drawing(tmp_path, drawings, formats):

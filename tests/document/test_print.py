@@ -13,13 +13,12 @@ from truth import use_truth
 
 from experiments.document import figures, print_table, styles, tabular
 from experiments.document.document import Document
-from experiments.document.layout import WIDTHS, Layout
 from experiments.document.print_table import PACKAGES
-from experiments.document.regrouped import Regrouped
+from experiments.document.styles import WIDTHS
+from experiments.document.tabular import Regrouped
 from experiments.document.writer import Output, write_parts
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
-from ident.errors import InputError
 from ident.estimation.units import offset_unit, unit_of
 from ident.geometry.inertia import body_of_parameter
 
@@ -91,38 +90,24 @@ def test_a_row_says_whose_a_parameter_is_in_every_format():
     assert [offset_unit(name) for name in ("offset(Fx)", "offset(My)", "Fz", "Mz")] == ["N", "N m", "N", "N m"]
 
 
-def test_an_author_chooses_captions_and_parameters():
-    chosen = Layout(captions={"table_a": r"Mine, \(x\)"}, parameters=("shank & foot", "m1"))
-    tex = print_table.tex(TABLE, "table_a", chosen)
-    assert r"\caption{Mine, \(x\)}" in tex and "thigh" not in tex and r"shank \& foot" in tex and "$m_{1}$" in tex
-    with pytest.raises(InputError, match=r"--parameters needs parameters m1, m2rz2, Ixy3 or bodies base.* got 'm9'"):
-        Layout(parameters=("m9",)).check((), NAMES, BODIES)
-    with pytest.raises(InputError, match="--caption needs one of table_a, got 'table_b'"):
-        Layout(captions={"table_b": ""}).check(["table_a"], NAMES, BODIES)
-
-
-def test_standard_deviations_have_columns_of_their_own_or_brackets():
-    apart, within = (print_table.tex(UNCERTAIN, "t", Layout(brackets=each)) for each in (False, True))
-    assert r"\unit{\kilo\gram} & 20.9933 & 0.0044 & 0.30 & " in apart and "In brackets" not in apart
-    assert r"S[table-format=-5.5]S[table-format=3.5]S[table-format=-1.2]" in apart
-    assert r"\unit{\kilo\gram} & 20.9933(44) & 0.30 & " in within and "& -0.55764(75) & -0.10 &" in within
-    assert "& 12000(310) &" in within and r"offset(Fx) & \unit{\newton} & 0.000(0) &  &  &" in within
-    assert r"S[table-format=-5.5(3)]S[table-format=-1.2]" in within and "{S.d.}" not in within
-    assert r"\item In brackets, in units of the last digits: s.d." in within
-    assert all(r"$m_{1}$$^\dagger$ of" in tex and r"\item[$^\dagger$] Regrouped" in tex for tex in (apart, within))
+def test_standard_deviations_have_columns_of_their_own():
+    tex = print_table.tex(UNCERTAIN, "t")
+    assert r"\unit{\kilo\gram} & 20.9933 & 0.0044 & 0.30 & " in tex
+    assert r"S[table-format=-5.5]S[table-format=3.5]S[table-format=-1.2]" in tex
+    assert r"$m_{1}$$^\dagger$ of" in tex and r"\item[$^\dagger$] Regrouped" in tex
 
 
 @pytest.mark.parametrize("columns", [1, 2])
 def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several(columns):
-    layout = Layout(columns)
     many = tabular.Table("t", ("name", *map(str, range(40))), (("a", *[1.5] * 40),))
-    assert (print_table.tex(TABLE, "", layout).count(r"\begin{table*}") > 0) == (columns == 2)
-    floats = print_table.tex(many, "t", layout)
+    long = tabular.Table("t", ("name",), tuple((str(k),) for k in range(100)))
+    with styles.page(columns):
+        one, floats, pages = (print_table.tex(each, "t") for each in (TABLE, many, long))
+    assert (one.count(r"\begin{table*}") > 0) == (columns == 2)
     count = floats.count(r"\begin{table")
     assert count > 2 and floats.count(r"\label") == 1
     assert floats.count("continued") == floats.count(r"\addtocounter{table}{-1}") == count - 1
-    long = tabular.Table("t", ("name",), tuple((str(k),) for k in range(100)))
-    assert print_table.tex(long, "t", layout).count(r"\toprule") == (3 if columns == 1 else 2)
+    assert pages.count(r"\toprule") == (3 if columns == 1 else 2)
 
 
 SUMS = tabular.Table(
@@ -139,7 +124,8 @@ SUMS = tabular.Table(
 
 @pytest.mark.parametrize("columns", [1, 2])
 def test_tables_of_long_sums_go_on_before_the_page_ends(columns):
-    tex = print_table.tex(SUMS, "t", Layout(columns))
+    with styles.page(columns):
+        tex = print_table.tex(SUMS, "t")
     assert tex.count(r"\toprule") >= 5
     assert [int(k) for k in re.findall(r"^\$m_\{(\d+)\}\$ of", tex, re.MULTILINE)] == list(range(1, 61))
 
@@ -153,20 +139,11 @@ def test_a_part_of_the_columns_has_no_rows_that_say_nothing():
     assert "\nb & 2.000" in first and others and not any("\nb &" in part for part in others)
 
 
-def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
-    style = tmp_path / "own.mplstyle"
-    style.write_text("font.size: 5\naxes.prop_cycle: cycler('color', ['k'])\n")
-    with styles.author_style(style, 1), styles.paper_style():
-        assert (mpl.rcParams["font.size"], styles.column_width()) == (5, WIDTHS[1][0])
+@pytest.mark.parametrize("columns", [1, 2])
+def test_figures_are_a_column_wide(columns):
+    with styles.page(columns), styles.paper_style():
+        assert (mpl.rcParams["font.size"], styles.column_width()) == (8, WIDTHS[columns][0])
         assert mpl.rcParams["font.family"] == ["STIXGeneral"]
-    with styles.paper_style():
-        assert (mpl.rcParams["font.size"], styles.column_width()) == (8, WIDTHS[2][0])
-    for text, message in (("font.size: huge?\n", "font.size"), ("nonsense: 1\n", "nonsense")):
-        style.write_text(text)
-        with pytest.raises(InputError, match=f"--style needs a style file.*{message}"), styles.author_style(style, 2):
-            pass
-    with pytest.raises(InputError, match="--style needs"), styles.author_style(tmp_path / "absent", 2):
-        pass
 
 
 @pytest.mark.parametrize("extension", ["svg", "png"])
@@ -206,13 +183,13 @@ def studies():
     return made
 
 
-def preamble(layout, journal):
+def preamble(columns, journal):
     """Class and page of a document: IEEEtran's if it is a journal of it, else like it, as not every TeX has it."""
     if journal:
         return r"\documentclass[journal]{IEEEtran}"
-    columns = "twocolumn" if layout.columns == 2 else "onecolumn"
-    size = r"\usepackage[textwidth=516pt,columnsep=12pt,textheight=696pt]{geometry}" if layout.columns == 2 else ""
-    return rf"\documentclass[10pt,{columns}]{{article}}{size}\usepackage[T1]{{fontenc}}\usepackage{{lmodern}}"
+    kind = "twocolumn" if columns == 2 else "onecolumn"
+    size = r"\usepackage[textwidth=516pt,columnsep=12pt,textheight=696pt]{geometry}" if columns == 2 else ""
+    return rf"\documentclass[10pt,{kind}]{{article}}{size}\usepackage[T1]{{fontenc}}\usepackage{{lmodern}}"
 
 
 def compiled(folder, names, start):
@@ -230,20 +207,19 @@ def compiled(folder, names, start):
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(MISSING), reason=f"LaTeX is not complete here: {', '.join(MISSING)} is missing")
-@pytest.mark.parametrize(("columns", "brackets", "journal"), [(1, False, False), (2, False, False), (2, True, True)])
-def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studies, columns, brackets, journal):
+@pytest.mark.parametrize(("columns", "journal"), [(1, False), (2, False), (2, True)])
+def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studies, columns, journal):
     if journal and not subprocess.run(["kpsewhich", "IEEEtran.cls"], capture_output=True).stdout:
         pytest.skip("LaTeX has no IEEEtran here")
-    layout, drawn = Layout(columns, brackets=brackets), {}
-    tables = {"table_own": TABLE, "table_sums": SUMS, "table_uncertain": UNCERTAIN}
+    drawn, tables = {}, {"table_own": TABLE, "table_sums": SUMS, "table_uncertain": UNCERTAIN}
     # pdfLaTeX has no Arabic letters.
     evil = [text for text in EVIL if "\N{ARABIC LETTER ALEF}" not in text]
     hostile = tuple((name, 1.0, name) for name in evil)
     tables["table_evil"] = tabular.Table(EVIL[1], ("name", EVIL[2], EVIL[6]), hostile, notes=tuple(evil))
-    with styles.author_style(None, columns):
+    with styles.page(columns):
         for each in studies:
             tables |= {f"{name}_{each.several}": study_tables.table(each, name) for name in each.file.tables}
             for name, entry in each.file.figures.items():
                 drawn[f"{name}_{each.several}"] = study_figures.figure(each, name), entry["caption"]
-        write_parts(Document(tables=tables, figures=drawn), Output(tmp_path, ["pdf"], layout))
-    assert compiled(tmp_path, [*tables, *drawn], preamble(layout, journal)) == []
+        write_parts(Document(tables=tables, figures=drawn), Output(tmp_path, ["pdf"]))
+    assert compiled(tmp_path, [*tables, *drawn], preamble(columns, journal)) == []

@@ -33,6 +33,7 @@ def posed(sway):
     return ident.Recording(time, measured, sensors=sensors, base=poses)
 
 
+@pytest.mark.slow
 def test_without_a_ground_a_component_is_left_out_in_the_axes_of_the_base():
     person = sim.mechanism(mujoco.MjSpec.from_string(walker.SMALL), base="pelvis")
     upright, swaying = (ident.identify(person, posed(sway), leave_out=["Mx"]) for sway in (0, 1))

@@ -107,6 +107,7 @@ def test_what_is_at_rest_is_a_line_of_its_own(crept):
     assert crept.to_dict()["held_out"]["bend"]["ratio_at_rest"] == pytest.approx(at_rest[2])
 
 
+@pytest.mark.slow
 def test_each_of_several_logs_is_smoothed_and_judged_by_the_others():
     logs = [shortened(faulty(seed), 250) for seed in range(3)]
     estimate = ident.identify(PENDULUM, logs, setup=EXACT)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from experiments.studies import study_entries
-from experiments.studies.validation.registry import read_entry
 from ident.errors import InputError
 from ident.files.limits import TOML_DEPTH, toml
 from ident.mechanism.body import Body
@@ -20,7 +19,6 @@ READERS = {
     "columns": lambda path: read_mapping(path, TREE),
     "markers": read_settings,
     "study": study_entries.read,
-    "entry": read_entry,
 }
 KEY = ".".join(["a"] * 20_000)
 TEXTS = {

@@ -115,8 +115,7 @@ class Runner:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         wrong = frozenset(
-            any_of(rng, ("model", "log", "log", "columns", "options", "style"))
-            for _ in range(any_of(rng, (1, 1, 1, 2)))
+            any_of(rng, ("model", "log", "log", "columns", "options")) for _ in range(any_of(rng, (1, 1, 1, 2)))
         )
         maker, command = Maker(self._corpus, folder, rng, wrong), any_of(rng, COMMANDS)
         arguments = ARGUMENTS[command](maker)

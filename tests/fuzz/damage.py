@@ -71,7 +71,6 @@ def damaged(data: bytes, ending: str, rng: Rng) -> bytes:
         **dict.fromkeys((".mot", ".sto", ".trc"), (*[_text] * 6, _encoding, _bytes)),
         **dict.fromkeys((".mat", ".parquet", ".c3d", ".bag", ".mcap"), (_bytes,)),
         ".json": (*[_entry] * 6, _text, _encoding, _bytes),
-        ".mplstyle": (*[_setting] * 6, _text, _encoding, _bytes),
     }
     return any_of(rng, kinds[ending])(data, rng)
 

@@ -73,21 +73,14 @@ class Maker:
             (self.folder / folder).mkdir()
             for name in RESULT_FILES:
                 self.file("log" if (folder, name) == hit else "", f"{folder}/{name}")
-        right = {
-            "--parameters": ["m1", "link1"],
-            "--page-columns": ["1"],
-            "--style": [self.file("style", "own.mplstyle")],
-        }
-        wrong = {"--parameters": ["m99", "", "$"], "--caption": ["x"], "--style": ["absent", ".", str(self.folder)]}
         folders = [str(self.folder / folder) for folder in RESULTS]
-        return [*folders, *self.options(right, wrong, ("--style",) if "style" in self.wrong else ())]
+        return [*folders, *self.options({"--page-columns": ["1"]}, {"--page-columns": ["3", "x"]})]
 
     def angles(self) -> list[str]:
         """Arguments of `angles`."""
         ending = any_of(self.rng, MARKERS)
         files = [self.file("model", "marked.xml"), self.file("log", f"marked.{ending}")]
         right = {"--base": ["base"], "--scale": [], "--wrenches": [self.file("columns", "plain.csv")], "--mass": ["70"]}
-        right |= {"--style": [self.file("style", "own.mplstyle")]}
         wrong = {
             "--base": ["x", ""],
             "--mass": ["0", "nan", "-1"],
@@ -114,7 +107,7 @@ class Maker:
         """Arguments of `human`, which always have an error: valid ones take minutes."""
         wrong = {"--seconds": ["1", "1e9", "x"], "--rate": ["1", "nan"], "--noise": ["0", "-1", "nan", "30", "inf"]}
         wrong |= {"--activities": ["sleeping", "", "$"], "--from": ["films"], "--persons": ["0"], "--workers": ["-1"]}
-        wrong |= {"--style": ["absent", "."], "--seed": ["-1", "x"]}
+        wrong |= {"--seed": ["-1", "x"]}
         option = any_of(self.rng, list(wrong))
         return ["--seconds", "2", option, str(any_of(self.rng, wrong[option]))]
 
@@ -123,7 +116,7 @@ class Maker:
         name = any_of(self.rng, list(MODELS))
         model = self.file("model", any_of(self.rng, MODELS[name]))
         right = {"--base": ["base"], "--joints": ["joint1", "joint2"], "--criterion": ["determinant", "condition"]}
-        right |= {"--sensors": ["torque"], "--collisions": ["ignore"], "--style": [self.file("style", "own.mplstyle")]}
+        right |= {"--sensors": ["torque"], "--collisions": ["ignore"]}
         wrong = {"--base": ["x", "", "link2"], "--joints": ["x", ""], "--seconds": ["0", "1e-7", "1e7", "nan"]}
         wrong |= {"--velocity": ["1e-7", "1e7"], "--acceleration": ["0"], "--harmonics": ["1", "100"], "--noise": ["x"]}
         little = ["--starts", "1", "--iterations", "2", "--seconds", "2", "--formats", "png"]

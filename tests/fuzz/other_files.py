@@ -32,7 +32,7 @@ applied_to_link = true
 
 
 def write_other_files(folder: Path) -> None:
-    """Writes results to compare, markers, an arm with a payload, and a style."""
+    """Writes results to compare, markers, and an arm with a payload."""
     for k, name in enumerate(RESULTS):
         (folder / name).mkdir()
         for file, content in zip(RESULT_FILES, _result(k), strict=True):
@@ -43,7 +43,6 @@ def write_other_files(folder: Path) -> None:
     recording = wrist.log(seconds=3.0)
     for ending in ("csv", "npz"):
         recording.save(folder / f"wrist.{ending}")
-    (folder / "own.mplstyle").write_text("font.size: 7\nlines.linewidth: 1\n", encoding="utf-8")
 
 
 def _result(k: int) -> tuple[dict, dict]:

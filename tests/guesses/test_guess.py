@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from experiments.guesses.guess import believed, is_complete, write_mapping
+from experiments.guesses.guess import believed, write_mapping
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -186,7 +186,7 @@ def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
     orientation = Rotation.from_quat(log["hip_position"], scalar_first=True)
     assert (orientation * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
     np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
-    assert belief.open == [] and is_complete(belief, mechanism)
+    assert belief.open == [] and belief.complete
 
 
 @pytest.mark.parametrize(("pattern", "place"), [("pelvis_q{}", "pelvis_p{}"), ("trunk rot {}", "trunk pos {} [mm]")])
@@ -219,7 +219,7 @@ def test_a_joint_that_the_model_couples_needs_no_column(tmp_path):
     q, coupled = 0.5 * np.sin(np.arange(80).reshape(40, 2) / 9), sim.mechanism(mujoco.MjSpec.from_string(GRIPPER))
     columns = {f"{joint}_position": x for joint, x in zip(("wrist", "left"), q.T, strict=True)}
     belief = believed_of(tmp_path, columns, coupled)
-    assert belief.open == [] and is_complete(belief, coupled)
+    assert belief.open == [] and belief.complete
     assert "'right' follows 'left', as the model couples them." in belief.notes
 
 

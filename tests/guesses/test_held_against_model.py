@@ -10,7 +10,7 @@ from guesses.robots import FINGERS, seven, ur
 
 import ident
 import sim
-from experiments.guesses.guess import believed, is_complete, write_mapping
+from experiments.guesses.guess import believed, write_mapping
 from experiments.guesses.written import table
 
 STEPS = ("position", "velocity", "torque")
@@ -39,14 +39,14 @@ def test_exact_names_that_explain_little_are_pointed_out(tmp_path):
     robot = seven("joint{}")
     columns = states(replace(robot, q=robot.q[:, ::-1]), "joint{}_position", "", "joint{}_torque", first=1)
     _, belief = believed_of(tmp_path, robot, stamped(robot) | columns)
-    assert is_complete(belief, robot.mechanism)
+    assert belief.complete
     assert any("named like positions the model explains" in sentence for sentence in belief.notes)
 
 
 def test_without_wrench_and_torque_numbers_that_fit_are_taken_and_others_asked(tmp_path):
     for robot, taken in ((seven(), True), (ur(), False)):
         _, belief = believed_of(tmp_path, robot, stamped(robot) | states(robot, "q_{}", "dq_{}", ""))
-        assert is_complete(belief, robot.mechanism) == taken and bool(belief.open) != taken
+        assert belief.complete == taken and bool(belief.open) != taken
         assert all("nothing in the log can confirm" in x.why[0] for x in belief.of("position").values())
 
 
@@ -68,7 +68,7 @@ def test_fixing_the_fingers_as_advised_leaves_nothing_open(tmp_path):
     sim.write_model(model, hand.mechanism, hand.mechanism.known)
     fixed = sim.mechanism(model, base="base", fix={name: [] for name in FINGERS})
     _, belief = believed_of(tmp_path, hand, columns, fixed)
-    assert belief.open == [] and is_complete(belief, fixed)
+    assert belief.open == [] and belief.complete
 
 
 @pytest.mark.parametrize("name", ["may", "in", "position"])
@@ -127,7 +127,7 @@ def test_torques_of_two_families_that_are_as_good_are_asked_about(tmp_path):
     raw = replace(robot, tau=robot.tau + 1e-3 * np.ptp(robot.tau, axis=0) * np.sin(30 * robot.time)[:, None])
     columns = stamped(robot) | states(robot, "q_{}", "", "tau_{}") | states(raw, "", "", "tau_raw_{}")
     _, belief = believed_of(tmp_path, robot, columns)
-    assert is_complete(belief, robot.mechanism) and belief.of("torque") == {}
+    assert belief.complete and belief.of("torque") == {}
     assert any(sentence.startswith("The torques may be those of tau_") for sentence in belief.open)
 
 

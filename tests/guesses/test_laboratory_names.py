@@ -120,7 +120,7 @@ def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
 @pytest.mark.parametrize(
     ("measured", "commanded"),
     [
-        ("observation.state.{n}.pos", "action.{n}.pos"),
+        ("observation.state.{n}.position", "action.{n}.position"),
         ("observation.state.{n}", "action.{n}"),
         ("{n}_pos", "{n}_goal"),
         ("{n}_pos", "goal_{n}"),

@@ -20,13 +20,13 @@ MASSES = {
     "masses": {
         "link1": {"mass": 2.5, "lower": 2.3, "upper": 2.9, "model": 1.0},
         "link2": {"mass": 2.5, "lower": 2.3, "upper": None, "model": 1.0},
-        "tool": {"mass": 1, "lower": None, "upper": None, "model": 0.0},
+        "tool": {"mass": 1, "lower": None, "upper": None, "model": 0.3},
     }
 }
 MOVED = {"moved": [{"name": "m2rz2", "body": "link2", "z": 1.2}, {"name": "Fv(hip)", "body": None, "z": -0.4}]}
 SPAN = {"start": 1.0, "end": 2.5, "carries": 0.3}
 CLIPPED = {"channel": "Fz", "limits": (-500.0, 500.0), "unit": "N", "share": 0.1}
-GRAVITY = {"rpy_deg": (180.0, 0.0, 0.0), "stated": 0.8, "misfit": 0.1}
+GRAVITY = {"rpy_deg": (180.0, 0.0, 0.0), "stated": 0.8, "misfit": 0.1, "moving": False}
 DELAY = {"delay": 0.5, "std": 0.01, "stated": 0.8, "misfit": 0.1}
 TURN = {"x": "-y", "y": "x", "z": "z"}
 FRAME = {"wrench": "ground", "error": 1.4, "error_turned": 0.2}
@@ -78,9 +78,11 @@ EXAMPLES = {
         {"mass": 22.0, "std": 0.4, "model": 20.0},
         {"mass": 18.0, "std": 0.4, "model": 20.0},
     ],
-    "large_offsets": [{"offsets": {"Fx": (25.0, 0.1), "My": (3.0, 0.1)}, "shares": {"Fx": 0.12, "My": 0.2}}],
-    "offsets_taken_out": [{"offsets": {"Fx": (25.0, 0.1), "hip": (3.0, 0.1)}}],
-    "offsets_not_fitted": [{"offsets": {"Mz": (2.0, 0.1)}}],
+    "large_offsets": [
+        {"offsets": {"Fx": (25.0, 0.1, "N"), "My": (3.0, 0.1, "N m")}, "shares": {"Fx": 0.12, "My": 0.2}}
+    ],
+    "offsets_taken_out": [{"offsets": {"Fx": (25.0, 0.1, "N"), "hip": (3.0, 0.1, "N m")}}],
+    "offsets_not_fitted": [{"offsets": {"Mz": (2.0, 0.1, "N m")}}],
     "inseparable_offsets": [{"channels": ("Fz",)}],
     "out_of_plane": [{"normal": "z", "channels": ("Fz", "Mx", "My")}],
     "clipped_channel": [CLIPPED | {"kept": True, "log": None}, CLIPPED | {"kept": False, "log": 2}],
@@ -126,7 +128,11 @@ EXAMPLES = {
     "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
-    "gravity_direction": [{**GRAVITY, "joint": None}, {**GRAVITY, "joint": "hip"}],
+    "gravity_direction": [
+        {**GRAVITY, "joint": None},
+        {**GRAVITY, "joint": "hip"},
+        {**GRAVITY, "joint": None, "moving": True},
+    ],
     "channels_late": [DELAY | {"of": "wrench"}, DELAY | {"of": "torques", "delay": -0.4}],
     "setup_unexplained": [{"changed": True}, {"changed": False}],
     "not_converged": [
@@ -157,6 +163,7 @@ EXAMPLES = {
     "payload_forces_unexplained": [{"ratios": {"Fx": 0.97, "Fz": 0.93}}],
     "payload_mass_unlikely": [
         {"mass": 799.6, "robot": 8.7},
+        {"mass": 12.4, "robot": 8.7},
         {"mass": 210500.0, "robot": None},
     ],
     "load_not_shown": [{"mass": 0.02, "std": 0.03}],

@@ -25,6 +25,7 @@ def test_what_the_model_cannot_explain_is_named_with_the_option_that_leaves_it_o
     assert set(estimate().verdict().predicted) == set(estimate().channels) - set(sagittal_walker.SIDEWAYS)
 
 
+@pytest.mark.slow
 def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways():
     left_out = coded(estimate(), "out_of_plane")[0].values["channels"]
     without, upright = (estimate(left_out, sway=sway) for sway in (1.0, 0.0))

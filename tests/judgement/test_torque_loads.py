@@ -40,6 +40,7 @@ def torques():
     return [f"{joint}_torque" for joint in arm().tree.joints]
 
 
+@pytest.mark.slow
 def test_right_torques_of_a_model_with_too_light_a_tool_are_no_finding():
     estimate = identified(light=True)
     assert estimate.verdict().usable and not coded(estimate, *OF_TORQUES, "setup_gain")

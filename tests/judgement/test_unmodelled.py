@@ -21,6 +21,7 @@ def shorter(share):
     return sim.mechanism(spec, base="base")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrench", [True, False])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_cable_that_pulls_is_a_doubt(seed, wrench):
@@ -30,6 +31,7 @@ def test_a_cable_that_pulls_is_a_doubt(seed, wrench):
     assert finding.place.bodies[0] == "link2" and finding.values["ratio"] < 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "seed"), [(1 / 1.15, 1), (1 / 0.85, 2), (1 / 0.85, 3)])
 def test_a_link_of_another_length_is_a_doubt(share, seed):
     """Also where errors of the set-up were found in its place."""

@@ -48,6 +48,7 @@ def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.
     return angles_and_wrench(time, q + angle * rng.normal(size=q.shape), wrench)
 
 
+@pytest.mark.slow
 def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
     """Errors of a motion smoothed from its angles alone correlate with it, but a fit's own residuals do not."""
     for seed in (15, 16):

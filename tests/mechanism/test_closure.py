@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, by_mujoco, closed, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, by_mujoco, closed, opened, text
 
 import ident
 import sim
@@ -15,6 +15,8 @@ from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.structure import Sensors
+
+pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
 
 def reachable(name, samples, seed=0):
@@ -177,6 +179,12 @@ def test_a_column_of_a_dependent_joint_is_compared_with_the_loops():
 def test_loops_are_not_excited():
     with pytest.raises(ModelError, match=r"joints of a tree; crank, rod, rocker are coupled by pin\. Name others"):
         problem(read(FOUR_BAR), None, sensors="torque")
+
+
+def test_joints_that_follow_from_those_with_a_column_are_determined():
+    assert opened("gripper").determined({"left_driver"}).keys() == {*opened("gripper").tree.joints} - {"left_driver"}
+    assert opened("five-bar").determined({"crank", "right"}) == dict.fromkeys(("rod", "arm"), "crank, right")
+    assert "right" not in opened("five-bar").determined({"crank"})
 
 
 def test_a_loop_that_is_measured_whole_and_not_driven_stays_open():

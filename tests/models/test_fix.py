@@ -15,6 +15,7 @@ from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import STATES, Recording
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
+from sim.models.notes import ModelNote
 
 INERTIAL = '<inertial mass="{}" pos=".05 .02 .1" fullinertia=".02 .03 .015 .001 0 .002"/>'
 HAND = f"""<mujoco><worldbody><body name="base">{INERTIAL.format(3)}
@@ -39,7 +40,8 @@ def files(tmp_path):
     """The model, and a recording of the wrench below it and of the shoulder's torque."""
     model, log = tmp_path / "hand.xml", tmp_path / "log.csv"
     model.write_text(HAND, encoding="utf-8")
-    tree, phi = tree_from_model(model, "base"), parameters_from_model(model, "base")
+    with pytest.warns(ModelNote, match="By equality"):
+        tree, phi = tree_from_model(model, "base"), parameters_from_model(model, "base")
     w = 2 * np.pi * np.array([0.4, 0.9, 1.3])
     a, phase = np.array([0.7, 0.3, 0.1]), np.array([0.2, 1.1, 2.5])
     angle = np.multiply.outer(TIME, w) + phase
@@ -72,7 +74,8 @@ def test_identify_and_stream_take_the_fingers_as_fixed(files, tmp_path, capsys):
         assert command.main(arguments) == 0
         assert "Note: " not in capsys.readouterr().err
     written = next((tmp_path / "out").rglob("model.xml"))
-    assert mechanism(written, "base").in_loops == ("finger1", "finger2")
+    with pytest.warns(ModelNote, match="finger1, finger2"):
+        assert mechanism(written, "base").in_loops == ("finger1", "finger2")
 
 
 @pytest.mark.usefixtures("here")
@@ -82,6 +85,7 @@ def test_what_to_type_is_said(files, tmp_path, capsys):
     for command in (identify, stream):
         message = refusal(command.main, arguments, capsys)
         assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
+        assert "Note: By equality (joint) 'equality0' of finger1, finger2, joints without a column" in message
         for fix, what in {
             ("--fix", "thumb"): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
             ("--fix", "finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",

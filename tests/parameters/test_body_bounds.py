@@ -66,6 +66,7 @@ def test_linear_bounds_of_a_body_that_is_known_well_are_normal_intervals():
     assert full.rows[0].determined and full.rows[0].words == "0.675000 (0.674804 to 0.675196)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.003, 0.03])
 def test_intervals_of_a_body_have_the_truth_in_95_of_100_cases(noise):
     inside = 0

@@ -6,7 +6,7 @@ from mechanisms import GRAVITY, random_states, random_tree, regrouping_error
 from regroupings import tree_of_any_kind
 from scipy import linalg
 
-from experiments.benchmark.mechanisms import chain, in_general_position
+from docs.tools.mechanisms import chain, in_general_position
 from ident.errors import InputError
 from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import base_wrench_regressor

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from experiments.benchmark.mechanisms import Subject, double_pendulum
+from docs.tools.mechanisms import Subject, double_pendulum
 from ident.estimation.pieces import Source
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion

@@ -6,7 +6,7 @@ import pytest
 
 from experiments.runs.checkpoint import Checkpoint
 
-OUTCOMES = [np.array([k, k**2]) for k in range(6)]
+OUTCOMES = [json.dumps([k, k**2]) for k in range(6)]
 
 
 def batches(outcomes, size=2):
@@ -24,24 +24,18 @@ def run(tmp_path):
 
 
 def test_outcomes_are_kept_as_they_came(run):
-    np.testing.assert_array_equal(run.collect(batches(OUTCOMES), 6), OUTCOMES)
-    np.testing.assert_array_equal(run.done(), OUTCOMES)
-
-
-def test_texts_are_kept_as_they_came(run):
-    texts = [json.dumps({"ψ": k * "long"}) for k in range(6)]
-    assert run.collect(batches(texts), 6) == texts
-    assert run.done() == texts
+    assert run.collect(batches(OUTCOMES), 6) == OUTCOMES
+    assert run.done() == OUTCOMES
 
 
 @pytest.mark.parametrize("error", [ValueError("refused"), KeyboardInterrupt(), MemoryError()])
 def test_whatever_fails_the_outcomes_are_kept(run, capsys, error):
     with pytest.raises(type(error)):
         run.collect(failing(OUTCOMES[:4], error), 6)
-    np.testing.assert_array_equal(run.done(), OUTCOMES[:4])
+    assert run.done() == OUTCOMES[:4]
     assert f"The runs done so far are in {run.file}; run again with --resume" in capsys.readouterr().err
-    np.testing.assert_array_equal(run.collect(batches(OUTCOMES[4:]), 6, done=run.done()), OUTCOMES)
-    np.testing.assert_array_equal(run.done(), OUTCOMES)
+    assert run.collect(batches(OUTCOMES[4:]), 6, done=run.done()) == OUTCOMES
+    assert run.done() == OUTCOMES
 
 
 def test_a_run_that_has_done_nothing_promises_nothing(run, capsys):
@@ -56,8 +50,8 @@ def test_a_full_disk_leaves_what_was_saved_before(run, capsys, monkeypatch):
     savez, saved = np.savez, []
 
     def full(*args, **named):
-        saved.append(len(named["outcomes"]))
-        if len(named["outcomes"]) > 2:
+        saved.append(len(bytes(named["outcomes"]).splitlines()))
+        if saved[-1] > 2:
             raise OSError(28, "No space left on device")
         savez(*args, **named)
 
@@ -66,18 +60,18 @@ def test_a_full_disk_leaves_what_was_saved_before(run, capsys, monkeypatch):
         with pytest.raises(OSError, match=r"runs\.npz' could not be written \(No space left on device\)"):
             run.collect(batches(OUTCOMES), 6)
     assert saved == [2, 4, 4]
-    np.testing.assert_array_equal(run.done(), OUTCOMES[:2])
+    assert run.done() == OUTCOMES[:2]
     assert [file.name for file in run.file.parent.iterdir()] == ["runs.npz"]
     assert "--resume" in capsys.readouterr().err
-    np.testing.assert_array_equal(run.collect(batches(OUTCOMES[2:]), 6, done=run.done()), OUTCOMES)
+    assert run.collect(batches(OUTCOMES[2:]), 6, done=run.done()) == OUTCOMES
 
 
 def test_an_earlier_run_is_set_aside(run):
     run.collect(batches(OUTCOMES), 6)
     run.collect(batches(OUTCOMES[:2]), 2)
-    np.testing.assert_array_equal(run.done(), OUTCOMES[:2])
+    assert run.done() == OUTCOMES[:2]
     before = Checkpoint("runs", run.file.with_stem("runs_before"), run.identity)
-    np.testing.assert_array_equal(before.done(), OUTCOMES)
+    assert before.done() == OUTCOMES
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,7 @@ def recorded(arm, seed, *, torques=False, noise=0.002):
     return ident.Recording(t, measured)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torques", [False, True])
 def test_a_ball_is_identified_from_its_quaternions(arm, torques):
     estimate = ident.identify(arm, recorded(arm, 0, torques=torques))

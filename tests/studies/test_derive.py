@@ -192,6 +192,7 @@ def test_directions_that_coincide_to_rounding_give_decimals():
     assert_is_the_regressor(tree, generated_python(model))
 
 
+@pytest.mark.slow
 def test_many_lengths_in_general_directions_give_decimals():
     tree = random_tree(np.random.default_rng(0), 5, kinds=("revolute",))
     model = symbolic.derive(*symbolic.exact_tree(tree))
@@ -212,6 +213,7 @@ def test_command_writes_latex_python_and_c(tmp_path, capsys):
     assert tex.count(r"\begin{align*}") == tex.count(r"\end{align*}") == 3
 
 
+@pytest.mark.slow
 def test_a_general_arm_of_six_joints_is_derived(tmp_path, capsys):
     assert derive.main([str(general_arm(tmp_path)), "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
@@ -303,6 +305,7 @@ def test_any_file_name_gives_code_that_compiles(name, tmp_path, capsys):
         subprocess.run([COMPILER, *WARNINGS, "-c", "-o", tmp_path / "o", folder / "regressor.c"], check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ['q"""x', "two\nlines", "\u202e", "*/ x", "back\\"])
 def test_any_name_given_to_the_generators_is_made_plain(name):
     _, model = case("table_1")

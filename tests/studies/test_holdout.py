@@ -24,6 +24,7 @@ def test_samples_that_were_fitted_are_not_called_held_out(tmp_path, capsys, monk
     assert ("Usable to predict joint torques: fitted residuals" in shown) is not there
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"estimator": "weighted", "cutoff": 8.0}, {"known": True}])
 def test_an_estimate_says_by_what_it_is_judged(options):
     arm, logs = driven_arm.mechanism(), [driven_arm.log(4.0, 50.0, seed=seed) for seed in range(3)]

@@ -35,8 +35,7 @@ def at_the_rail(monkeypatch):
 def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     out = tmp_path / "person"
     small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
-    assert main([*small, "--workers", "1", "--out", str(out), "--caption", "table_segments", "Ours."]) == 0
-    assert r"\caption{Ours.}" in (out / "table_segments.tex").read_text(encoding="utf-8")
+    assert main([*small, "--workers", "1", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "trajectory estimate" in printed
     names = {file.name for file in out.glob("recording_*")}
@@ -131,6 +130,7 @@ def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
     assert (variances <= known * (1 + 1e-6)).all()
 
 
+@pytest.mark.slow
 def test_a_piece_that_begins_later_tells_nothing():
     share = persons.at_a_rail()._share(0, -1.0)
     assert share.shape == (len(share), len(share)) and not share.any()

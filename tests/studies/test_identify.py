@@ -483,6 +483,7 @@ def unchecked(result):
     return [(each["reason"], *each["channels"]) for each in values if each["check"] == "weight"]
 
 
+@pytest.mark.slow
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
     log = recording()
     _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy=""))
@@ -586,6 +587,7 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "doubt"), [(0.65, True), (0.75, False), (1.25, False), (1.35, True)])
 def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
     log = recording()
@@ -599,7 +601,7 @@ def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
 @pytest.mark.parametrize("remarks", [0, 20])
 def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch, remarks):
     """However many findings, channels and parameters there are, files and page have them all."""
-    long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1) for k in range(12)})
+    long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1, "N m") for k in range(12)})
     plain = vars(Estimate)["findings"].func
     findings = property(lambda estimate: [*plain(estimate), *[long] * remarks])
     monkeypatch.setattr(Estimate, "findings", findings)
@@ -610,6 +612,6 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     assert lines[0].startswith("Verdict: ") and len(lines) <= 50
     shown = " ".join(lines)
     assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
-    assert ("more remarks" in shown) == (remarks > 0)
+    assert ("more remark" in shown) == (remarks > 0)
     page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
     assert page.count("Constant offsets are taken out") >= remarks

@@ -60,13 +60,21 @@ def test_clean_recordings_are_usable_and_nothing_is_found(tmp_path):
 @pytest.mark.parametrize(
     ("fault", "name", "value", "words"),
     [
-        ({"delay": 0.03}, "delay(ground)", 0.03, "ms late"),
+        pytest.param({"delay": 0.03}, "delay(ground)", 0.03, "ms late", marks=pytest.mark.slow),
         ({"delay": 0.12}, "delay(ground)", 0.12, "ms late"),
         ({"fast": 0.005}, "clock(ground)", -0.005, "% fast"),
-        ({"origin": (0, 0, 0.05)}, "origin_z(ground)", 0.05, "mm further along +z"),
-        ({"turn": (0, 0, 3)}, "rotation_z(ground)", np.radians(3), "a turn of all joint axes about z"),
+        pytest.param({"origin": (0, 0, 0.05)}, "origin_z(ground)", 0.05, "mm further along +z", marks=pytest.mark.slow),
+        pytest.param(
+            {"turn": (0, 0, 3)},
+            "rotation_z(ground)",
+            np.radians(3),
+            "a turn of all joint axes about z",
+            marks=pytest.mark.slow,
+        ),
         ({"gravity": 2}, "gravity_x", np.radians(2), "Gravity is tilted by"),
-        ({"zero": (3, 0)}, "zero(joint1)", np.radians(3), "The joint 'joint1' reads"),
+        pytest.param(
+            {"zero": (3, 0)}, "zero(joint1)", np.radians(3), "The joint 'joint1' reads", marks=pytest.mark.slow
+        ),
         ({"gains": (1, 1, 1.1, 1, 1, 1)}, "gain(Fz)", 0.1, "The channel Fz reads"),
     ],
 )
@@ -79,6 +87,7 @@ def test_a_fault_of_the_set_up_is_found_and_taken_out(tmp_path, fault, name, val
     assert estimate["outcome"] == "usable"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("fault", [{"origin": (0.05, 0, 0)}, {"zero": (0, 3)}, {"gains": (1, 1, 1, 1, 1.1, 1)}])
 def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
@@ -162,6 +171,7 @@ def one_joint_moves(seed=0):
     return wrong, angles_and_wrench(true.time, q + 0.003 * rng.normal(size=q.shape), wrench)
 
 
+@pytest.mark.slow
 def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_knows():
     mechanism, recording = one_joint_moves()
     estimate = ident.identify(mechanism, recording)

@@ -59,6 +59,7 @@ def test_friction_and_offsets_that_differ_are_each_logs_own(share, offset):
     assert set(finding.values["values"]) >= {f"Fc({joint})" for joint in JOINTS}
 
 
+@pytest.mark.slow
 def test_logs_alike_share_their_friction_unless_asked():
     logs = [driven_arm.log(), second(1.0, 0.0)]
     assert not coded(ident.identify(driven_arm.mechanism(), logs), "own_in_logs")
@@ -67,6 +68,7 @@ def test_logs_alike_share_their_friction_unless_asked():
     assert {name[:2] for name in finding.values["values"]} == {"Fc", "Fv"}
 
 
+@pytest.mark.slow
 def test_another_log_is_predicted_with_the_mean():
     """Of two logs with more and with less friction, the mean predicts a third one to its noise."""
     logs = [second(0.6, 0.0), second(1.4, 0.0)]

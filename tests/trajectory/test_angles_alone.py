@@ -70,3 +70,12 @@ def test_missing_samples_and_isolated_outliers_change_little():
     noise = clean.evaluate(middle) - smoothed(Sampled(time, exact), 0.05).evaluate(middle)
     change = other.evaluate(middle) - clean.evaluate(middle)
     assert (change[:3].std(axis=1) < noise[:3].std(axis=1)).all()
+
+
+def test_a_touch_without_noise_is_no_outlier():
+    time, width, size = np.arange(0, 2, 0.005), 0.01, 0.001
+    z = (time - 1.001) / width
+    touch = size * np.exp(-(z**2) / 2)
+    ddq = smoothed(Sampled(time, wave(time) + touch[:, None]), 0.0025).evaluate(time)[2]
+    expected = -((2 * np.pi * 0.7) ** 2) * wave(time) + ((z**2 - 1) * touch / width**2)[:, None]
+    assert abs(ddq - expected)[abs(time - 1) < 0.2].max() < 0.05 * size / width**2

@@ -47,6 +47,7 @@ def test_a_loud_recording_hardly_widens_intervals():
     assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_knots_are_as_dense_as_each_recording_needs(order):
     """A motion four times as fast needs knots about four times as dense."""

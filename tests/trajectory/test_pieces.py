@@ -21,6 +21,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_parameters_are_found_from_streams_with_times_of_their_own(case):
     own = streams(np.random.default_rng(0), **case)

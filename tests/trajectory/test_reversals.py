@@ -6,9 +6,9 @@ from coded import coded
 
 import ident
 import scenes
-from experiments.noise.conditions import CONDITIONS
-from experiments.noise.recordings import SUBJECTS, noisy_recording, true_bodies
-from experiments.noise.truth import drives, truth
+from docs.tools.noise.conditions import CONDITIONS
+from docs.tools.noise.recordings import SUBJECTS, noisy_recording, true_bodies
+from docs.tools.noise.truth import drives, truth
 from ident.trajectory.reversals import Reversals, _law
 
 

@@ -49,7 +49,8 @@ def errors(estimate, arm, recording, when, motion, channels):
     return every, picked(each, held.chosen) - exact
 
 
-@pytest.mark.parametrize(("angle", "rate"), [(1e-4, 100), (5e-3, 100), (1e-3, 500)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("angle", "rate"), [(1e-4, 100), (5e-3, 100), (1e-3, 500), (1e-5, 12)])
 def test_a_pendulum_is_judged_by_a_motion_as_good_as_its_angles(angle, rate, monkeypatch):
     check(*pendulum(angle, rate, monkeypatch), range(6))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ident
-from experiments.noise.conditions import CONDITIONS
-from experiments.noise.estimators import Case
+from docs.tools.noise.conditions import CONDITIONS
+from docs.tools.noise.estimators import Case
 
 pytestmark = pytest.mark.slow
 

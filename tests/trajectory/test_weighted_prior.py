@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ident
-from experiments.noise.conditions import CONDITIONS, SUBJECTS
-from experiments.noise.recordings import noisy_recording
+from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
+from docs.tools.noise.recordings import noisy_recording
 from ident.parameters.prior import known_covariance
 from ident.trajectory.fit.fitted import Prior
 

@@ -1,6 +1,5 @@
 """The study of all recordings: what is run, by which workers, and its results."""
 
-import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -8,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.data.registry import Entry
-from experiments.data.validation import Study, Validation, Values
+from experiments.data.validation import Entry, Study, Validation, Values
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers
 from experiments.studies.validation.files import Places
@@ -34,12 +32,12 @@ class Task(NamedTuple):
     trial: tuple[Log, ...] | None = None
 
 
-def work(task: Task) -> list[str]:
-    """Results of a task as JSON, or the sentence with which it is refused."""
+def work(task: Task) -> dict[str, Any]:
+    """Results of a task, or the sentence with which it is refused."""
     try:
-        return [json.dumps(estimates(*task))]
+        return estimates(*task)
     except InputError as error:
-        return [json.dumps({"refused": str(error)})]
+        return {"refused": str(error)}
 
 
 def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Workers) -> Study:

@@ -17,6 +17,9 @@ from ident.files.text_file import opened_text
 SUFFIX = (".jsonl", ".ndjson", ".jsonl.gz", ".ndjson.gz")
 """Ends of the names of such files."""
 
+STAMPS = (("sec", "nanosec"), ("secs", "nsecs"))
+"""Names of the parts of a time of ROS, which is one number."""
+
 IN_MEMORY = 5 * NUMBER
 """Bytes of a value while a file is read: an object of 24 bytes, its place in a list, and the number."""
 
@@ -60,7 +63,9 @@ def _sample(row: int, line: str) -> dict[str, Any]:
 
 def _values(name: str, content: Any) -> Iterator[tuple[str, Any]]:
     """All values of nested objects and arrays by name, as `vector_columns` names those of arrays."""
-    if isinstance(content, dict):
+    if isinstance(content, dict) and tuple(content) in STAMPS and all(isinstance(x, float) for x in content.values()):
+        yield name, sum(x * unit for x, unit in zip(content.values(), (1.0, 1e-9), strict=True))
+    elif isinstance(content, dict):
         for key, value in content.items():
             yield from _values(f"{name}.{key}" if name else key, value)
     elif isinstance(content, list):

@@ -38,10 +38,10 @@ def _masses(beginning: str, end: str = "") -> Row:
 
 def _mass(mass: float, lower: float | None, upper: float | None, model: float) -> str:
     if lower is None:
-        limits = "no interval" if upper is None else f"less than {upper:.3g}"
+        limits = "" if upper is None else f"less than {upper:.3g}; "
     else:
-        limits = f"more than {lower:.3g}" if upper is None else f"{lower:.3g} to {upper:.3g}"
-    return f"{mass:.3g} kg ({limits}; model: {f'{model:.3g} kg' if model else 'none'})"
+        limits = f"more than {lower:.3g}; " if upper is None else f"{lower:.3g} to {upper:.3g}; "
+    return f"{mass:.3g} kg ({limits}model: {model:.3g} kg)"
 
 
 def _rotor(what: str) -> Row:

@@ -23,8 +23,8 @@ def _unexplained(ratios: Mapping[str, float]) -> str:
 def _unlikely(mass: float, robot: float | None) -> str:
     more = f"{mass / robot:.2g} times all bodies of the model" if robot else "more than the strongest robots carry"
     return (
-        f"A payload of {mass:.4g} kg is {more}: the unit of the forces is likely wrong. In mN it would be "
-        f"{mass / 1e3:.3g} kg; raw counts need their factor. State the unit or the gain in the columns file."
+        f"A payload of {mass:.4g} kg is {more}: check the unit of the forces. In mN it would be {mass / 1e3:.3g} kg; "
+        "raw counts need their factor. State the unit or the gain in the columns file."
     )
 
 

@@ -17,13 +17,14 @@ def _unexplained(changed: bool) -> str:
     )
 
 
-def _gravity(rpy_deg: Sequence[float], stated: float, misfit: float, joint: str | None) -> str:
+def _gravity(rpy_deg: Sequence[float], stated: float, misfit: float, joint: str | None, moving: bool) -> str:
     rpy, option = rpy_text(rpy_deg), " ".join(f"{angle:g}" for angle in rpy_deg)
+    of = "axes of the base's poses are" if moving else "base is"
     zero = "" if joint is None else f" Another zero of joint '{joint}' would look the same."
     return (
-        f"Gravity has another direction than stated: the base is turned to roll, pitch and yaw {rpy}°. With it the "
-        f"model leaves {misfit:.2f} of the measurements unexplained, as stated {stated:.2f}. Write rpy_deg = {rpy} "
-        f"under [base] in the columns file, or --base-rpy {option}.{zero}"
+        f"Gravity has another direction than stated: the {of} turned to roll, pitch and yaw {rpy}°. With it the model "
+        f"leaves {misfit:.2f} of the measurements unexplained, as stated {stated:.2f}. Write rpy_deg = {rpy} under "
+        f"[base] in the columns file, or --base-rpy {option}.{zero}"
     )
 
 

@@ -1,9 +1,9 @@
 """Sentences on wrenches: frames, unmeasured contacts, weight and offsets."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ident.arguments import rpy_text
-from ident.estimation.equations import COMPONENTS
 from ident.judgement.codes.row import Row, listed, percent
 
 
@@ -64,15 +64,11 @@ def _common_gain(mass: float, std: float, model: float) -> str:
     )
 
 
-def _offset(channel: str, value: float, std: float) -> str:
-    return f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip()
+def _offset(channel: str, value: float, std: float, unit: str) -> str:
+    return f"{channel} {value:.3g} ± {std:.2g} {unit}"
 
 
-def _unit(channel: str) -> str:
-    return {"F": "N", "M": "N m"}.get(channel[0], "") if channel in COMPONENTS else ""
-
-
-def _large(offsets: Mapping[str, Sequence[float]], shares: Mapping[str, float]) -> str:
+def _large(offsets: Mapping[str, Sequence[Any]], shares: Mapping[str, float]) -> str:
     each = listed(f"{_offset(channel, *offset)} ({percent(shares[channel])})" for channel, offset in offsets.items())
     return (
         "Constant offsets are large, in brackets relative to the model's weight, or to its moment at the mechanism's "
@@ -80,15 +76,15 @@ def _large(offsets: Mapping[str, Sequence[float]], shares: Mapping[str, float]) 
     )
 
 
-def _taken_out(offsets: Mapping[str, Sequence[float]]) -> str:
+def _taken_out(offsets: Mapping[str, Sequence[Any]]) -> str:
     return f"Constant offsets are taken out: {_all(offsets)}."
 
 
-def _not_fitted(offsets: Mapping[str, Sequence[float]]) -> str:
+def _not_fitted(offsets: Mapping[str, Sequence[Any]]) -> str:
     return f"The measurements have constant offsets that were not fitted: {_all(offsets)}. Fit them with --offsets."
 
 
-def _all(offsets: Mapping[str, Sequence[float]]) -> str:
+def _all(offsets: Mapping[str, Sequence[Any]]) -> str:
     return listed(_offset(channel, *offset) for channel, offset in offsets.items())
 
 

@@ -209,8 +209,6 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
         if not isinstance(mapping.held, bool | None):
             raise LogError(f"base.held needs true or false, got {short(mapping.held)}.")
         if entry.keys() - {"held", "rpy_deg"}:
-            if "rpy_deg" in entry:
-                raise LogError("[base] has rpy_deg, for a base at rest, and columns of a moving one; keep one of them.")
             length = factor_of("base", entry, "unit", "length")
             mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
             mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)

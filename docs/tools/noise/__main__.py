@@ -1,0 +1,51 @@
+"""Biases and spreads of estimators with noisy sensors, friction and bad motions, and coverage of their intervals."""
+
+import argparse
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from docs.tools.noise import counts
+from docs.tools.noise.conditions import CONDITIONS
+from experiments.cli import options, running
+from experiments.document.document import Document
+from experiments.document.provenance import provenance
+from experiments.document.writer import write
+from experiments.runs.checkpoint import Checkpoint
+from ident.errors import InputError
+
+FILE = "fits.npz"
+"""File in the output folder with the fits of each recording."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """Identifies all recordings, and writes and prints the results."""
+    if unknown := [name for name in args.conditions or () if name not in CONDITIONS]:
+        raise InputError(f"Conditions are {', '.join(CONDITIONS)}; got '{unknown[0]}'.")
+    chosen = {name: asdict(CONDITIONS[name]) for name in CONDITIONS if name in (args.conditions or CONDITIONS)}
+    identity = {"seed": args.seed, "conditions": chosen}
+    args.out.mkdir(parents=True, exist_ok=True)
+    todo, kept = counts.tasks(args.recordings, tuple(chosen)), Checkpoint("fits", args.out / FILE, identity)
+    outcomes = options.workers_of(args).collected(partial(counts.fits, args.seed), todo, kept)
+    answers = counts.by_estimator(todo, outcomes)
+    tables = {"table_coverage": counts.table_coverage(answers), "table_parameters": counts.table_parameters(answers)}
+    origin = provenance({**identity, "recordings": args.recordings})
+    numbers = {"summary": {"setup_reported": counts.reported(answers)}, "provenance": origin}
+    document = Document(
+        "Bad motions and sensors", tables=tables, numbers=numbers, screen=tables["table_coverage"].text()
+    )
+    write(document, options.output_of(args))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = argparse.ArgumentParser("python -m docs.tools.noise", description=__doc__)
+    out.add_argument("--out", type=Path, default=Path("results/noise"), help="folder for the results")
+    out.add_argument("--seed", type=int, default=0, help="seed of all noise")
+    out.add_argument("--recordings", type=options.whole_number(2), default=5, help="recordings of each condition")
+    out.add_argument("--conditions", nargs="+", metavar="NAME", help="rows of CONDITIONS, by default all")
+    options.add_workers(out)
+    return out
+
+
+main = running.main(__name__, run, parser)

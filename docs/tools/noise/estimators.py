@@ -1,0 +1,209 @@
+"""Estimators that the study of noise compares, and their answers to a recording."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from docs.tools.noise.conditions import SUBJECTS, Condition, Subject
+from docs.tools.noise.recordings import TOOL, noisy_recording, true_bodies
+from docs.tools.noise.truth import drives, truth
+from experiments.studies import competitors
+from ident.estimate import Estimate
+from ident.identification import identify
+from ident.mechanism.motion import Motion
+from ident.payload.identification import identify_payload
+from ident.payload.payload import described
+from ident.recordings.recording import Recording
+from ident.recordings.servo import model_servo
+from ident.setup import SETUP
+from sim.models.mechanism import Origin
+
+SERVOS = "lag", "scale"
+"""Set-up parameters of servos, which are estimated beside their joints' drives."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One recording of a condition, and its truth.
+
+    Attributes:
+        condition: Motion and sensors.
+        recording: The recording.
+        phi: φ of its bodies (10 b,).
+    """
+
+    condition: Condition
+    recording: Recording
+    phi: np.ndarray
+
+    @classmethod
+    def drawn(cls, condition: Condition, seed: int, number: int) -> "Case":
+        """Case of a condition, by the recording's number."""
+        return cls(condition, noisy_recording(condition, seed, number), true_bodies(condition, seed, number))
+
+    @property
+    def subject(self) -> Subject:
+        """The subject of the condition."""
+        return SUBJECTS[self.condition.subject]
+
+    @cached_property
+    def drives(self) -> dict[str, float]:
+        """True rotor inertia and friction of each joint; empty without friction."""
+        origin = self.subject.mechanism.source
+        assert isinstance(origin, Origin)
+        stribeck = self.condition.stribeck
+        rubs = self.condition.rubs or stribeck
+        return drives(self.subject.mechanism, origin.model, stribeck=stribeck) if rubs else {}
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """An estimate of a case, beside its truth.
+
+    Attributes:
+        names: Names of base parameters, drives and servos' lag and scales, or of a payload's mass and centre of mass.
+        values: Their estimates (p,).
+        std: Standard deviations from noise alone (p,).
+        true: True values (p,).
+        std_setup: Standard deviations including the set-up (p,); None for estimators without a set-up.
+        setup: Names of the set-up errors that it reports.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    std: np.ndarray
+    true: np.ndarray
+    std_setup: np.ndarray | None = None
+    setup: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything in JSON types, with errors in place of the values."""
+        wide = None if self.std_setup is None else self.std_setup.tolist()
+        out = {"error": (self.values - self.true).tolist(), "std": self.std.tolist(), "true": self.true.tolist()}
+        return {"names": list(self.names), **out, "std_setup": wide, "setup": list(self.setup)}
+
+
+def identified(case: Case, estimator: str, cutoff: str | None = None) -> Answer:
+    """Answer of `ident.identify`, from all samples and, unless the condition says otherwise, without offsets."""
+    options = {"offsets": False, "holdout": 0.0, **(case.condition.options if estimator == "trajectory" else {})}
+    arm = case.subject.mechanism
+    estimate = identify(arm, case.recording, estimator=estimator, cutoff=cutoff, **options)
+    equations = estimate.fit.equations
+    count = equations.parameters.rank + len(equations.drives)
+    names, (values, std, wider, true) = _of_servos(case, estimate)
+    wide = np.sqrt(np.diag(estimate.covariance_setup))[:count]
+    return Answer(
+        names=(*equations.names[:count], *names),
+        values=np.r_[estimate.fit.values[:count], values],
+        std=np.r_[estimate.fit.std[:count], std],
+        true=np.r_[truth(equations, case.phi, case.drives), true],
+        std_setup=np.r_[wide, wider] if estimator == "trajectory" else None,
+        setup=tuple(deviation.name for deviation in estimate.setup if not SETUP[deviation.kind].stated),
+    )
+
+
+def _of_servos(case: Case, estimate: Estimate) -> tuple[list[str], np.ndarray]:
+    """Names of the lag and the scales of servos; estimates, standard deviations as in `Answer`, and true values (4, k).
+
+    Of a lag that is not fitted, the estimate is what it would be if it were.
+    """
+    joint, stated = estimate.trajectory, case.recording.servos
+    if joint is None or not stated:
+        return [], np.zeros((4, 0))
+    own = {k: each for k, each in joint.setup.items() if each.kind in SERVOS}
+    at, fit = list(own), joint.fit
+    moves, open_ = fit.scores(np.eye(len(fit.theta))[at])
+    fitted = fit.theta, *(np.sqrt(np.diag(C)) for C in (fit.covariance, fit.covariance + joint.covariance_of_setup))
+    estimates = np.where(fit.free[at], np.array(fitted)[:, at], [moves, open_, open_])
+    model = {each: model_servo(case.subject.mechanism, each) for each in stated}
+    true = {each: stated[each].kp / servo.kp - 1 for each, servo in model.items() if servo is not None}
+    # A lag is that of all joints, and zero.
+    return [x.name for x in own.values()], np.vstack([estimates, [true.get(x.of, 0.0) for x in own.values()]])
+
+
+def carried(case: Case) -> Answer:
+    """Mass and centre of mass of the tool on its sensor, by `ident.payload`, from a robot without masses."""
+    robot = case.subject.mechanism
+    massless = replace(robot, prior=0 * robot.known)
+    body = identify_payload(massless, case.recording, body=TOOL, sensor=TOOL, holdout=0.0, **case.condition.options)
+    k = 10 * robot.bodies.index(TOOL)
+    true = described(case.phi[k : k + 10])[:4]
+    names = ("mass", *(f"centre({axis})" for axis in "xyz"))
+    load = body.in_frame()
+    setup = tuple(each.name for each in body.estimate.setup)
+    return Answer(names, load.values[:4], load.std[:4], true, load.std_setup[:4], setup)
+
+
+def commanded_instruments(case: Case) -> Answer:
+    """Instrumental variables: the regressor at measured states, the instruments at the commanded ones."""
+    who = case.subject
+    motion = Motion(*case.recording.joint_states(who.mechanism.tree.joints))
+    return _instrumental(case, motion, who.commanded)
+
+
+def usual_filter(case: Case) -> Answer:
+    """Least squares at states from a filter with the usual cut-off."""
+    motion, edge = competitors.low_passed(case.subject.mechanism, case.recording, competitors.USUAL)
+    return _instrumental(case, motion, edge=edge)
+
+
+def filtered_instruments(case: Case) -> Answer:
+    """Instrumental variables: the regressor at those states, the instruments at more strongly filtered states.
+
+    A person has no commanded motion from which noise-free instruments could be simulated.
+    """
+    motion, _ = competitors.low_passed(case.subject.mechanism, case.recording, competitors.USUAL)
+    instruments, edge = competitors.low_passed(case.subject.mechanism, case.recording)
+    return _instrumental(case, motion, instruments, edge)
+
+
+def cross_validated(case: Case) -> Answer:
+    """Least squares at states from splines chosen by cross-validation."""
+    motion, edge = competitors.splined(case.subject.mechanism, case.recording)
+    return _instrumental(case, motion, edge=edge)
+
+
+def _instrumental(case: Case, motion: Motion, instruments: Motion | None = None, edge: int = 0) -> Answer:
+    """Answer of `competitors.instrumental`."""
+    who = case.subject
+    kept = who.parameters.kept
+    psi, std = competitors.instrumental(who.mechanism, kept, case.recording, motion, instruments, edge)
+    return Answer(who.parameters.names, psi, std, who.parameters.regroup(case.phi))
+
+
+Estimator = Callable[[Case], Answer]
+
+TRAJECTORY: Mapping[str, Estimator] = {"trajectory": partial(identified, estimator="trajectory")}
+
+ESTIMATORS: Mapping[str, Mapping[str, Estimator]] = {
+    "pendulum": {
+        "ordinary": partial(identified, estimator="ordinary"),
+        "weighted": partial(identified, estimator="weighted"),
+        "instruments": commanded_instruments,
+        **TRAJECTORY,
+    },
+    "person": {
+        "usual_filter": usual_filter,
+        "instruments": filtered_instruments,
+        "spline": cross_validated,
+        "chosen_filter": partial(identified, estimator="weighted", cutoff="auto"),
+        **TRAJECTORY,
+    },
+    "arm": TRAJECTORY,
+    "payload": {"trajectory": carried},
+}
+"""Estimators that are compared, for each subject."""
+
+LABELS = {
+    "ordinary": "ordinary least squares",
+    "weighted": "weighted by channel",
+    "usual_filter": "cut-off at 6 Hz",
+    "chosen_filter": "cut-off from the data",
+    "spline": "cross-validated spline",
+    "instruments": "instrumental variables",
+    "trajectory": "trajectory estimate",
+}
+"""Labels of the estimators in tables and figures."""

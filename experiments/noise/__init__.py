@@ -1,1 +1,0 @@
-"""Bad motions and sensors: errors of estimators, and coverage of their intervals."""

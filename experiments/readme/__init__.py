@@ -1,1 +1,0 @@
-"""Generated parts of README.md and of the documentation."""

@@ -1,0 +1,188 @@
+"""The study of noisy joint sensors: its recordings, the other methods' formulas, and the trajectory estimate."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commands import refusal
+
+from docs.tools.noise import __main__ as noise
+from docs.tools.noise import counts, estimators
+from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, Condition
+from docs.tools.noise.estimators import ESTIMATORS, Answer, Case
+from docs.tools.noise.recordings import noisy_recording
+from experiments.data.errors import Errors
+from experiments.studies import competitors
+from experiments.studies.noise_processes import autoregressive
+from ident.errors import InputError
+from ident.mechanism.motion import Motion
+from ident.model.regressor import base_wrench_regressor
+
+PERSON, PENDULUM = SUBJECTS["person"], SUBJECTS["pendulum"]
+IXX2 = PERSON.parameters.names.index("Ixx2")
+
+
+@pytest.fixture(scope="module")
+def exact_person():
+    return noisy_recording(CONDITIONS["person_half_degree"], 0, 0).noise_free
+
+
+def states(who, recording):
+    return Motion(*recording.joint_states(who.mechanism.tree.joints))
+
+
+def scaled_errors(condition, estimator, recordings):
+    """Errors of Ixx2 in the estimator's own standard deviations (recordings,)."""
+    estimate, out = ESTIMATORS[condition.subject][estimator], []
+    for number in range(recordings):
+        answer = estimate(Case.drawn(condition, 0, number))
+        out.append(((answer.values - answer.true) / answer.std)[IXX2])
+    return np.array(out)
+
+
+@pytest.mark.slow
+def test_the_trajectory_estimate_is_right_where_least_squares_is_off_by_several_of_its_own():
+    condition = CONDITIONS["pendulum_x3"]
+    assert scaled_errors(condition, "ordinary", 4).mean() < -5
+    assert abs(scaled_errors(condition, "trajectory", 4).mean()) < 0.5
+
+
+def test_a_person_as_well():
+    condition = CONDITIONS["person_half_degree"]
+    assert scaled_errors(condition, "usual_filter", 1)[0] < -20
+    assert abs(scaled_errors(condition, "trajectory", 1)[0]) < 3
+
+
+def test_exact_states_give_the_truth_whatever_the_instruments():
+    recording = noisy_recording(CONDITIONS["pendulum_x1"], 0, 0).noise_free
+    who, motion = PENDULUM, states(PENDULUM, recording)
+    for instruments in (None, who.commanded, Motion(*(x + 0.1 for x in motion.states))):
+        psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
+        np.testing.assert_allclose(psi, who.true, atol=2e-3)
+
+
+def test_with_its_own_instruments_it_is_weighted_least_squares():
+    recording = noisy_recording(CONDITIONS["pendulum_x3"], 0, 0)
+    who, motion = PENDULUM, states(PENDULUM, recording)
+    psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=10)
+    Y = base_wrench_regressor(who.mechanism.tree, *motion.states, gravity=who.mechanism.gravity)
+    weights = np.repeat([1 / recording.noise["ground_force"], 1 / recording.noise["ground_torque"]], 3)[:, None]
+    rows = (Y[10:-10][..., list(who.parameters.kept)] * weights).reshape(-1, len(who.true))
+    expected = np.linalg.lstsq(rows, (recording.wrench("ground").values[10:-10] * weights.T).ravel(), rcond=None)[0]
+    np.testing.assert_allclose(psi, expected, rtol=1e-8, atol=1e-10)
+
+
+def test_instruments_take_away_the_bias_and_say_how_well():
+    condition = CONDITIONS["pendulum_x3"]
+    ratio = scaled_errors(condition, "instruments", 25)
+    assert abs(ratio.mean()) < 0.5
+    assert 0.7 < ratio.std() < 1.4
+
+
+def test_filters_and_splines_are_unbiased_without_noise(exact_person):
+    who, some = PERSON, slice(0, 1000)
+    part = {name: x[some] for name, x in exact_person.measured.items()}
+    recording = replace(exact_person, time=exact_person.time[some], measured=part, true={})
+    filtered = competitors.low_passed(who.mechanism, recording, competitors.USUAL)
+    assert filtered[1] == 25
+    for motion, edge in (filtered, competitors.splined(who.mechanism, recording)):
+        psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=edge)
+        np.testing.assert_allclose(psi[IXX2], who.true[IXX2], rtol=2e-3)
+
+
+def test_noise_is_as_large_and_as_correlated_as_it_says():
+    x = autoregressive(np.random.default_rng(0), 200_000, 0.95)
+    assert x.std() == pytest.approx(1, abs=0.03)
+    assert (x[1:] * x[:-1]).mean() == pytest.approx(0.95, abs=0.03)
+    for condition, decay in ((Condition("person", ""), 0.0), (Condition("person", "", scale=2, decay=0.9), 0.9)):
+        recording = noisy_recording(condition, 0, 0)
+        error = recording["hip_position"] - recording.true["hip_position"]
+        level = np.radians(0.5) * condition.scale
+        assert error.std() == pytest.approx(level, rel=0.2)
+        assert (error[1:] * error[:-1]).mean() / level**2 == pytest.approx(decay, abs=0.2)
+
+
+def test_a_number_is_one_motion_and_a_condition_its_sensors():
+    plain, scaled = (noisy_recording(CONDITIONS[f"pendulum_x{k}"], 0, 1) for k in (1, 10))
+    np.testing.assert_array_equal(plain.true["joint1_position"], scaled.true["joint1_position"])
+    np.testing.assert_array_equal(plain["ground_force"], scaled["ground_force"])
+    for kind in ("position", "velocity", "acceleration"):
+        errors = [each[f"joint2_{kind}"] - each.true[f"joint2_{kind}"] for each in (plain, scaled)]
+        np.testing.assert_allclose(errors[1], 10 * errors[0], atol=1e-12)
+    again, other = (noisy_recording(CONDITIONS["pendulum_x1"], 0, number) for number in (1, 2))
+    np.testing.assert_array_equal(again["joint1_position"], plain["joint1_position"])
+    assert (other.true["joint1_position"] != plain.true["joint1_position"]).any()
+
+
+def test_samples_are_missing_and_wrong():
+    missing = noisy_recording(CONDITIONS["pendulum_missing"], 0, 0)
+    assert 0.92 < len(missing.time) / 943 < 0.98
+    plain, wrong = (noisy_recording(CONDITIONS[f"pendulum_{kind}"], 0, 0) for kind in ("x1", "outliers"))
+    for name in ("joint1_position", "ground_force"):
+        assert 0.003 < (plain[name] != wrong[name]).mean() < 0.02
+    np.testing.assert_array_equal(plain["joint1_velocity"], wrong["joint1_velocity"])
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Replaces the trajectory estimate by quick estimators: half a minute of work in a second."""
+    some = {name: CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
+    cheap = {
+        "pendulum": {"ordinary": ESTIMATORS["pendulum"]["ordinary"], "trajectory": estimators.commanded_instruments},
+        "person": {"usual_filter": estimators.usual_filter, "trajectory": estimators.usual_filter},
+    }
+    for module in (noise, counts):
+        monkeypatch.setattr(module, "CONDITIONS", some)
+    monkeypatch.setattr(counts, "ESTIMATORS", cheap)
+
+
+@pytest.mark.usefixtures("short", "here")
+def test_the_command_writes_tables(tmp_path, capsys):
+    assert noise.main(["--out", str(tmp_path), "--recordings", "3"]) == 0
+    rows = list(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
+    labels = dict.fromkeys((row["noise"], row["estimator"]) for row in rows if row["subject"] == "pendulum")
+    assert list(labels) == [
+        (f"noise ×{k}", label) for k in (1, 3) for label in ("ordinary least squares", "trajectory estimate")
+    ]
+    rows = list(csv.DictReader((tmp_path / "table_parameters.csv").read_text().splitlines()))
+    row = next(each for each in rows if (each["noise"], each["parameter"]) == ("noise ×3", "Ixx2"))
+    assert float(row["true"]) == pytest.approx(PENDULUM.true[IXX2]) and float(row["bias"]) < -0.1
+    assert json.loads((tmp_path / "provenance.json").read_text())["options"]["recordings"] == 3
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("short", "here")
+def test_more_recordings_may_follow_than_were_asked_for_at_first(tmp_path, capsys):
+    command = ["--recordings", "2", "--out"]
+    assert noise.main([*command, str(tmp_path / "part")]) == 0
+    assert noise.main(["--recordings", "3", "--out", str(tmp_path / "part"), "--resume"]) == 0
+    assert noise.main(["--recordings", "3", "--out", str(tmp_path / "whole")]) == 0
+    tables = [(tmp_path / name / "table_parameters.csv").read_bytes() for name in ("part", "whole")]
+    assert tables[0] == tables[1]
+    assert "seed differ" in refusal(noise.main, [*command, str(tmp_path / "part"), "--seed", "1", "--resume"], capsys)
+
+
+@pytest.mark.usefixtures("short", "here")
+def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch):
+    asked = []
+
+    def refuses(case):
+        asked.append(case)
+        if len(asked) % 3 == 0:
+            raise InputError("No.")
+        true = case.subject.true
+        return Answer(case.subject.parameters.names, true + case.recording["ground_force"][0, 0], np.ones(13), true)
+
+    monkeypatch.setitem(counts.ESTIMATORS, "pendulum", {"trajectory": refuses})
+    assert noise.main(["--out", str(tmp_path), "--recordings", "6"]) == 0
+    first = next(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
+    assert (first["recordings"], first["refused"]) == ("4", "2")
+
+
+def test_errors_know_their_coverage():
+    errors = Errors(("a", "b"), np.array([[0.0, 3.0], [1.0, 1.0]]), np.ones((2, 2)))
+    np.testing.assert_array_equal(errors.coverage, [1, 0.5])
+    np.testing.assert_array_equal(errors.covered, [[True, False], [True, True]])
+    np.testing.assert_allclose(replace(errors, predicted=2 * np.ones((2, 2))).predicted_std, 2)

@@ -1,0 +1,260 @@
+"""Conditions of the study of noise beyond white noise on smooth motions: they are as described, and run."""
+
+import csv
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from commands import refusal
+
+import scenes
+from docs.tools.noise import __main__ as noise
+from docs.tools.noise import counts
+from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
+from docs.tools.noise.estimators import Case, identified
+from docs.tools.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
+from docs.tools.noise.truth import drawn_bodies, drives, truth
+from experiments.studies.noise_processes import flicker, quantised, random_walk, student
+from ident.estimation.preparation import prepared
+from ident.estimation.samples import Samples
+from ident.mechanism.motion import Motion
+from ident.parameters.prior import body_covariance
+from ident.recordings.servo import model_servo
+from ident.regression.ordinary import least_squares
+from sim.simulation.simulate import simulate
+
+ARM = SUBJECTS["arm"]
+NEW = {name: each for name, each in CONDITIONS.items() if each.options}
+RUBS = [name for name, each in NEW.items() if each.rubs]
+
+
+def shortened(name):
+    """A condition with the fewest samples that keep its meaning, for quick tests."""
+    condition = NEW[name]
+    most = {"rubs_sinusoids_200": 500, "rubs_trapezoids_100": 250, "rubs_trapezoids_500": 500}
+    most |= {"trapezoids_500": 600, "trapezoids_1000": 600, "trapezoids_1000_strong": 600, "random_walk": 250}
+    return replace(condition, samples=min(most.get(name, 400), condition.length))
+
+
+def test_every_kind_of_trouble_has_a_row():
+    assert {each.rate for each in NEW.values() if each.motion == "trapezoids" and not each.rubs} == {100, 500, 1000}
+    assert {each.rate for each in NEW.values() if each.motion == "trapezoids" and each.rubs} == {100, 200, 500}
+    assert {each.drift for each in NEW.values()} == {"", "flicker", "walk"}
+    assert all(each.length / each.rate >= 10 for each in NEW.values() if each.drift)
+    assert any(each.length <= 180 for each in NEW.values()) and any(any(each.steps) for each in NEW.values())
+    sensors = {each.sensors for each in NEW.values()}
+    assert {("torques", "wrench"), ("commands",), ("commands", "wrench"), ("tool",)} < sensors
+    assert all(each.options.get("known", False) is each.drawn for each in NEW.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NEW)
+def test_conditions_run_from_end_to_end(name, monkeypatch):
+    monkeypatch.setattr(counts, "CONDITIONS", {name: shortened(name)})
+    tasks = counts.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
+    collected = [counts.fits(0, task) for task in tasks]
+    for outcome in collected:
+        answer = outcome["trajectory"]
+        assert "refused" not in answer
+        numbers = [answer[key] for key in ("error", "std", "true", "std_setup")]
+        assert {len(each) for each in numbers} == {len(answer["names"])} and np.isfinite(numbers).all()
+        assert (np.array(answer["std_setup"]) >= np.array(answer["std"]) * (1 - 1e-9)).all()
+        assert any(each.startswith("Fc(") for each in answer["names"]) == (NEW[name].rubs or NEW[name].stribeck)
+    if len(tasks) > 1:
+        table = counts.table_coverage(counts.by_estimator(tasks, collected))
+        row = dict(zip(table.columns, table.rows[0], strict=True))
+        assert row["recordings"] == 2 and row["setup_reported"] in (0, 0.5, 1)
+
+
+@pytest.mark.parametrize("name", [name for name, each in NEW.items() if not each.rubs and each.subject != "payload"])
+def test_exact_states_give_the_truth(name):
+    condition = NEW[name]
+    recording, motion = exact_recording(condition, 0, 1)
+    arm, phi = SUBJECTS[condition.subject].mechanism, true_bodies(condition, 0, 1)
+    assert (phi != arm.known).any() == condition.drawn
+    equations = prepared(arm, noisy_recording(condition, 0, 1), drive=condition.options["drive"]).equations
+    # Unprepared: at jumps of the acceleration, prepared wrenches lack samples that look like outliers.
+    channels = [name for name in GROUND if "wrench" in condition.sensors]
+    channels += [f"{arm.tree.freedoms[k]}_torque" for k in equations.torques]
+    fit = least_squares(equations, Samples(motion, np.column_stack([recording.true[name] for name in channels])))
+    expected = truth(equations, phi, Case(condition, recording, phi).drives)
+    np.testing.assert_allclose(fit.values, expected, rtol=1e-6, atol=2e-3)
+
+
+def with_rates(seed, motion):
+    """MuJoCo's recording of the arm, with sensors of velocities and accelerations."""
+    spec = scenes.load("arm")
+    for joint in ARM.mechanism.tree.joints:
+        of = {"objtype": mujoco.mjtObj.mjOBJ_JOINT, "objname": joint}
+        spec.add_sensor(name=f"{joint}_velocity", type=mujoco.mjtSensor.mjSENS_JOINTVEL, **of)
+        own = spec.add_sensor(name=f"{joint}_acceleration", type=mujoco.mjtSensor.mjSENS_USER, dim=1, **of)
+        own.datatype, own.needstage = mujoco.mjtDataType.mjDATATYPE_REAL, mujoco.mjtStage.mjSTAGE_ACC
+    desired = MOTIONS[motion](np.random.default_rng(seed), 4, 6)
+    return simulate(spec, desired, samples=1200, rate=200, noise_scale=0)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_exact_states_of_an_arm_that_rubs_give_rotors_friction_and_base_parameters(motion):
+    """At velocities at which MuJoCo's friction, smoothed near rest, is complete."""
+    recording = with_rates(0, motion)
+    states = Motion(*recording.joint_states(ARM.mechanism.tree.joints))
+    channels = {k: x for k, x in recording.measured.items() if not k.startswith("ground")}
+    ready = prepared(
+        ARM.mechanism, replace(recording, measured=channels, true={}), drive=CONDITIONS[RUBS[0]].options["drive"]
+    )
+    sliding = (np.abs(states.dq) > 0.1).all(axis=1)
+    assert 100 < sliding.sum() < len(sliding)
+    fit = least_squares(ready.equations, Samples(states, ready.samples.measured)[sliding])
+    stated = drives(ARM.mechanism, scenes.load("arm").compile())
+    expected = truth(ready.equations, ARM.mechanism.known, stated)
+    np.testing.assert_allclose(fit.values, expected, atol=1e-9)
+    values = dict(zip(ready.equations.names, expected, strict=True))
+    assert values["Fc(shoulder)"] == 2 and values["Fv(turn)"] == 2 and values["Ia(wrist)"] == pytest.approx(0.03)
+    # The rotor of a joint with a fixed axis is inseparable from the link's inertia about it.
+    assert "Ia(turn)" not in values
+    links = dict(zip(ready.equations.names, ready.equations.parameters.regroup(ARM.mechanism.known), strict=False))
+    assert values["Izz2"] == pytest.approx(links["Izz2"] + 0.3)
+
+
+@pytest.mark.parametrize("name", ["trapezoids_100", "torques_and_wrench", "payload"])
+def test_motions_that_are_drawn_need_what_mujoco_says(name):
+    recording, motion = exact_recording(CONDITIONS[name], 0, 0)
+    spec = scenes.load("arm")
+    spec.body("tool").add_site(name="tool")
+    for channel, kind in zip(LOAD, (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE), strict=True):
+        spec.add_sensor(name=channel, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="tool")
+    model = spec.compile()
+    data, part = mujoco.MjData(model), {s: model.sensor(s) for s in (*GROUND, *LOAD) if s in recording.true}
+    for k in range(5, len(motion), 97):
+        data.qpos[:], data.qvel[:], data.qacc[:] = motion.q[k], motion.dq[k], motion.ddq[k]
+        mujoco.mj_inverse(model, data)
+        for channel, sensor in part.items():
+            read = data.sensordata[sensor.adr[0] : sensor.adr[0] + 3]
+            np.testing.assert_allclose(recording.true[channel][k], read, atol=1e-8)
+        if "turn_torque" in recording.true:
+            links = data.qfrc_inverse - model.dof_armature * data.qacc + data.qfrc_passive + data.qfrc_constraint
+            torques = recording.torques(ARM.mechanism.tree.joints)[k]
+            np.testing.assert_allclose(torques, links, atol=1e-8)
+
+
+def test_commands_beside_a_wrench_act_half_a_sample_later_than_they_are_logged():
+    """Viscous friction would be larger by kp times that half sample: more than twice of what it is."""
+    condition = replace(CONDITIONS["commands_sinusoids_plate"], samples=1000, gain=0.0)
+    answer = identified(Case.drawn(condition, 0, 0), "trajectory")
+    errors = dict(zip(answer.names, (answer.values - answer.true) / np.where(answer.true, answer.true, 1), strict=True))
+    assert max(abs(errors[f"{column}({joint})"]) for column in ("Fv", "Fc") for joint in ("turn", "shoulder")) < 0.15
+
+
+def test_servos_and_channels_are_misstated_as_their_recordings_say():
+    commands, gains = (Case.drawn(CONDITIONS[name], 0, 0) for name in ("commands_sinusoids_plate", "gains"))
+    model = {joint: model_servo(ARM.mechanism, joint) for joint in ARM.mechanism.tree.joints}
+    factors = [servo.kp / model[joint].kp for joint, servo in commands.recording.servos.items()]
+    assert set(commands.recording.scales.values()) == {0.05} and 0 < np.std(factors) < 0.15
+    plain = noisy_recording(replace(CONDITIONS["gains"], gain=0.0), 0, 0)
+    ratio = gains.recording.true["ground_force"] / plain.true["ground_force"]
+    np.testing.assert_allclose(ratio, ratio[:1].repeat(len(ratio), axis=0))
+    assert 0 < np.abs(ratio[0] - 1).max() < 0.04 and gains.recording.setup == {"gain": 0.01}
+
+
+def test_an_arm_that_rubs_sticks_where_it_reverses():
+    recording = with_rates(0, "trapezoids")
+    dq = np.column_stack([recording[f"{joint}_velocity"] for joint in ARM.mechanism.tree.joints])
+    # Servos work against breakaway friction: moves end, and joints rest.
+    assert (np.abs(dq) < 1e-3).mean() > 0.03 and np.abs(dq).max() > 1
+    torque = noisy_recording(CONDITIONS["rubs_trapezoids_100"], 0, 0)
+    error = torque["turn_torque"] - torque.true["turn_torque"]
+    assert error.std() == pytest.approx(0.015, rel=0.1)
+
+
+def test_bodies_are_drawn_as_they_are_known():
+    arm, rng = SUBJECTS["pendulum"].mechanism, np.random.default_rng(0)
+    off = np.array([drawn_bodies(arm, rng) for _ in range(1500)])[:, 20:] - arm.known[20:]
+    C = body_covariance(arm.known[20:])
+    scale = np.sqrt(np.diag(C))
+    np.testing.assert_allclose(off.T @ off / len(off) / np.outer(scale, scale), C / np.outer(scale, scale), atol=0.1)
+
+
+@pytest.mark.parametrize(("process", "power"), [(flicker, -1.0), (random_walk, -2.0)])
+def test_drifts_are_as_large_as_white_noise_and_fall_with_frequency(process, power):
+    x = process(np.random.default_rng(0), (4096, 50))
+    np.testing.assert_allclose(x.std(axis=0), 1)
+    np.testing.assert_allclose(x.mean(axis=0), 0, atol=1e-12)
+    spectrum = (np.abs(np.fft.rfft(x, axis=0)) ** 2).mean(axis=1)
+    low, high = spectrum[4:12].mean(), spectrum[256:768].mean()
+    assert np.log(high / low) / np.log(512 / 8) == pytest.approx(power, abs=0.15)
+
+
+def test_drift_stands_beside_the_white_noise_of_the_wrench():
+    plain, drifting = (noisy_recording(replace(CONDITIONS["flicker"], drift=d), 0, 0) for d in ("", "flicker"))
+    np.testing.assert_array_equal(plain["turn_position"], drifting["turn_position"])
+    for channel, level in (("ground_force", 0.5), ("ground_torque", 0.05)):
+        added = drifting[channel] - plain[channel]
+        np.testing.assert_allclose(added.std(axis=0), level)
+
+
+def test_tails_are_heavy_and_readings_in_steps():
+    x = student(np.random.default_rng(0), (200_000,), 3)
+    assert x.std() == pytest.approx(1, abs=0.15)
+    assert (np.abs(x) > 4).mean() > 20 * 6e-5
+    heavy = noisy_recording(CONDITIONS["student"], 0, 0)
+    assert np.abs(heavy["ground_force"] - heavy.true["ground_force"]).max() > 6 * 0.5
+    np.testing.assert_allclose(quantised(np.array([0.14, 0.16, -0.5]), 0.3), [0, 0.3, -0.6])
+    read = noisy_recording(CONDITIONS["quantised"], 0, 0)
+    steps = read["ground_force"] / 0.3
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert len(np.unique(read["joint1_position"])) < len(read.time) < len(np.unique(read["ground_torque"])) * 20
+
+
+def answer(names, error, std, wide, setup=()):
+    """An answer in the form of workers."""
+    true = np.full(len(names), 2.0).tolist()
+    return {"names": names, "error": error, "std": std, "true": true, "std_setup": wide, "setup": list(setup)}
+
+
+def test_tables_count_what_was_answered():
+    name, names = "rubs_trapezoids_100", ["Izz2", "Fc(turn)"]
+    outcomes = [
+        {"trajectory": answer(names, [0.5, 0.02], [1.0, 0.01], [1.0, 0.04])},
+        {"trajectory": answer(names, [-1.5, -0.04], [1.0, 0.01], [1.0, 0.01], ["delay(ground)"])},
+        {"trajectory": answer(names[:1], [0.0], [1.0], [1.0])},
+        {"trajectory": {"refused": "No."}},
+    ]
+    answers = counts.by_estimator(counts.tasks(4, [name]), outcomes)
+    table = counts.table_coverage(answers)
+    cells, *kinds = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
+    assert (cells["coverage_95"], cells["lowest_coverage_95"], cells["setup_coverage_95"]) == (0.5, 0, 0.75)
+    assert cells["rms_z"] == pytest.approx(np.sqrt((0.5**2 + 1.5**2 + 2**2 + 4**2) / 4))
+    assert cells["error_over_std"] == pytest.approx(cells["rms_z"])
+    assert (cells["setup_reported"], cells["recordings"], cells["refused"]) == (0.5, 2, 2)
+    assert [(x["kind"], x["coverage_95"], x["setup_coverage_95"]) for x in kinds] == [
+        ("base parameter", 1, 1),
+        ("Fc", 0, 0.5),
+    ]
+    drive = counts.table_parameters(answers).rows[1]
+    assert drive[2:6] == ("Fc(turn)", 2.0, pytest.approx(-0.01), pytest.approx(np.sqrt((0.02**2 + 0.04**2) / 2)))
+    assert counts.reported(answers) == {name: {"delay(ground)": 1}}
+
+
+def test_intervals_without_width_are_no_number():
+    flat = answer(["Fc(turn)"], [0.1], [0.0], [0.0])
+    name = "rubs_trapezoids_100"
+    answers = counts.by_estimator(
+        counts.tasks(2, [name]), [{"trajectory": flat}, {"trajectory": flat | {"error": [0.2]}}]
+    )
+    (row,) = counts.table_coverage(answers).rows
+    assert row[7] is None and row[8] is None and row[4] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("here")
+def test_some_conditions_may_be_chosen(tmp_path, capsys):
+    command = ["--recordings", "2", "--conditions", "short", "bodies_drawn_x10", "--out", str(tmp_path)]
+    assert noise.main(command) == 0
+    rows = list(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
+    assert list(dict.fromkeys(row["noise"] for row in rows)) == ["180 samples", "bodies drawn, ×10, 1.5 s"]
+    # A run is resumed with the same conditions only.
+    assert noise.main([*command, "--resume"]) == 0
+    others = ["--recordings", "2", "--conditions", "short", "--resume", "--out", str(tmp_path)]
+    assert "conditions differ" in refusal(noise.main, others, capsys)
+    assert "Conditions are pendulum_x1, pendulum_x3" in refusal(noise.main, ["--conditions", "long"], capsys)

@@ -1,0 +1,94 @@
+"""The validation's page, README.md and paper.md show the run on record, and the registry's untried recordings."""
+
+import json
+import re
+
+import pytest
+from test_readme import DOCS, ROOT, block, page
+
+from docs.tools import pages as blocks
+from docs.tools import validation
+from ident.errors import InputError
+
+pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has docs")
+
+
+@pytest.fixture(scope="module")
+def shown():
+    return validation.shown_study(json.loads(page(validation.FILE)))
+
+
+def test_the_page_shows_the_run_on_record(shown):
+    for name, content in validation.page_blocks(shown).items():
+        assert block("validation.md", name) == content, name
+
+
+@pytest.mark.parametrize("name", ["README.md", "paper.md"])
+def test_the_summaries_are_those_of_the_run_on_record(name, shown):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    assert f"<!-- validation -->\n{validation.sentence(shown)}<!-- end validation -->" in text
+
+
+def test_the_page_says_where_it_loses(shown):
+    losing = [each.entry.title for each in shown if (each.against_best > 1.05).any()]
+    worse = block("validation.md", "worse")
+    assert losing and all(f"| {title} | {loss.channel} | {loss.own:.3f} |" in worse for title, loss in _losses(shown))
+    assert {title for title, _ in _losses(shown)} == set(losing)
+    for each in shown:
+        for name, z in each.outside.items():
+            assert f"{each.entry.title} {name} (z {z:+.1f})" in worse
+        for goal in each.goals:
+            assert goal.met or f"| {each.entry.title} | {goal.what} |" in worse
+
+
+def _losses(shown):
+    return [(each.entry.title, loss) for each in shown for loss in each.losses]
+
+
+def test_verdicts_are_words_in_the_table_and_folded_sentences(shown):
+    verdicts = block("validation.md", "verdicts")
+    assert verdicts.startswith("<details><summary>Verdicts in words</summary>")
+    assert verdicts.count("<li>") == len(shown.validations)
+    assert "Usable to" not in block("validation.md", "sentences") + block("validation.md", "recordings")
+    for each in shown:
+        assert f"<li>{each.entry.title}: " in verdicts and f" {each.outcome} |" in block("validation.md", "recordings")
+
+
+def test_what_was_not_published_is_a_dash(shown):
+    rows = block("validation.md", "was published").splitlines()
+    assert not any(each.entry.held_out for each in shown)
+    assert sum("| — |" in row for row in rows) == len(shown.validations)
+
+
+def test_what_the_paper_says_of_the_pendulum_in_steel_is_so(shown):
+    steel = shown.validations["double_pendulum"]
+    outside = [each.name for each in steel.entry.published if abs(steel.published_z(each)) > 1.96]
+    assert not outside and (steel.against_best < 1.05).all()
+    friction = [each.values[each.names.index("Fc(Joint1)")] for each in steel.trials.values()]
+    assert max(friction) - min(friction) > 0.1
+
+
+def test_untried_recordings_are_listed_without_numbers(shown):
+    listed = re.findall(r"^\| `(\w+)`", block("validation.md", "untried"), re.MULTILINE)
+    assert listed == [entry.name for entry in shown.untried] and len(listed) >= 6
+    assert not set(listed) & set(shown.validations)
+
+
+def test_a_new_run_takes_the_place_of_the_one_shown_unless_recordings_are_missing(tmp_path):
+    numbers = json.loads(page(validation.FILE))
+    for folder in ("docs", "results/validate"):
+        (tmp_path / folder).mkdir(parents=True)
+    validation.write_record(tmp_path / "docs" / validation.FILE, numbers)
+    assert validation.results(tmp_path) == numbers
+    (tmp_path / "docs" / "validation.md").write_text(page("validation.md"), encoding="utf-8")
+    for name in ("README.md", "paper.md"):
+        (tmp_path / name).write_text((ROOT / name).read_text(encoding="utf-8"), encoding="utf-8")
+    changed = {**numbers, "recordings": {name: {**x, "seconds": 1.0} for name, x in numbers["recordings"].items()}}
+    (tmp_path / "results" / "validate" / "summary.json").write_text(json.dumps(changed), encoding="utf-8")
+    blocks.write_validation(tmp_path, validation.results(tmp_path))
+    assert json.loads((tmp_path / "docs" / validation.FILE).read_text(encoding="utf-8")) == changed
+    assert (tmp_path / "docs" / "validation.svg").read_bytes().startswith(b"<?xml")
+    del changed["recordings"]["walker"]
+    (tmp_path / "results" / "validate" / "summary.json").write_text(json.dumps(changed), encoding="utf-8")
+    with pytest.raises(InputError, match="has no walker: run it on all"):
+        validation.results(tmp_path)
