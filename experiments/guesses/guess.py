@@ -86,7 +86,7 @@ def believed(
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
         of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
     placed = {*belief.of("position"), *(key.removeprefix("joints.") for key in belief.poses)}
-    following = {j: lead.joint for j, lead in mechanism.mimics.items() if j not in placed and lead.joint in placed}
+    following = mechanism.determined(placed)
     belief.notes += [f"'{joint}' follows '{lead}', as the model couples them." for joint, lead in following.items()]
     lacking = [joint for joint in mechanism.joints if joint not in placed and joint not in following]
     belief.complete = not lacking
