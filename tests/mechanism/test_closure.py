@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, by_mujoco, closed, opened, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, opened, text
 
 import ident
 import sim
@@ -112,6 +112,26 @@ def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
     estimate = ident.identify(read(FOUR_BAR), log | noisy, drive=())
     distance = (estimate.psi - estimate.base.regroup(phi)) / estimate.std_setup
     assert estimate.verdict().usable and abs(distance).max() < 4
+
+
+def test_a_parallel_gripper_is_weighed_from_a_wrist():
+    arm, rng, t = read(WRIST), np.random.default_rng(0), np.arange(800) / 100
+    waves = {"lift": (0.8, 0.3), "bend": (0.9, 0.3), "roll": (1.2, 0.4), "left_driver": (0.35, 0.12)}
+    own = {name: list(swings(t + k, a, [1.1 + k / 3, 2.9 + k / 3])) for k, (name, a) in enumerate(waves.items())}
+    part = arm.beyond("palm")
+    moving = part.following(part.mimics).closed(["left_finger", "left_link", "right_finger", "right_link"])
+    base = moving.carrier.motion(*(np.hstack([own[name][k] for name in moving.carrier.joints]) for k in range(3)))
+    phi = part.known.reshape(-1, 10).copy()
+    # Heavier fingers than in the model.
+    phi[[part.bodies.index("left_finger"), part.bodies.index("right_finger")]] *= 1.6
+    Y = base_wrench_regressor(moving.tree, *own["left_driver"], gravity=part.gravity, base=base)
+    wrench = Y @ phi.ravel() + rng.normal(size=(len(t), 6)) * [0.05, 0.05, 0.05, 0.003, 0.003, 0.003]
+    log = {"time": t} | {f"{name}_position": x[0][:, 0] + 2e-4 * rng.normal(size=len(t)) for name, x in own.items()}
+    log |= dict(zip([f"ground_{letter}{x}" for letter in "fm" for x in "xyz"], wrench.T, strict=True))
+    estimate = ident.identify(part, ident.read_log(log, arm))
+    distance = (estimate.psi - estimate.base.regroup(phi.ravel())) / estimate.std_setup
+    assert estimate.verdict().usable and abs(distance).max() < 4
+    assert abs(estimate["m1"].value - phi[:, 0].sum()) < 0.02 * phi[:, 0].sum()
 
 
 @pytest.mark.parametrize("estimator", ["ordinary", "trajectory"])
