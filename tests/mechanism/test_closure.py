@@ -201,6 +201,13 @@ def test_loops_are_not_excited():
         problem(read(FOUR_BAR), None, sensors="torque")
 
 
+def test_parts_have_their_own_loops():
+    arm = read(WRIST)
+    assert arm.beyond("palm").in_loops == arm.in_loops
+    with pytest.raises(ModelError, match="constraint 'left_pin' is between a body of this part and one outside it"):
+        arm.beyond("left_driver")
+
+
 def test_joints_that_follow_from_those_with_a_column_are_determined():
     assert opened("gripper").determined({"left_driver"}).keys() == {*opened("gripper").tree.joints} - {"left_driver"}
     assert opened("five-bar").determined({"crank", "right"}) == dict.fromkeys(("rod", "arm"), "crank, right")
