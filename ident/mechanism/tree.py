@@ -323,7 +323,7 @@ class Tree:
         own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
         G = self.closure.slopes(self._of_part(own), self.started(q)[..., self.size :])
         names = [name for name in self.closure.part.freedoms if name not in self.dependent]
-        nothing = 0.0 * G[..., :1]
+        nothing = np.zeros((*G.shape[:-1], 1))
         return np.concatenate(
             [G[..., k : k + 1] if k >= 0 else nothing for k in _places(names, self.freedoms)], axis=-1
         )

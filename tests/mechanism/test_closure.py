@@ -169,7 +169,11 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimato
             log_of([SWING, SWING], ("crank", "rod")),
             "The loops of 'far' cannot be closed in the model's posture: ",
         ),
-        (FOUR_BAR, log_of([SWING], more={"rod_torque": SWING}), "Loops make 'rod' depend on crank, driven as well"),
+        (
+            FOUR_BAR,
+            log_of([SWING], more={"rod_torque": SWING}),
+            "Loops make 'rod' depend on crank: its torque or command cannot be used. Log its",
+        ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
         (
             FOUR_BAR.replace('name="rod" axis="0 1 0"', 'name="rod" type="ball"'),
@@ -199,6 +203,16 @@ def test_a_column_of_a_dependent_joint_is_compared_with_the_loops():
 def test_loops_are_not_excited():
     with pytest.raises(ModelError, match=r"joints of a tree; crank, rod, rocker are coupled by pin\. Name others"):
         problem(read(FOUR_BAR), None, sensors="torque")
+
+
+def test_a_joint_that_a_weld_locks_rests():
+    arm = read(text(CRANK, '<weld name="glue" body1="crank" body2="rod"/>'))
+    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
+    assert ready.mechanism.tree.dependent == ("rod",) and ready.equations.parameters.rank == 3
+    welded = arm.fixed({"rod": [0.0]})
+    states = np.random.default_rng(0).normal(size=(3, 7, 1))
+    Y, expected = (base_wrench_regressor(each.tree, *states, gravity=arm.gravity) for each in (ready.mechanism, welded))
+    np.testing.assert_allclose(Y, expected, atol=1e-12)
 
 
 def test_parts_have_their_own_loops():
