@@ -6,8 +6,8 @@ from typing import Any
 
 from experiments.data.study_file import Model, Scene
 from ident.errors import InputError
+from ident.files.entries import check_keys, table
 from ident.files.table import short
-from ident.recordings.columns.entries import check_keys, table
 from ident.tolerances import HUGE
 
 

@@ -25,8 +25,8 @@ from experiments.studies.study_displays import (
     usual,
 )
 from ident.errors import InputError
+from ident.files.entries import check_keys, table
 from ident.files.limits import toml
-from ident.recordings.columns.entries import check_keys, table
 from ident.tolerances import HUGE
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 
