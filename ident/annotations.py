@@ -51,7 +51,7 @@ class Needs:
 
 def one_of(choices: Collection[str]) -> Needs:
     """Condition that a text is one of the choices."""
-    return Needs(f"one of {', '.join(choices)}", lambda x: x in choices)
+    return Needs(f"one of {', '.join(choices) or 'none'}", lambda x: x in choices)
 
 
 Positive = Annotated[float, Needs("a number above 0", lambda x: x > 0)]
