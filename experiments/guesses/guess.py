@@ -52,24 +52,10 @@ def believed(
     if belief.flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
         of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
-<<<<<<< HEAD
-    placed = {*belief.of("position"), *(key.removeprefix("joints.") for key in belief.poses)}
-    following = mechanism.determined(placed)
-    belief.notes += [f"'{joint}' follows '{lead}', as the model couples them." for joint, lead in following.items()]
-    lacking = [joint for joint in mechanism.joints if joint not in placed and joint not in following]
-    belief.complete = not lacking
-    if (absent := [joint for joint in lacking if joint not in belief.undecided]) and not log.markers:
-        listed, fixed = ", ".join(map(repr, absent)), " ".join(f"--fix {shlex.quote(joint)}" for joint in absent)
-        belief.open.append(f"No column looks like the position of {listed}; {fixed} leaves out what rests.")
-    if not lacking and mechanism.prior is not None:
-        check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
-    add_commands(belief, log, axes)
-=======
     _complete(belief)
     if belief.complete and mechanism.prior is not None:
         check_wrenches_and_torques(belief, limit, axes=axes and belief.can_predict)
     add_commands(belief)
->>>>>>> h-guesses
     asked = belief.undecided or belief.torques_undecided or log.markers
     if not (asked or belief.groups or belief.of("torque") or belief.of("command")):
         belief.notes.append("The log has no wrench, torque or commanded position, of which `identify` needs one.")
@@ -99,8 +85,7 @@ def _check(belief: Belief, by_size: list[str], limit: int) -> bool:
 def _complete(belief: Belief) -> None:
     """Asks for joints without positions, unless they follow others."""
     placed = {*belief.of("position"), *(key.removeprefix("joints.") for key in belief.poses)}
-    mimics = {joint: lead.joint for joint, lead in belief.mechanism.mimics.items()}
-    following = {joint: lead for joint, lead in mimics.items() if joint not in placed and lead in placed}
+    following = belief.mechanism.determined(placed)
     belief.notes += [f"'{joint}' follows '{lead}', as the model couples them." for joint, lead in following.items()]
     lacking = [joint for joint in belief.mechanism.joints if joint not in placed and joint not in following]
     belief.complete = not lacking
