@@ -1,7 +1,6 @@
 """Public recordings of real systems, as the registry has them, and the results of the validation on them."""
 
 import re
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -12,17 +11,8 @@ import numpy as np
 from ident.annotations import typed
 from ident.errors import InputError
 from ident.files.table import short
-
-from ident.annotations import typed
-from ident.errors import InputError
-from ident.files.table import short
 from ident.tolerances import INTERVAL
 
-NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
-"""Form of the name of a file or folder, which no system takes for a path."""
-
-
-@typed()
 NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
 """Form of the name of a file or folder, which no system takes for a path."""
 
@@ -46,7 +36,6 @@ class Source:
 
 
 @typed()
-@typed()
 @dataclass(frozen=True)
 class SourceFile:
     """A file of a recording.
@@ -69,7 +58,6 @@ class SourceFile:
 
 
 @typed("std")
-@typed()
 @dataclass(frozen=True)
 class Published:
     """A published parameter.
@@ -88,7 +76,6 @@ class Published:
 
 
 @typed("median", "worse")
-@typed()
 @dataclass(frozen=True)
 class Reference:
     """Results of earlier work on a recording, as goals; the identification does not see them.
@@ -108,7 +95,6 @@ class Reference:
     worse: float = float("nan")
 
 
-@typed()
 @typed()
 @dataclass(frozen=True)
 class Entry:
