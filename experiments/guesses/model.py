@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.guesses.belief import Belief
+from experiments.guesses.names import assigned
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.recorded_motion import joint_states
@@ -124,14 +125,24 @@ class Model:
         zero = np.zeros(len(next(iter(self.levels.values()))))
         return np.stack([self.levels.get(name, zero) for name in names], axis=1)
 
-    def likeness(self, names: Sequence[str], predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[str]]:
-        """Squared correlations of columns with the predicted channels that change, and these channels' names."""
+    def matched(
+        self, names: Sequence[str], predicted: Mapping[str, np.ndarray], wanted: Iterable[str], least: float = 0.0
+    ) -> dict[str, tuple[str, float]]:
+        """Columns by predicted channel, with the largest sum of squared correlations, and these if above the least."""
         largest = max(float(np.ptp(x)) for x in predicted.values())
-        moving = {name: x for name, x in predicted.items() if np.ptp(x) > STILL * largest}
+        moving = [channel for channel in wanted if np.ptp(predicted[channel]) > STILL * largest]
         if not names or not moving:
-            return np.zeros((len(names), len(moving))), list(moving)
-        both = np.corrcoef(np.array([*(self.levels[name] for name in names), *moving.values()]))
-        return np.nan_to_num(both[: len(names), len(names) :]) ** 2, list(moving)
+            return {}
+        x = [*(self.levels[name] for name in names), *(predicted[channel] for channel in moving)]
+        like = np.nan_to_num(np.corrcoef(np.array(x))[: len(names), len(names) :]) ** 2
+        pairs = {moving[k]: (names[i], float(like[i, k])) for i, k in assigned(like)[1]}
+        return {channel: pair for channel, pair in pairs.items() if pair[1] > least}
+
+    def agreement(self, names: Sequence[str], predicted: Mapping[str, np.ndarray], wanted: Sequence[str]) -> float:
+        """Mean squared correlation of predicted channels with columns, each with its own."""
+        largest = max(float(np.ptp(x)) for x in predicted.values())
+        moving = [channel for channel in wanted if np.ptp(predicted[channel]) > STILL * largest]
+        return sum(share for _, share in self.matched(names, predicted, wanted).values()) / max(len(moving), 1)
 
     def wrenches(self, states: States) -> dict[str, np.ndarray]:
         """Wrench that each joint's child exchanges with its parent, in the child's frame, by the body's name (M, 6)."""
