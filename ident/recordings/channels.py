@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
+from ident.files.entries import value_of
 from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
@@ -16,7 +17,7 @@ from ident.recordings.followers import moved, with_followers
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.times import POSES
 from ident.recordings.turns import turns_of, with_continuous_angles
-from ident.recordings.wrench import GROUND, Sensor, sensors_of
+from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
 SUGGESTION = " `multicontact columns MODEL LOG` writes a mapping to correct; in Python, columns= takes one."
@@ -64,7 +65,10 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             "a log needs a column of times, named time or t or mapped, or in the mapping its samples per second, as in "
             f"rate = 100; {table.available()}.{POSES}{suggestion}"
         )
-    for sensor, place in {GROUND: Sensor(), **sensors_of(table.metadata.get("sensors", {}))}.items():
+    for sensor, place in {
+        GROUND: Sensor(),
+        **value_of("sensors", table.metadata.get("sensors", {}), Mapping[str, Sensor]),
+    }.items():
         parts = {
             f"wrenches.{sensor}.{kind}": tuple(
                 _named(table, f"the {kind} of '{sensor}'", (f"{sensor}_{kind}.{c}", f"{sensor}_{letter}{c}"))

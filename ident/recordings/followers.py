@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.errors import LogError, ModelError
+from ident.errors import LogError
 from ident.files.column import Columns, Sum, combined
-from ident.files.table import short
 from ident.mechanism.follower import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
@@ -101,23 +100,6 @@ def follower_notes(followers: Mapping[str, Follower]) -> list[str]:
         f"'{joint}' follows '{lead.joint}': {joint} = {_polynomial(lead)}. A torque of '{lead.joint}' moves both."
         for joint, lead in followers.items()
     ]
-
-
-def followers_of(entries: Mapping[str, Any]) -> dict[str, Follower]:
-    """Followers from the metadata of a saved recording, by joint.
-
-    Raises:
-        LogError: An entry is none.
-    """
-    out = {}
-    for joint, entry in entries.items():
-        try:
-            out[joint] = Follower(str(entry["joint"]), tuple(map(float, entry["coefficients"])))
-        except (KeyError, TypeError, ValueError, ModelError):
-            raise LogError(
-                f"the follower '{short(joint)}' needs the name of a joint and coefficients, got {short(entry)}."
-            ) from None
-    return out
 
 
 def _sharing(columns: Mapping[str, Columns], joints: Mapping[str, str]) -> dict[str, Follower]:

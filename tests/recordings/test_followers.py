@@ -1,5 +1,7 @@
 """Joints that share a column, or that the model couples and the log lacks, follow another one exactly."""
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,8 +12,8 @@ import sim
 from experiments.studies.identification import prepare
 from ident.errors import LogError
 from ident.estimation.preparation import prepared
+from ident.files.entries import value_of
 from ident.mechanism.follower import Follower
-from ident.recordings.followers import followers_of
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
@@ -160,8 +162,8 @@ def test_followers_are_saved_with_a_recording(tmp_path, end):
     log.save(tmp_path / f"saved.{end}")
     assert Recording.load(tmp_path / f"saved.{end}").followers == log.followers
     for entry in (3, {"joint": "left"}, {"joint": "left", "coefficients": ["x"]}, {"joint": "a", "coefficients": []}):
-        with pytest.raises(LogError, match="the follower 'tip' needs the name of a joint and coefficients, got"):
-            followers_of({"tip": entry})
+        with pytest.raises(LogError, match=r"followers.tip.* needs (a table|coef|a number|finite)"):
+            value_of("followers", {"tip": entry}, Mapping[str, Follower])
 
 
 @pytest.mark.parametrize(
