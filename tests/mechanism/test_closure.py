@@ -114,6 +114,7 @@ def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
     assert estimate.verdict().usable and abs(distance).max() < 4
 
 
+@pytest.mark.slow
 def test_a_parallel_gripper_is_weighed_from_a_wrist():
     arm, rng, t = read(WRIST), np.random.default_rng(0), np.arange(800) / 100
     waves = {"lift": (0.8, 0.3), "bend": (0.9, 0.3), "roll": (1.2, 0.4), "left_driver": (0.35, 0.12)}
@@ -134,7 +135,7 @@ def test_a_parallel_gripper_is_weighed_from_a_wrist():
     assert abs(estimate["m1"].value - phi[:, 0].sum()) < 0.02 * phi[:, 0].sum()
 
 
-@pytest.mark.parametrize("estimator", ["ordinary", "trajectory"])
+@pytest.mark.parametrize("estimator", ["ordinary", pytest.param("trajectory", marks=pytest.mark.slow)])
 def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimator):
     arm, t = closed("driven"), np.arange(500) / 100
     q, dq, ddq = swings(t, [1.2, 0.5, 0.2], [1.5, 4.3, 7.9])
