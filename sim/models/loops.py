@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ident.geometry.se3 import pose
 from ident.mechanism.constraint import Coincidence, Constraint, Relation
 from ident.mechanism.loops import Constraints
 from ident.mechanism.tree import Tree
+from sim.models.mujoco_model import placed_pose
 from sim.models.names import joint_name, name_of
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
@@ -63,11 +63,11 @@ def _coincidence(model: mujoco.MjModel, e: int, name: str) -> Coincidence:
     whole, data, ids = model.eq_type[e] == _WELD, model.eq_data[e], (model.eq_obj1id[e], model.eq_obj2id[e])
     if model.eq_objtype[e] == _SITE:
         bodies = [int(model.site_bodyid[k]) for k in ids]
-        places = [pose(_matrix(model.site_quat[k]), model.site_pos[k]) for k in ids]
+        places = [placed_pose(model.site_pos[k], model.site_quat[k]) for k in ids]
     else:
-        bodies, one = [int(k) for k in ids], np.eye(3)
+        bodies, one = [int(k) for k in ids], np.eye(4)[0]
         points = (data[3:6], data[:3]) if whole else (data[:3], data[3:6])
-        places = [pose(_matrix(data[6:10]) if whole else one, points[0]), pose(one, points[1])]
+        places = [placed_pose(points[0], data[6:10] if whole else one), placed_pose(points[1], one)]
     names = [name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) for b in bodies]
     own = [tuple(place.ravel().tolist()) for place in places]
     return Coincidence(name, (names[0], names[1]), (own[0], own[1]), bool(whole))
@@ -93,9 +93,3 @@ def _carried(model: mujoco.MjModel, j: int) -> str:
     body = name_of(model, mujoco.mjtObj.mjOBJ_BODY, b)
     last = j == model.body_jntadr[b] + model.body_jntnum[b] - 1
     return body if last else f"{body}:{joint_name(model, j)}"
-
-
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    out = np.zeros(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)
