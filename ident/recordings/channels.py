@@ -15,6 +15,7 @@ from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.followers import with_followers
 from ident.recordings.sampled import AS_MEASURED
+from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
 from ident.recordings.turns import turns_of, with_continuous_angles
 from ident.recordings.wrench import GROUND, Sensor
@@ -169,7 +170,7 @@ def read_channels(
     for key, x in channels.items():
         if key == "base.quaternion" or (key.startswith("joints.") and key.endswith(".position") and x.shape[1] == 4):
             channels[key] = _continuous(table, key, x)
-    return channels
+    return about_origins(table, channels, mapping.plates, notes, gaps=gaps)
 
 
 def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool) -> np.ndarray:
