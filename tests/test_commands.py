@@ -16,7 +16,7 @@ from docs.tools.noise.conditions import CONDITIONS
 from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
-from ident.files.entries import value_of
+from ident.files.schema import value_of
 from ident.recordings.commands import with_servos
 from ident.recordings.servo import Scale, Servo
 from ident.setup import PRIORS

@@ -9,10 +9,10 @@ import numpy as np
 
 from experiments.guesses.clock import ROWS, Clock, clock_of
 from ident.errors import LogError
-from ident.files.counted import counted
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
+from ident.files.selection import counted
 from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times

@@ -16,8 +16,7 @@ from ident.annotations import Needs
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import METADATA, Memory, Table, is_number, short, vector_columns
-from ident.files.text_block import Block
-from ident.files.text_file import Text, opened_text
+from ident.files.text_file import Block, Text, opened_text
 
 DELIMITERS = ";\t,"
 """Delimiters in order of preference: the first that occurs in the header, or else spaces. Decimal commas are accepted

@@ -12,11 +12,11 @@ from malformed_logs import DQ, GROUND_COLUMNS, PLAIN, N, Q, T, text
 
 from ident.errors import LogError
 from ident.files.column import Columns, Sum, joints_behind_motors
-from ident.files.entries import value_of
+from ident.files.schema import value_of
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.couplings import Row, couplings
+from ident.recordings.columns.entries import Row, couplings
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.recording import Recording
 

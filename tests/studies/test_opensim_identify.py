@@ -15,7 +15,7 @@ from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.anthropometry import TABLES
-from ident.recordings.columns.segments import read_segments
+from ident.recordings.columns.entries import read_segments
 from ident.recordings.log import read_log
 from ident.setup import PRIORS
 from sim.models.notes import ModelNote
