@@ -1,18 +1,21 @@
 """A server on this machine that sends files, whole or until it breaks off."""
 
 import threading
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
 @contextmanager
-def server(contents, *, status=200, whole=None):
+def server(contents, *, status=200, whole=None, location=None, pause=0.0):
     """Address of a server, and the files that it is asked for.
 
     Args:
         contents: What it sends, for all paths or by the last part of the path.
         status: Status of its answers.
         whole: Bytes that it says it sends; then it breaks off.
+        location: Address to which it redirects.
+        pause: Time between the bytes that it sends, s; 0 to send them at once.
     """
     asked = []
 
@@ -23,8 +26,13 @@ def server(contents, *, status=200, whole=None):
             asked.append(name)
             self.send_response(status)
             self.send_header("Content-Length", str(whole or len(content)))
+            if location is not None:
+                self.send_header("Location", location)
             self.end_headers()
-            self.wfile.write(content)
+            with suppress(ConnectionError):
+                for k in range(0, len(content), 1 if pause else len(content) or 1):
+                    self.wfile.write(content[k : k + 1] if pause else content)
+                    time.sleep(pause)
 
         def log_message(self, *_):
             pass

@@ -57,7 +57,7 @@ class SourceFile:
     converter: str = ""
 
 
-@typed()
+@typed("std")
 @dataclass(frozen=True)
 class Published:
     """A published parameter.
@@ -75,7 +75,7 @@ class Published:
     source: str = ""
 
 
-@typed()
+@typed("median", "worse")
 @dataclass(frozen=True)
 class Reference:
     """Results of earlier work on a recording, as goals; the identification does not see them.

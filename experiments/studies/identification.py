@@ -116,7 +116,7 @@ def prepare(
     felt = [owners[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
         members = mechanism_bodies(arm.source.model, base)
-        check_torques(arm.source.model, members, model.get("ignore", ()), felt, ready.recording.followers)
+        check_torques(arm.source.model, members, model.get("ignore", ()), felt)
     return ready
 
 

@@ -13,7 +13,7 @@ from ident.files.schema import value_of
 from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
-from ident.recordings.followers import with_followers
+from ident.recordings.followers import moved, with_followers
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
@@ -51,7 +51,9 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
                 columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
         if joint_kind != "ball" and (command := COMMAND.format(joint)) in table.cells:
             columns.setdefault(f"joints.{joint}.command", Columns((command,)))
-        if not all(columns[f"joints.{joint}.position"].names) and joint not in mapping.followers:
+    depends = moved(replace(mapping, columns=columns), mapping.mechanism).tree.dependent if mapping.mechanism else ()
+    for joint, joint_kind in joints.items():
+        if not all(columns[f"joints.{joint}.position"].names) and joint not in (*mapping.followers, *depends):
             names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"
             raise NoPositionError(
                 f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "

@@ -2,11 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import Columns, Sum, combined
 from ident.mechanism.follower import Follower
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
+
+if TYPE_CHECKING:
+    from ident.recordings.recording import Recording
 
 MOTION = ("position", "velocity", "acceleration")
 """Quantities of a joint that a follower has from its leader."""
@@ -42,6 +49,49 @@ def with_followers(mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnM
             weights, parts = zip(*((w, each) for w, each in terms if each.read), strict=True)
             columns[f"joints.{lead.joint}.torque"] = combined(weights, parts)
     return replace(mapping, columns=columns, followers=followers)
+
+
+def moved(mapping: ColumnMapping, mechanism: Mechanism) -> Mechanism:
+    """The mechanism in which joints without a column follow others, or depend on them by loops.
+
+    Raises:
+        ModelError: As for `Mechanism.closed`.
+    """
+    lacking = [joint for joint in mechanism.tree.joints if not _position(mapping.columns, joint).read]
+    driven = [joint for joint in mechanism.tree.joints if _is_driven(mapping.columns, joint)]
+    followers = {joint: lead for joint, lead in mapping.followers.items() if joint in lacking}
+    return mechanism.following(followers).closed(lacking, driven)
+
+
+def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, list[str]]:
+    """The mechanism as it moves in a recording, with its loops closed along it, and sentences on these.
+
+    Raises:
+        ModelError: As for `Mechanism.closed` and `Closure.along`.
+        LogError: A dependent joint has a torque or a command.
+    """
+    mechanism = mechanism.following(recording.followers)
+    before, measured = mechanism.tree.joints, recording.measured
+    driven = [joint for joint in before if f"{joint}_torque" in measured or joint in recording.servos]
+    mechanism = mechanism.closed([joint for joint in before if f"{joint}_position" not in measured], driven)
+    tree = mechanism.tree
+    if (closure := tree.closure) is None:
+        return mechanism, []
+    leads = ", ".join(closure.independent)
+    if both := sorted({*driven} & {*closure.dependent}):
+        raise LogError(
+            f"Loops make '{both[0]}' depend on {leads}, driven as well; its torque or command cannot be used. Take it "
+            "out of the log or the mapping."
+        )
+    x = recording.of_joints(closure.independent, "position")
+    closure = closure.along(x, recording.time)
+    y, names = closure.solved(x), ", ".join(f"'{each.name}'" for each in closure.constraints)
+    notes = [f"{', '.join(closure.dependent)} depend on {leads or 'no joint'}, by the constraints {names}."]
+    for k, joint in enumerate(closure.dependent):
+        if (own := measured.get(f"{joint}_position")) is not None:
+            apart = float(np.sqrt(np.mean((own - y[:, k]) ** 2)))
+            notes.append(f"The column of '{joint}' is not used; it differs from the closed loops by {apart:.2g} (rms).")
+    return replace(mechanism, tree=replace(tree, closure=closure)), notes
 
 
 def follower_notes(followers: Mapping[str, Follower]) -> list[str]:

@@ -22,7 +22,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
-from ident.recordings.followers import follower_notes
+from ident.recordings.followers import follower_notes, moved
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
@@ -134,7 +134,7 @@ def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanis
     else:
         file = checked_path("columns", columns, "the path of a TOML file, or its content as a mapping")
         mapping = read_mapping(file, mechanism.tree)
-    return replace(mapping, followers=mechanism.mimics)
+    return replace(mapping, followers=mechanism.mimics, mechanism=mechanism)
 
 
 def _pieces(
@@ -191,7 +191,7 @@ def _recordings(
         first, notes = clock is None, list[str]()
         if clock is None:
             mapping = mapping_of(tables, mapping, kinds) if clocks else _of_one_table(tables[0], mapping, kinds)
-            mechanism, notes = mechanism.following(mapping.followers), follower_notes(mapping.followers)
+            mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
             kinds, clock = joint_kinds(mechanism.tree), Clock(mapping.columns["time"], bool(gaps))
         told = notes if first else []
         if clocks:

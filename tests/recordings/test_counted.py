@@ -67,8 +67,8 @@ def test_a_rate_that_is_none_is_refused(tmp_path, mapping, message):
 
 def test_columns_takes_a_rate_and_writes_it(tmp_path, capsys):
     path = written(tmp_path / "log.csv", UNTIMED)
-    log, belief = believed(mechanism(), [path], rate=100.0)
-    (tmp_path / "c.toml").write_text(toml_text(log, belief, mechanism().joints), encoding="utf-8")
+    belief = believed(mechanism(), [path], rate=100.0)
+    (tmp_path / "c.toml").write_text(toml_text(belief), encoding="utf-8")
     np.testing.assert_allclose(read_log(path, mechanism(), tmp_path / "c.toml").measured["hip_position"], Q[:, 1])
     assert log_contents(written(tmp_path / "timed.csv", PLAIN), rate=7.0).rate == pytest.approx(100)
     with pytest.raises(LogError, match="a log needs one, or --rate HZ"):

@@ -64,6 +64,21 @@ def test_one_that_broke_off_is_not_kept(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "location", ["http://[::1", "https://exam ple.org/a", "https://example.org:port/", "data:,x", "//["]
+)
+def test_a_redirection_to_no_address_is_a_sentence(location, tmp_path):
+    with server(status=302, location=location) as (url, _), pytest.raises(InputError, match="cannot be downloaded"):
+        download(f"{url}/a.csv", tmp_path / "a.csv")
+
+
+def test_a_server_that_sends_byte_by_byte_is_left(tmp_path, monkeypatch):
+    monkeypatch.setattr(downloads, "DEADLINE", 0.2)
+    with server(CONTENT[:500], pause=0.01) as (url, _), pytest.raises(InputError, match=r"took more than 0\.2 s"):
+        download(f"{url}/a.csv", tmp_path / "a.csv")
+    assert not list(tmp_path.iterdir())
+
+
 ENTRY = Entry(
     *("arm", "Arm", "An arm.", "arm", True),
     Source("somebody/arms", "0123abc", "MIT"),

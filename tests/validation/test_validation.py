@@ -42,8 +42,8 @@ def arm(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     recorded(data / "arm")
     entries = tmp_path_factory.mktemp("entries")
-    files = files_of(data / "arm", "arm.xml", "one.csv", "two.csv")
-    text = TEXT.format(files=files, more=PUBLISHED).replace("\n[source]", f"{MORE}\n[source]", 1)
+    listed = files_of(data / "arm", "arm.xml", "one.csv", "two.csv")
+    text = TEXT.format(files=listed, more=PUBLISHED).replace("\n[source]", f"{MORE}\n[source]", 1)
     return data, files.read_entry(written(entries, text))
 
 
@@ -222,7 +222,7 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
     np.testing.assert_allclose(next(iter(made)).values.values, each.values.values, rtol=1e-5)
     shown = report.lines(made)
     assert "Not run: other: No excitation." in shown and "Not run: arm: one: No excitation." in shown
-    assert "In the files, but never tried: Panda." in shown
+    assert "In the registry, but never tried: Panda." in shown
     with pytest.raises(InputError, match="No excitation"):
         study.collected([other], tasks[1:2], [bad])
 

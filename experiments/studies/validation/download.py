@@ -3,6 +3,7 @@
 import hashlib
 import os
 import sys
+import time
 from http.client import HTTPException
 from pathlib import Path
 from typing import IO
@@ -20,6 +21,9 @@ HOST = "https://raw.githubusercontent.com"
 
 TIMEOUT = 30.0
 """Time without an answer after which a download ends, s."""
+
+DEADLINE = 1800.0
+"""Time for a whole file, s: one of 30 MB at 20 kB/s; a server that sends byte by byte is left then."""
 
 PIECE = 1 << 16
 """Bytes that are read and written at a time."""
@@ -101,10 +105,12 @@ def _receive(url: str, file: IO[bytes]) -> None:
     Raises:
         InputError: It does not send all of it; the sentence says why.
     """
-    done = 0
+    done, end = 0, time.monotonic() + DEADLINE
     try:
         with urlopen(url, timeout=TIMEOUT) as response:
-            while piece := response.read(PIECE):
+            while piece := response.read1(PIECE):
+                if time.monotonic() > end:
+                    raise TimeoutError(f"{done} bytes took more than {DEADLINE:g} s")
                 file.write(piece)
                 done += len(piece)
                 if done > LARGEST:
@@ -114,7 +120,7 @@ def _receive(url: str, file: IO[bytes]) -> None:
     except HTTPError as error:
         error.close()
         raise InputError(f"'{url}' cannot be downloaded: the server says {error.code} {reason(error)}.") from None
-    except (URLError, TimeoutError, ConnectionError, HTTPException) as error:
+    except (URLError, TimeoutError, ConnectionError, HTTPException, ValueError, OverflowError) as error:
         why = reason(getattr(error, "reason", error))
         raise InputError(
             f"'{url}' cannot be downloaded ({why}): is there a network? Run it again, or name a folder that holds the "

@@ -14,6 +14,7 @@ from ident.files.schema import check_keys, pose, table, value_of
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.mechanism.follower import Follower
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates
 from ident.recordings.columns.entries import (
@@ -60,6 +61,7 @@ class ColumnMapping:
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
         still: True if rows are poses at rest, as for `Recording`.
         followers: Joints that follow another one; until columns are complete, those that do if they have none.
+        mechanism: The mechanism, whose loops may determine joints without columns.
         clocks: Columns of times, one for each file, if they are stated one by one.
         layouts: Layouts of text files, one for all or one for each.
         selection: Rows and times that are selected.
@@ -80,6 +82,7 @@ class ColumnMapping:
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
     still: bool = False
     followers: Mapping[str, Follower] = field(default_factory=dict)
+    mechanism: Mechanism | None = None
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
