@@ -10,8 +10,8 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.atomic import replacing
 from ident.files.column import UNITS
-from ident.files.csv_file import Layout, csv_pieces, write_csv
-from ident.files.formats import bag, c3d, json_lines, lerobot, mat, opensim, parquet, trc
+from ident.files.csv_file import Layout, csv_pieces, storage_tables, write_csv
+from ident.files.formats import bag, c3d, json_lines, lerobot, mat, parquet, trc
 from ident.files.limits import LIMIT
 from ident.files.markers import Markers
 from ident.files.npz import npz_pieces, write_npz
@@ -21,8 +21,8 @@ TEXT = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 """Suffixes of tables of text."""
 
 ONE_CLOCK: Mapping[str, Callable[[Path, int], list[Table]]] = {
-    ".mot": opensim.tables,
-    ".sto": opensim.tables,
+    ".mot": storage_tables,
+    ".sto": storage_tables,
     ".trc": trc.tables,
     ".parquet": parquet.tables,
     ".mat": mat.tables,

@@ -31,7 +31,7 @@ def made(kind: Any, where: str, entry: Any, **known: Any) -> Any:
     """
     title, hints = f"[{where}]" if where else "the file", get_type_hints(kind, include_extras=True)
     own = [each for each in fields(kind) if each.name not in known]
-    check_keys(title, table(title, entry), [each.name for each in own])
+    check_keys(title, table(where or title, entry), [each.name for each in own])
     needed = [each.name for each in own if each.default is MISSING and each.default_factory is MISSING]
     if missing := [name for name in needed if name not in entry]:
         raise LogError(f"{title} needs {', '.join(missing)}.")

@@ -14,10 +14,10 @@ from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.followers import moved, with_followers
+from ident.recordings.plausibility import turns_of, with_continuous_angles
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
-from ident.recordings.turns import turns_of, with_continuous_angles
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
