@@ -63,16 +63,15 @@ def parsed_json(text: str) -> Any:
     return json.loads(text)
 
 
-def toml(path: Path, needs: str, error: type[InputError] = InputError) -> dict[str, Any]:
+def toml(path: Path, needs: str) -> dict[str, Any]:
     """Entries of a TOML file.
 
     Args:
         path: The file.
         needs: What needs to be TOML, for messages, as "a study needs".
-        error: Type of the error to raise.
 
     Raises:
-        InputError: It cannot be read, is malformed or beyond the limits.
+        LogError: It cannot be read, is malformed or beyond the limits.
     """
     try:
         with path.open("rb") as file:
@@ -88,7 +87,7 @@ def toml(path: Path, needs: str, error: type[InputError] = InputError) -> dict[s
         return tomllib.loads(text)
     # Not all errors are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
     except (OSError, ValueError, RecursionError) as wrong:
-        raise error(f"{path}: {needs} to be TOML in UTF-8 ({reason(wrong)}).") from None
+        raise LogError(f"{path}: {needs} to be TOML in UTF-8 ({reason(wrong)}).") from None
 
 
 def reason(error: object) -> str:

@@ -2,25 +2,26 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from ident.annotations import Needs
 from ident.errors import LogError
 from ident.files.column import Columns
-from ident.files.table import Table, short
+from ident.files.schema import value_of
+from ident.files.table import Table
 
 EPOCH = 1e6
 """First time above which a clock counts from an epoch, s; such times are counted from the first sample instead."""
 
-Span = tuple[float, float]
+Span = Annotated[tuple[float, float], Needs("two numbers, the first before the last", lambda x: x[0] < x[1])]
 """First and last, both included."""
 
 COUNT = "(number of the sample)"
 """Name of the column of sample counts from zero; no file has it."""
 
-LEAST_RATE, MOST_RATE = 1e-3, 1e9
-"""Range of accepted rates, Hz."""
+Rate = Annotated[float, Needs("a number of samples per second, in Hz", lambda x: x >= 1e-3)]
 
 
 @dataclass(frozen=True)
@@ -115,9 +116,7 @@ def clock_of_rate(where: str, rate: Any) -> Columns:
     Raises:
         LogError: The rate is no number or out of range.
     """
-    if type(rate) not in (int, float) or not LEAST_RATE <= rate <= MOST_RATE:
-        raise LogError(f"{where} needs a number of samples per second, in Hz, got {short(rate)}.")
-    return Columns((COUNT,), 1 / rate, "s")
+    return Columns((COUNT,), 1 / value_of(where, rate, Rate), "s")
 
 
 def counted(tables: Iterable[Table], clock: Columns | None, overlap: int = 0) -> Iterator[Table]:

@@ -321,11 +321,9 @@ def _base(channels: Mapping[str, np.ndarray], samples: int) -> np.ndarray | None
 
 def _without_incomplete(recording: Recording, joints: tuple[str, ...], notes: list[str]) -> Recording:
     """The recording without velocities and accelerations that only some joints have."""
-    measured = dict(recording.measured)
     for kind in ("velocity", "acceleration"):
-        missing = [joint for joint in joints if f"{joint}_{kind}" not in measured]
+        missing = [joint for joint in joints if f"{joint}_{kind}" not in recording.measured]
         if 0 < len(missing) < len(joints):
             notes.append(f"No {kind} of {', '.join(missing)} is recorded; those of the other joints are not used.")
-            measured = {name: x for name, x in measured.items() if name not in [f"{j}_{kind}" for j in joints]}
-    streams = {name: x for name, x in recording.streams.items() if name in measured or name == BASE}
-    return replace(recording, measured=measured, streams=streams)
+            recording = recording.without([f"{joint}_{kind}" for joint in joints])
+    return recording

@@ -14,7 +14,7 @@ from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behin
 from ident.files.csv_file import Layout
 from ident.files.limits import toml
 from ident.files.schema import check_keys, choice, made, table, value_of, vector
-from ident.files.selection import Selection, Span, clock_of_rate
+from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.parameters.person import Placed
 from ident.recordings.columns.external_loads import LOADS
@@ -166,21 +166,12 @@ def _clock(where: str, entry: Any) -> Columns:
     return single(where, entry, "time")
 
 
-def selection(entries: Mapping[str, Any]) -> Selection:
+def selection(entries: Mapping[str, Any]) -> Any:
     """Rows and times that are selected."""
     entry = table("select", entries.get("select", {}))
-    check_keys("[select]", entry, ("rows", "time"))
-    return Selection(*(_spans(f"select.{key}", entry.get(key, [])) for key in ("rows", "time")))
-
-
-def _spans(where: str, value: Any) -> tuple[Span, ...]:
-    """One span `[FIRST, LAST]`, or a list of them."""
-    several = value if isinstance(value, list) and all(isinstance(each, list) for each in value) else [value]
-    spans = [tuple(vector(where, each, 2).tolist()) for each in several]
-    for first, last in spans:
-        if last <= first:
-            raise LogError(f"{where} needs the first before the last, got [{first:g}, {last:g}].")
-    return tuple(spans)
+    # One span `[FIRST, LAST]`, or a list of them.
+    several = {key: isinstance(x, list) and all(isinstance(each, list) for each in x) for key, x in entry.items()}
+    return made(Selection, "select", {key: x if several[key] else [x] for key, x in entry.items()})
 
 
 def couplings(
@@ -218,7 +209,7 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
     """
     if path.suffix.lower() == LOADS:
         return None
-    entries = toml(path, "a mapping of columns needs", LogError)
+    entries = toml(path, "a mapping of columns needs")
     try:
         return segments_of(entries["segments"]) if "segments" in entries else None
     except LogError as error:

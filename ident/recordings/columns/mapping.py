@@ -124,7 +124,7 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
         LogError: The file is missing or malformed, or names joints or bodies that the mechanism does not have.
     """
     loads = path.suffix.lower() == LOADS
-    entries = external_loads(path, tree.names) if loads else toml(path, "a mapping of columns needs", LogError)
+    entries = external_loads(path, tree.names) if loads else toml(path, "a mapping of columns needs")
     try:
         return _mapping(entries, tree)
     except LogError as error:
