@@ -56,7 +56,7 @@ def _model(args: argparse.Namespace, command: str) -> list[str]:
 
 def _rate(text: str) -> float:
     """Type of an option: samples per second."""
-    from ident.files.counted import clock_of_rate
+    from ident.files.selection import clock_of_rate
 
     try:
         value = float(text)

@@ -16,7 +16,7 @@ from docs.tools.noise.conditions import CONDITIONS
 from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
-from ident.files.entries import value_of
+from ident.files.schema import value_of
 from ident.recordings.commands import with_servos
 from ident.recordings.servo import Scale, Servo
 from ident.setup import PRIORS
@@ -181,7 +181,7 @@ def test_servos_are_saved_with_a_recording(tmp_path, end):
     assert again.servos == log.servos and again.scales == log.scales
     with pytest.raises(LogError, match=r"scales.turn needs a number above 0 and at most 1, got high"):
         value_of("scales", {"turn": "high"}, Mapping[str, Scale])
-    with pytest.raises(LogError, match=r"\[servos.turn\] needs a table of entries, got 3"):
+    with pytest.raises(LogError, match=r"servos.turn needs a table of entries, got 3"):
         value_of("servos", {"turn": 3}, Mapping[str, Servo])
     with pytest.raises(LogError, match=r"servos.turn.kp needs a number above 0, got -1"):
         value_of("servos", {"turn": {"kp": -1}}, Mapping[str, Servo])

@@ -9,18 +9,17 @@ import numpy as np
 from experiments.guesses.clock import ROWS, Clock, clock_of
 from ident.errors import LogError
 from ident.files.column import Columns
-from ident.files.counted import counted
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
-from ident.files.selection import taken
+from ident.files.selection import counted, taken
 from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.mapping import ColumnMapping
+from ident.recordings.plausibility import with_continuous_angles
 from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.several_clocks import TIME, streams_of
 from ident.recordings.several_files import files_of, name_of, read_files
 from ident.recordings.times import LEAST_SAMPLES
-from ident.recordings.turns import with_continuous_angles
 
 OWN_TIMES = Clock(TIME, "s", "the file knows its times")
 """Clock of a file that has several."""

@@ -9,14 +9,13 @@ import numpy as np
 
 from experiments.data.outcomes import Angles
 from ident.errors import InputError
-from ident.files.marker_files import read_markers
 from ident.files.markers import Markers
+from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
 from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions
-from sim.markers.recording import recording
+from sim.markers.recording import recording, swaps
 from sim.markers.settings import Settings, read_settings
-from sim.markers.swaps import swaps
 from sim.markers.trial_fit import check_fit, fit_trial
 from sim.models.opensim.mechanism import is_opensim
 

@@ -15,7 +15,7 @@ from ident.estimation.preparation import Prepared, prepared
 from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
-from ident.recordings.columns.segments import read_segments
+from ident.recordings.columns.entries import read_segments
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.models.couplings import check_torques

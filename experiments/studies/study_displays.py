@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from experiments.data.study_file import Model, Scene
 from ident.annotations import Needs
 from ident.errors import InputError
-from ident.files.entries import check_keys, choice, table, value_of
+from ident.files.schema import check_keys, choice, table, value_of
 from ident.files.table import short
 
 

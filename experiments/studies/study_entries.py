@@ -21,8 +21,8 @@ from experiments.studies.study_displays import (
 )
 from ident.annotations import Needs, NotNegative
 from ident.errors import InputError
-from ident.files.entries import check_keys, choice, made, table, value_of
 from ident.files.limits import toml
+from ident.files.schema import check_keys, choice, made, table, value_of
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 
 EXCITATIONS = {"double_pendulum": DOUBLE_PENDULUM, "bowing": BOWING}

@@ -9,14 +9,15 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
-from ident.files.entries import value_of
+from ident.files.schema import value_of
 from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.followers import moved, with_followers
+from ident.recordings.plausibility import turns_of, with_continuous_angles
 from ident.recordings.sampled import AS_MEASURED
+from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
-from ident.recordings.turns import turns_of, with_continuous_angles
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
@@ -171,7 +172,7 @@ def read_channels(
     for key, x in channels.items():
         if key == "base.quaternion" or (key.startswith("joints.") and key.endswith(".position") and x.shape[1] == 4):
             channels[key] = _continuous(table, key, x)
-    return channels
+    return about_origins(table, channels, mapping.plates, notes, gaps=gaps)
 
 
 def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool) -> np.ndarray:

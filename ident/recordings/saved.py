@@ -10,11 +10,11 @@ import numpy as np
 
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
-from ident.files.entries import value_of
 from ident.files.readers import read_tables, write_channels
+from ident.files.schema import value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.mechanism.follower import Follower
-from ident.recordings.couplings import Row
+from ident.recordings.columns.entries import Row
 from ident.recordings.servo import Scale, Servo
 from ident.recordings.wrench import Sensor
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from ident.annotations import Needs, NotNegative, Positive
 from ident.errors import LogError
-from ident.files.entries import made, value_of
+from ident.files.schema import made, value_of
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 

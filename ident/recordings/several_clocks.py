@@ -12,7 +12,6 @@ from ident.files.table import Table, short
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
-from ident.recordings.standing import about_origins
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
 
 TIME = "time"
@@ -62,7 +61,6 @@ def read_streams(
         table = selected(replace(table, sums=mapping.sums), mapping.selection, clock)
         notes += table.notes
         channels = read_channels(table, part, notes, gaps=gaps is not False)
-        channels = about_origins(table, channels, part.plates, notes, gaps=gaps is not False)
         streams |= streams_of(table, clock, channels, notes, gaps=gaps)
     if not streams:
         columns = list(dict.fromkeys(short(name) for table in tables for name in table.cells if name != TIME))

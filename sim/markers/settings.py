@@ -22,8 +22,8 @@ import numpy as np
 from ident.annotations import Needs, Point, Positive, one_of
 from ident.errors import InputError
 from ident.files.column import UNITS
-from ident.files.entries import made
 from ident.files.limits import toml
+from ident.files.schema import made
 
 UP = {
     "z": np.eye(3),

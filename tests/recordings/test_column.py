@@ -12,11 +12,11 @@ from malformed_logs import DQ, GROUND_COLUMNS, PLAIN, N, Q, T, text
 
 from ident.errors import LogError
 from ident.files.column import Columns, Sum, joints_behind_motors
-from ident.files.entries import value_of
+from ident.files.schema import value_of
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.couplings import Row, couplings
+from ident.recordings.columns.entries import Row, couplings
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.recording import Recording
 
@@ -260,8 +260,8 @@ BAD = {
     "header": ('[file]\nheader = "no"', "file.header needs true or false, got no"),
     "skip": ("[file]\nskip = -1", "file.skip needs a number of lines, got -1"),
     "skip all": ("[file]\nskip = 99", "the file is empty"),
-    "backwards": ("[select]\nrows = [9, 3]", "select.rows needs the first before the last, got [9, 3]"),
-    "no span": ("[select]\ntime = 3", "select.time needs a list of 2 numbers, got 3"),
+    "backwards": ("[select]\nrows = [9, 3]", "select.rows needs two numbers, the first before the last; got [9, 3]"),
+    "no span": ("[select]\ntime = 3", "select.time needs two numbers, the first before the last; got 3"),
     "rows beyond": (
         "[select]\nrows = [100, 200]",
         "rows that the file has, got 100 to 200; the file has rows 2 to 41",

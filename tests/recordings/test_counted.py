@@ -50,12 +50,12 @@ def test_one_of_several_files_may_have_no_times(tmp_path):
 @pytest.mark.parametrize(
     "mapping, message",
     {
-        "rate = 0": "rate needs a number of samples per second, in Hz, got 0",
-        "rate = true": "rate needs a number of samples per second, in Hz, got True",
-        "rate = nan": "in Hz, got nan",
-        'rate = "fast"': "in Hz, got fast",
+        "rate = 0": "rate needs a number of samples per second, in Hz; got 0",
+        "rate = true": "rate needs a number of samples per second, in Hz; got True",
+        "rate = nan": "in Hz; got nan",
+        'rate = "fast"': "in Hz; got fast",
         'rate = 100\ntime = "time"': "has time and rate; rate is for a log without times",
-        "time = { rate = -5 }": r"time\.rate needs a number of samples per second, in Hz, got -5",
+        "time = { rate = -5 }": r"time\.rate needs a number of samples per second, in Hz; got -5",
         'time = { rate = 5, column = "t" }': "time has no entry 'column'; valid are rate",
         "[file]\nskip = 0": "a log needs a column of times.*, or in the mapping .* as in rate = 100; the file has",
     }.items(),

@@ -14,8 +14,8 @@ from experiments.data.validation import Entry, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.download import HOST, address, cache, digest, download
 from ident.errors import InputError
-from ident.files.entries import made
 from ident.files.limits import toml
+from ident.files.schema import made
 
 
 def folder() -> Path:

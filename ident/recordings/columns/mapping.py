@@ -8,21 +8,27 @@ from typing import Any
 from ident.arguments import OF_BODIES, checked_deviations, checked_rpy
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
-from ident.files.counted import clock_of_rate
 from ident.files.csv_file import Layout
-from ident.files.entries import check_keys, pose, table, value_of
 from ident.files.limits import toml
-from ident.files.selection import Selection
+from ident.files.schema import check_keys, pose, table, value_of
+from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.mechanism.follower import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates
-from ident.recordings.columns.column_entries import factor_of, joints_of_motors, several, single
+from ident.recordings.columns.entries import (
+    clocks,
+    factor_of,
+    joints_of_motors,
+    layouts,
+    segments_of,
+    selection,
+    several,
+    single,
+)
 from ident.recordings.columns.external_loads import LOADS, external_loads
-from ident.recordings.columns.file_entries import clocks, layouts, selection
 from ident.recordings.columns.plates import Plate
-from ident.recordings.columns.segments import segments_of
 from ident.recordings.servo import GAINS, SCALES, Servo, scale_of, servo_of
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, SETUP
@@ -118,7 +124,7 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
         LogError: The file is missing or malformed, or names joints or bodies that the mechanism does not have.
     """
     loads = path.suffix.lower() == LOADS
-    entries = external_loads(path, tree.names) if loads else toml(path, "a mapping of columns needs", LogError)
+    entries = external_loads(path, tree.names) if loads else toml(path, "a mapping of columns needs")
     try:
         return _mapping(entries, tree)
     except LogError as error:

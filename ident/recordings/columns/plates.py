@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.annotations import NotNegative
 from ident.errors import LogError
-from ident.files import entries
+from ident.files import schema
 from ident.files.table import short
 from ident.geometry.se3 import pose as pose_of
 from ident.recordings.wrench import GROUND, Sensor
@@ -62,7 +62,7 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
         LogError: The entry contradicts itself, is incomplete, or names a body that the mechanism does not have.
     """
     where = f"wrenches.{name}"
-    frame = entries.choice(f"{where}.frame", entry.get("frame", "body"), FRAMES)
+    frame = schema.choice(f"{where}.frame", entry.get("frame", "body"), FRAMES)
     if frame == "body":
         if extra := [key for key in KEYS[1:] if key in entry]:
             raise LogError(f'[{where}] has \'{extra[0]}\', which takes a frame that rests: "plate" or "world".')
@@ -70,7 +70,7 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
     on, point = _bodies(name, entry, bodies), _point(where, entry)
     pose = _in_world(where, entry) if frame == "world" else _of_plate(where, entry)
     usual = THRESHOLD if point is not None or len(on) > 1 else 0.0
-    low = entries.value_of(
+    low = schema.value_of(
         f"{where}.threshold", entry.get("threshold", usual), NotNegative, "a force in N, zero or more"
     )
     expected = entry.get("expected", "")
@@ -159,7 +159,7 @@ def _in_world(where: str, entry: Mapping[str, Any]) -> np.ndarray:
         raise LogError(f"[{where}] is in the world's axes, and '{extra[0]}' would turn them: say frame = \"plate\".")
     if "point" in entry and "position" in entry:
         raise LogError(f"[{where}] has its point in the world's frame, which leaves no use for 'position'.")
-    return entries.pose(where, entry)
+    return schema.pose(where, entry)
 
 
 def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
@@ -168,12 +168,12 @@ def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
             raise LogError(f"[{where}] needs the plate's pose in the world: 'position' with a rotation, or 'corners'.")
         if "origin" in entry:
             raise LogError(f"{where}.origin belongs to 'corners'; 'position' says where the frame's origin is.")
-        return entries.pose(where, entry)
+        return schema.pose(where, entry)
     if extra := [key for key in ("position", "quaternion", "rpy_deg") if key in entry]:
         raise LogError(f"[{where}] needs 'corners' or '{extra[0]}', got both.")
     corners = entry["corners"]
     if not isinstance(corners, list) or len(corners) != 4:
         raise LogError(f"{where}.corners needs four points [x, y, z] in the world, m, got {short(corners)}.")
-    T = pose_of_corners(f"{where}.corners", np.array([entries.vector(f"{where}.corners", x, 3) for x in corners]))
-    T[:3, 3] += T[:3, :3] @ entries.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
+    T = pose_of_corners(f"{where}.corners", np.array([schema.vector(f"{where}.corners", x, 3) for x in corners]))
+    T[:3, 3] += T[:3, :3] @ schema.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
     return T

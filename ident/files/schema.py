@@ -31,7 +31,7 @@ def made(kind: Any, where: str, entry: Any, **known: Any) -> Any:
     """
     title, hints = f"[{where}]" if where else "the file", get_type_hints(kind, include_extras=True)
     own = [each for each in fields(kind) if each.name not in known]
-    check_keys(title, table(title, entry), [each.name for each in own])
+    check_keys(title, table(where or title, entry), [each.name for each in own])
     needed = [each.name for each in own if each.default is MISSING and each.default_factory is MISSING]
     if missing := [name for name in needed if name not in entry]:
         raise LogError(f"{title} needs {', '.join(missing)}.")
@@ -67,7 +67,8 @@ def value_of(where: str, value: Any, hint: Any, words: str = "") -> Any:
         return {key: value_of(f"{where}.{short(key)}", x, args[1], words) for key, x in value.items()}
     elif origin is tuple and isinstance(value, list) and (args[-1] is Ellipsis or len(args) == len(value)):
         kinds = args[:1] * len(value) if args[-1] is Ellipsis else args
-        return tuple(value_of(where, x, kind, words) for x, kind in zip(value, kinds, strict=True))
+        tables = [f" {k}" if is_dataclass(kind) else "" for k, kind in enumerate(kinds, start=1)]
+        return tuple(value_of(where + at, x, kind, words) for at, x, kind in zip(tables, value, kinds, strict=True))
     elif origin is np.ndarray and isinstance(value, list) and (array := as_array(value)) is not None:
         if (np.abs(array) < HUGE).all():
             return array.astype(float)

@@ -1,20 +1,33 @@
-"""Entries of a mapping file that name columns: single ones, several, sums, and joints driven by coupled motors."""
+"""Entries of a mapping file: layouts and times of files, columns, joints behind motors, segments of a person."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 
+from ident.annotations import Needs
 from ident.arguments import is_number
 from ident.errors import LogError
 from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
-from ident.files.entries import check_keys, table, value_of, vector
+from ident.files.csv_file import Layout
+from ident.files.limits import toml
+from ident.files.schema import check_keys, choice, made, table, value_of, vector
+from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
-from ident.recordings.couplings import couplings
+from ident.parameters.person import Placed
+from ident.recordings.columns.external_loads import LOADS
 
 TERM = ("column", "columns", "weights", "gain", "constant")
 """Keys of the entry of a computed column, except for its unit."""
+
+OWNERS = ("motors", "joints")
+"""Owners that friction and rotors of coupled motors may have; the first is the default."""
+
+Factor = Annotated[float, Needs("a number other than 0", bool)]
+
+Row = Annotated[Mapping[str, Factor], Needs("a number for each joint", bool)]
 
 
 def single(where: str, entry: Any, quantity: str) -> Columns:
@@ -117,3 +130,93 @@ def joints_of_motors(
             unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
             columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
     return columns, couplings(where, entry, moved, matrix, joints)
+
+
+def layouts(entries: Mapping[str, Any]) -> tuple[Layout, ...]:
+    """Layouts of text files: one for all from `[file]`, or one for each file from `[[file]]`.
+
+    Raises:
+        LogError: An entry is malformed; likewise for all functions here.
+    """
+    entry = entries.get("file", {})
+    if not isinstance(entry, list):
+        return (made(Layout, "file", entry),)
+    return tuple(made(Layout, f"file {k}", each) for k, each in enumerate(entry, start=1)) or (Layout(),)
+
+
+def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:
+    """Columns of times: one for all files, or one for each; empty if the mapping has none."""
+    if "rate" in entries:
+        if "time" in entries:
+            raise LogError("the mapping has time and rate; rate is for a log without times, keep one of them.")
+        return (clock_of_rate("rate", entries["rate"]),)
+    entry = entries.get("time", [])
+    if not isinstance(entry, list):
+        return (_clock("time", entry),)
+    if "time" in entries and not entry:
+        raise LogError("time needs the column of times of each file, got an empty list.")
+    return tuple(_clock(f"time {k}", each) for k, each in enumerate(entry, start=1))
+
+
+def _clock(where: str, entry: Any) -> Columns:
+    """A column of times, or of sample counts for `{ rate = HZ }`."""
+    if isinstance(entry, dict) and "rate" in entry:
+        check_keys(where, entry, ("rate",))
+        return clock_of_rate(f"{where}.rate", entry["rate"])
+    return single(where, entry, "time")
+
+
+def selection(entries: Mapping[str, Any]) -> Any:
+    """Rows and times that are selected."""
+    entry = table("select", entries.get("select", {}))
+    # One span `[FIRST, LAST]`, or a list of them.
+    several = {key: isinstance(x, list) and all(isinstance(each, list) for each in x) for key, x in entry.items()}
+    return made(Selection, "select", {key: x if several[key] else [x] for key, x in entry.items()})
+
+
+def couplings(
+    where: str, entry: Mapping[str, Any], joints: Sequence[str], matrix: np.ndarray, taken: Collection[str] = ()
+) -> dict[str, dict[str, float]]:
+    """Rows of coupled motors by their names, `NAME 1`, `NAME 2`; empty where rotors and friction belong to the joints.
+
+    They do where the mapping says so, and where every motor moves one joint.
+
+    Args:
+        where: Name of the motors' entry, `motors.NAME`.
+        entry: The entry.
+        joints: The joints.
+        matrix: R of `q_motor = R q` (n, n).
+        taken: Names that a motor must not have, those of all joints.
+
+    Raises:
+        LogError: `friction` is none of `OWNERS`, or a motor has the name of a joint.
+    """
+    owner = choice(f"{where}.friction", entry.get("friction", OWNERS[0]), OWNERS)
+    if owner != OWNERS[0] or (np.count_nonzero(matrix, axis=1) < 2).all():
+        return {}
+    names = [f"{where.partition('.')[2]} {number}" for number in range(1, len(matrix) + 1)]
+    if twice := [name for name in names if name in taken]:
+        raise LogError(f"[{where}] has a motor '{twice[0]}', and a joint is named so too; rename the motors.")
+    rows = ({joint: float(x) for joint, x in zip(joints, row, strict=True) if x} for row in matrix)
+    return dict(zip(names, rows, strict=True))
+
+
+def read_segments(path: Path) -> dict[str, Placed] | None:
+    """Segments of a person by body, from `[segments]` of a mapping file; None if it has no such table.
+
+    Raises:
+        LogError: The file is missing or malformed.
+    """
+    if path.suffix.lower() == LOADS:
+        return None
+    entries = toml(path, "a mapping of columns needs")
+    try:
+        return segments_of(entries["segments"]) if "segments" in entries else None
+    except LogError as error:
+        raise LogError(f"{path}: {error}") from None
+
+
+def segments_of(entries: Any) -> dict[str, Placed]:
+    """Segments by body, from entries `BODY = "SEGMENT"` or tables with the segment and its ends."""
+    given = {body: {"segment": x} if isinstance(x, str) else x for body, x in table("segments", entries).items()}
+    return {body: made(Placed, f"segments.{body}", entry) for body, entry in given.items()}
