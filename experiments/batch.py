@@ -17,13 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 from experiments import identify
 from experiments.cli import options, own_model, running
-from ident.annotations import misfit
 from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.batch import Outcome
-    from experiments.data.log_agreement import LogAgreement
+    from experiments.data.batch import LogAgreement, Outcome
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
     from ident.mechanism.mechanism import Mechanism
@@ -133,7 +131,7 @@ def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[Outcom
     Raises:
         InputError: The results of a log are damaged.
     """
-    from experiments.data.log_agreement import agreement
+    from experiments.data.batch import agreement
     from experiments.studies.result_files import covariance_of
 
     fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
@@ -160,6 +158,7 @@ def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any])
         InputError: They are damaged, or not of these tasks.
     """
     from experiments.data.batch import Outcome
+    from ident.annotations import misfit
 
     if len(outcomes) > len(tasks):
         raise InputError(f"it has {len(outcomes)} outcomes of {len(tasks)} logs")

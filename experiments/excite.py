@@ -11,7 +11,7 @@ from pathlib import Path
 
 import scenes
 from experiments.cli import options, running
-from experiments.data.defaults import ACCELERATION, CRITERIA, MARGIN, NOISE, SECONDS, SENSORS, VELOCITY
+from experiments.data.paper import ACCELERATION, CRITERIA, MARGIN, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.errors import InputError
 from ident.tolerances import HUGE
 

@@ -46,8 +46,7 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
         InputError: Something is missing or does not fit; the message names it.
     """
     from experiments.reports import identify_report
-    from experiments.studies.following import following
-    from experiments.studies.identification import prepare
+    from experiments.studies.identification import following, prepare
     from ident.identification import identified
 
     read = reading(args)

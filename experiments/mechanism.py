@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from experiments.cli import options, running
-from experiments.data.defaults import SCENE
+from experiments.data.paper import SCENE
 
 if TYPE_CHECKING:
     from experiments.document.document import Document

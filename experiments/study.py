@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from experiments.data.study_file import StudyFile
     from experiments.document.document import Document
     from experiments.document.writer import Output
-    from experiments.studies.monte_carlo import Trials
+    from experiments.studies.simulated import Trials
 
 
 def run(args: argparse.Namespace) -> None:
@@ -35,7 +35,7 @@ def with_options(file: "StudyFile", args: argparse.Namespace) -> "StudyFile":
 
 def trials_of(args: argparse.Namespace) -> "Trials":
     """Trials that the command line asks for."""
-    from experiments.studies.monte_carlo import Trials
+    from experiments.studies.simulated import Trials
 
     return Trials(args.trials, args.trajectory_trials, args.redraw, options.workers_of(args))
 
@@ -54,20 +54,20 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     from experiments.document.result_folder import results_folder
     from experiments.document.writer import end, write_page, write_parts, written
     from experiments.reports import monte_carlo_report, study_report
-    from experiments.studies.monte_carlo import Run
-    from experiments.studies.simulated import simulated
+    from experiments.studies.simulated import distributions, draw_of, simulated
 
     study, inputs = simulated(file), [] if source is None else [source]
     origin = provenance({**file.options, "formats": out.formats, **out.choices}, study.recording.provenance)
     origin["estimators"] = ESTIMATORS
-    run_ = Run.of(study, trials, out.folder)
+    draw = draw_of(study, trials, out.folder)
     if source is not None:
         origin["study"] = {"file": source.name, "sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
     document = study_report.document(study, origin)
     written(document, out, stale=study_report.OUTPUTS, inputs=inputs)
     print(document.text())
     if trials.trials:
-        more = monte_carlo_report.document(run_.distributions(), study, trials.redraw, provenance(run_.draw.identity))
+        drawn = distributions(study, draw, trials, out.folder)
+        more = monte_carlo_report.document(drawn, study, trials.redraw, provenance(draw.identity))
         with results_folder(out.folder) as folder:
             write_parts(more, replace(out, folder=folder))
         print(more.text())

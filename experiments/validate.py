@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.writer import write
     from experiments.reports import validation_report
     from experiments.runs.workers import Workers
-    from experiments.studies.validation.registry import chosen, registry
+    from experiments.studies.validation.files import chosen, registry
     from experiments.studies.validation.study import study
 
     entries, places = chosen(args.names, registry()), _places(args)

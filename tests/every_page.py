@@ -34,7 +34,7 @@ from experiments.__main__ import main as everything
 from experiments.document.writer import PAGE
 from experiments.runs import workers
 from experiments.studies import human as persons_study
-from experiments.studies.validation.registry import read_entry
+from experiments.studies.validation.files import read_entry
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -83,7 +83,7 @@ def _validate(folder):
     text = TEXT.format(files=files_of(folder / "arm", "arm.xml", "one.csv", "two.csv"), more="")
     entry = read_entry(entry_file(folder, text))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("experiments.studies.validation.registry.registry", lambda: {"arm": entry})
+        patched.setattr("experiments.studies.validation.files.registry", lambda: {"arm": entry})
         return validate.main(["--data", str(folder), "--workers", "1", *_out(folder)])
 
 

@@ -1,6 +1,6 @@
 """People simulated for two seconds, once for all tests of a worker, in place of studies that take minutes."""
 
-from experiments.data.laboratory import Laboratory
+from experiments.data.person import Laboratory
 from experiments.studies.human import study as simulated
 
 _STUDIES = {}

@@ -19,7 +19,7 @@ from experiments import multicontact
 from experiments.data.simulated import Problem
 from experiments.runs import workers
 from experiments.runs.checkpoint import Checkpoint
-from experiments.studies import trials
+from experiments.studies import simulated
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
 
@@ -33,23 +33,23 @@ def arguments(tmp_path, *more):
 def draw(tmp_path, *more, samples="200", contact="pad"):
     args = arguments(tmp_path, "--samples", samples, *more)
     made = study("multicontact", samples=args.samples, seed=args.seed or 0, contact=contact)
-    return trials.Draw.of(made.file, args.redraw, made.recording)
+    return simulated.Draw.of(made.file, args.redraw, made.recording)
 
 
-def run(source, number, tmp_path, file=trials.FILE, analyse=ANALYSE, given=None):
+def run(source, number, tmp_path, file=simulated.FILE, analyse=ANALYSE, given=None):
     """Outcomes of trials, in this process if no workers are given."""
     checkpoint = Checkpoint("trials", tmp_path / file, source.identity)
     with pytest.MonkeyPatch.context() as patched:
         if given is None or given.number == 1:
             patched.setattr(workers, "Processes", Here)
-        return trials.run_trials(source, analyse, number, checkpoint, given or workers.Workers())
+        return simulated.run_trials(source, analyse, number, checkpoint, given or workers.Workers())
 
 
 def resumed(source, number, tmp_path):
     return run(source, number, tmp_path, given=workers.Workers(resume=True))
 
 
-def kept(tmp_path, file=trials.FILE):
+def kept(tmp_path, file=simulated.FILE):
     """Outcomes in the file of trials."""
     with np.load(tmp_path / file) as data:
         return np.array([json.loads(text) for text in bytes(data["outcomes"]).splitlines()])
@@ -85,7 +85,7 @@ from types import SimpleNamespace
 from experiments import multicontact
 from experiments.cli import running
 from experiments.document import figures
-from experiments.runs.signals import end_silently
+from experiments.runs.environment import end_silently
 from truth import use_truth
 end_silently()
 running.GRACE = 60.0

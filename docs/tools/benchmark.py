@@ -26,7 +26,7 @@ from docs.tools.linearisation import ways as linearisations
 from docs.tools.mechanisms import PENDULUM, Subject, chain, double_pendulum, mechanisms, subject
 from docs.tools.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.data import paper
-from experiments.data.defaults import SCENE
+from experiments.data.paper import SCENE
 from experiments.document.provenance import provenance
 from experiments.document.result_folder import write_json
 from ident.estimation.accumulator import Accumulator, accumulate

@@ -21,14 +21,10 @@ SHOWN = (10.0, 16.0)
 """Times in the figure, s."""
 
 
-def accelerations(seed: int = 0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times, s (N,), and accelerations of a joint by method, rad/s² (N,).
-
-    Args:
-        seed: Seed of the recording's noise.
-    """
+def accelerations() -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times, s (N,), and accelerations of a joint by method, rad/s² (N,)."""
     who = SUBJECTS[CONDITIONS[CONDITION].subject]
-    recording = noisy_recording(CONDITIONS[CONDITION], seed, 0)
+    recording = noisy_recording(CONDITIONS[CONDITION], 0, 0)
     filtered, _ = low_passed(who.mechanism, recording, USUAL)
     estimate = identify(who.mechanism, recording, offsets=False, holdout=0)
     k = who.mechanism.tree.joints.index(JOINT)

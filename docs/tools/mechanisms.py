@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 import scenes
-from experiments.data.defaults import SCENE
+from experiments.data.paper import SCENE
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose, rotation

@@ -10,11 +10,11 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from experiments.data.validation import WORSE, Study, inside
-from experiments.document import escape
+from experiments.document import symbols
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from experiments.reports.validation_report import STEEL, overview_lines, worse_lines
-from experiments.studies.validation.registry import registry
+from experiments.studies.validation.files import registry
 from experiments.studies.validation.study import study_of
 from ident.errors import InputError
 from ident.files.atomic import replacing
@@ -61,8 +61,8 @@ def page_blocks(study: Study) -> dict[str, str]:
         "was published": tables.table_was_published(study),
     }
     registered = "".join(
-        f"| `{entry.name}` | {escape.markdown(entry.title)} | {entry.source.repository} | "
-        f"{entry.source.licence or 'not verified'} | {escape.markdown(entry.note)} |\n"
+        f"| `{entry.name}` | {symbols.markdown(entry.title)} | {entry.source.repository} | "
+        f"{entry.source.licence or 'not verified'} | {symbols.markdown(entry.note)} |\n"
         for entry in study.untried
     )
     head = "| name | recording | repository | licence | what is missing |\n| --- | --- | --- | --- | --- |\n"
@@ -80,7 +80,7 @@ def page_blocks(study: Study) -> dict[str, str]:
 
 def _list(lines: Sequence[str]) -> str:
     """List of sentences."""
-    return "".join(f"- {escape.markdown(line)}\n" for line in lines)
+    return "".join(f"- {symbols.markdown(line)}\n" for line in lines)
 
 
 def _verdicts(study: Study) -> str:

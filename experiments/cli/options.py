@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import scenes
-from experiments.data.defaults import FORMATS, REDRAWN, TRAJECTORY_TRIALS
+from experiments.data.paper import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from ident.errors import InputError
 from ident.tolerances import DRIVE
 

@@ -16,8 +16,15 @@ from typing import Any
 
 import ident
 from experiments.cli.options import page_of
-from experiments.runs.environment import default_variables, end_at_once, environment, seldom_collected
-from experiments.runs.signals import ENDING, GRACE, ended_after
+from experiments.runs.environment import (
+    ENDING,
+    GRACE,
+    default_variables,
+    end_at_once,
+    ended_after,
+    environment,
+    seldom_collected,
+)
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]

@@ -154,38 +154,22 @@ class Sweep:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """Evidence of one pass, and the findings on it, the doubts first."""
-
-    evidence: Evidence
-    findings: Sequence[Finding]
-
-    @property
-    def ratio(self) -> Mapping[str, float]:
-        """RMS residual over the signal's standard deviation, for each channel that changes."""
-        return self.evidence.ratios
-
-    @property
-    def part(self) -> str:
-        """Samples of the ratios, "fitted" or "held-out"."""
-        return self.evidence.part
-
-    @property
-    def verdict(self) -> Verdict:
-        """Verdict on the estimate."""
-        return Verdict.of(self.evidence, self.findings)
-
-
-@dataclass(frozen=True, eq=False)
 class Streamed:
     """An estimate from one pass over recordings.
 
     Attributes:
         estimate: The estimate.
-        judged: Verdict on it, and its reasons.
+        evidence: Evidence of the pass.
+        findings: Findings on it, the doubts first.
         notes: Sentences on the files.
     """
 
     estimate: Fit
-    judged: Judged
+    evidence: Evidence
+    findings: Sequence[Finding]
     notes: Sequence[str]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the estimate."""
+        return Verdict.of(self.evidence, self.findings)

@@ -24,7 +24,7 @@ from matplotlib.path import Path
 from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import Transform
 
-from experiments.document import escape
+from experiments.document import symbols
 from experiments.document.symbols import plain
 
 NUMBERS = ("x", "y", "x_low", "x_high", "y_low", "y_high")
@@ -75,7 +75,7 @@ def csv_text(figure: Figure) -> str:
 
 def _blocks(panel: int, ax: Axes) -> Iterator[dict[str, Any]]:
     """Yields columns by name for each artist of a panel: lists of cells, or a cell that all rows share."""
-    title, *names = (escape.cell(plain(text)) for text in (ax.get_title(), _axis_name(ax, 0), _axis_name(ax, 1)))
+    title, *names = (symbols.cell(plain(text)) for text in (ax.get_title(), _axis_name(ax, 0), _axis_name(ax, 1)))
     shared = {"panel": panel, "title": title, "x_axis": names[0], "y_axis": names[1]}
     categories = {"x": _categories(ax.xaxis), "y": _categories(ax.yaxis)}
     containers = {id(part): each for each in ax.containers for part in _parts(each)}
@@ -89,7 +89,7 @@ def _blocks(panel: int, ax: Axes) -> Iterator[dict[str, Any]]:
         words = {f"{name}_category": _nearest(categories[name], marks.numbers.get(name)) for name in "xy"}
         numbers = {name: _cells(column) for name, column in marks.numbers.items()}
         empty = dict.fromkeys(COLUMNS, "")
-        yield empty | shared | {"curve": escape.cell(curve), "mark": marks.mark} | words | numbers
+        yield empty | shared | {"curve": symbols.cell(curve), "mark": marks.mark} | words | numbers
 
 
 def _parts(container: Any) -> Iterator[Artist]:
@@ -143,7 +143,7 @@ def _nearest(categories: Mapping[float, str], column: np.ndarray | None) -> list
     distances = np.nan_to_num(np.abs(column[:, None] - places), nan=np.inf)
     nearest = distances.argmin(axis=1)
     near = distances.min(axis=1) <= 0.5
-    return [escape.cell(words[k]) if within else "" for k, within in zip(nearest, near, strict=True)]
+    return [symbols.cell(words[k]) if within else "" for k, within in zip(nearest, near, strict=True)]
 
 
 def _cells(column: np.ndarray) -> list[float | None]:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.document.escape import visible
 from experiments.document.figures import INKS
+from experiments.document.symbols import visible
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion

@@ -11,9 +11,9 @@ from matplotlib.colors import to_rgba
 from scipy.spatial.transform import Rotation
 
 from experiments.document.document import Document
-from experiments.document.escape import visible
 from experiments.document.figures import INKS
 from experiments.document.replay import Replay
+from experiments.document.symbols import visible
 from experiments.runs.environment import extra
 from ident.mechanism.body import BASE
 from sim.models.shapes import Shape, shapes

@@ -1,10 +1,122 @@
-"""Symbols of parameters, of channels of wrenches, and of cells that are a symbol, in TeX and as parts for pages."""
+"""Symbols and words of parameters and channels, and escapes of arbitrary texts, for TeX, Markdown, CSV and pages."""
 
 import re
 from collections.abc import Iterator, Sequence
 
-from experiments.document import escape
-from ident.geometry.inertia import body_of_parameter
+import numpy as np
+
+from ident.geometry.inertia import body_index, body_of_parameter
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.parameters.base_parameters import BaseParameters
+
+SHOWN = 0.0005
+"""Smallest coefficient of a regrouping that is put into words."""
+
+
+def order(name: str) -> int:
+    """Order of a parameter as a moment of mass: 0, 1 or 2.
+
+    >>> [order(name) for name in ("m1", "m2rz2", "Ixx3")]
+    [0, 1, 2]
+    """
+    match = PARAMETER.fullmatch(name)
+    assert match is not None
+    return 2 if match[3] else 1 if match[2] else 0
+
+
+def in_words(name: str, arm: Mechanism) -> str:
+    """A parameter, or another coefficient, in words."""
+    match = PARAMETER.fullmatch(name)
+    if match is None:
+        return name.replace("offset(", "constant offset of ").rstrip(")") if name.startswith("offset(") else name
+    body = arm.tree.bodies[arm.tree.inertial[body_index(name) or 0]]
+    if match[3]:
+        axes = match[3]
+        about = f"moment of inertia of {body.name} about {axes[0]}"
+        kind = about if axes[0] == axes[1] else f"product of inertia {axes} of {body.name}"
+        return f"{kind}, at {_origin(body)}"
+    if match[2]:
+        return f"first moment of {body.name} along {match[2]} about {_origin(body)}"
+    return f"mass of {body.name}"
+
+
+def regrouped_in_words(base: BaseParameters, k: int, arm: Mechanism) -> str:
+    """The k-th base parameter and its regrouped terms, in words."""
+    parts = list(_parts(base, k, arm))
+    named = in_words(base.names[k], arm)
+    return f"{named}, which also includes: {'; '.join(parts)}" if parts else named
+
+
+def _parts(base: BaseParameters, k: int, arm: Mechanism) -> Iterator[str]:
+    """The other parameters in a base parameter, each with its factor, whose unit is a power of metres."""
+    own = order(base.names[k])
+    for coefficient, d in zip(base.beta[k], base.dependent, strict=True):
+        if abs(coefficient) > SHOWN:
+            power = own - order(base.parameters[d])
+            metres = {0: "", 1: " m", 2: " m²", -1: " 1/m", -2: " 1/m²"}[power]
+            factor = "" if not metres and abs(coefficient - 1) < SHOWN else f"{coefficient:.3g}{metres} × "
+            yield f"{factor}the {in_words(base.parameters[d], arm)}"
+
+
+def _origin(body: Body) -> str:
+    """The origin of a body's frame in words: its joint if the joint's axis passes through it."""
+    on_axis = body.moves and not np.any(body.twist[:3]) and bool(body.joint)
+    return f"joint {body.joint}" if on_axis else f"the origin of the frame of {body.name}"
+
+
+_TEX = {
+    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    "²": "$^2$",
+    "π": r"$\pi$",
+    "θ": r"$\theta$",
+    "τ": r"$\tau$",
+}
+
+
+def tex(text: str) -> str:
+    """A text in one line of a LaTeX document that needs no packages."""
+    escaped = re.sub("-(?=-)", "-{}", "".join(_TEX.get(letter, letter) for letter in _line(text)))
+    # At the start of a row these would be read as arguments of the previous row's end.
+    return re.sub(r"^( *)([*\[])", r"\1{\2}", escaped)
+
+
+def markdown(text: str) -> str:
+    """A text in a cell of a Markdown table; underscores within words are literal there, and stay."""
+    return re.sub(r"[\\`*{}\[\]<>|~$&#!]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", _line(text))
+
+
+def cell(text: str) -> str:
+    """A text in a cell of a CSV file, after an apostrophe if spreadsheets could read it as a formula.
+
+    A sign before letters, digits, points and slashes alone is harmless, and stays.
+
+    >>> [cell(text) for text in ("=1+2", "@x", "-2+cmd|' /C calc'!A0", "-π/2", "m2rz2")]
+    ["'=1+2", "'@x", "'-2+cmd|' /C calc'!A0", '-π/2', 'm2rz2']
+    """
+    return f"'{text}" if re.match(r"\s*[=@]|\s*[-+](?![\w/. ]*$)|[\t\r]", text) else text
+
+
+def label(text: str) -> str:
+    """A text in a matplotlib figure, where text between dollar signs would be a formula."""
+    return _line(text).replace("$", r"\$")
+
+
+def visible(text: str) -> str:
+    """A text without marks and overrides of writing direction, which would reverse adjacent text."""
+    return re.sub(r"[\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]", "", text)
+
+
+def _line(text: str) -> str:
+    """The text in one line, without control characters."""
+    return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]+", " ", visible(text))
+
 
 PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
 """Names of parameters of φ, as in `m2rz2 + 0.425 m3`: a mass and its moment, or axes and number of an inertia."""
@@ -58,7 +170,7 @@ def parameter_symbol(name: str) -> str:
     """A parameter's name as in the paper, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
     match = PARAMETER.fullmatch(name)
     if match is None:
-        return escape.label(name)
+        return label(name)
     mass, moment, axes, inertia = match.groups()
     if axes:
         return f"$I_{{{axes},{inertia}}}$"
@@ -68,7 +180,7 @@ def parameter_symbol(name: str) -> str:
 def named_symbol(name: str, bodies: Sequence[str]) -> str:
     """A parameter's symbol with the name of its body, bodies numbered from 1, for labels in figures."""
     body = body_of_parameter(name, bodies)
-    return parameter_symbol(name) + (f", {escape.label(body)}" if body else "")
+    return parameter_symbol(name) + (f", {label(body)}" if body else "")
 
 
 def plain(label: str) -> str:

@@ -1,18 +1,135 @@
-"""Tables: their cells as text, and their forms for spreadsheets, Markdown and the terminal."""
+"""Tables: decimals and texts of their cells, and their forms for spreadsheets, Markdown and the terminal."""
 
 import csv
 import io
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from functools import cached_property
+from numbers import Integral
 
-from experiments.document import escape, terminal
-from experiments.document.decimals import Decimals, is_whole, lacking, number, of_deviations
-from experiments.document.regrouped import DAGGER, Regrouped
+from experiments.document import symbols, terminal
 from ident.display.text import decimals_beside, decimals_of
 from ident.estimation.units import unit_of
 from ident.geometry.inertia import body_of_parameter
+
+LEAST = 12
+"""Largest number of decimals; numbers whose standard deviations need more are rounded, or powers of ten if smaller."""
+
+HUGE = 1e6
+"""Size from which numbers are powers of ten."""
+
+Decimals = Sequence[int | None]
+"""Decimals of each row of a column, negative for tens and hundreds; None for the table's."""
+
+
+def number(value: float, decimals: int = 3) -> str:
+    """A number as text with so many decimals, or as a power of ten if it is large or small.
+
+    Integers, also numpy's, have no decimals; booleans have.
+
+    >>> [number(2.5187, 3), number(1234.0, -1), number(2e6), number(2e6, -4), number(3.14e-14, 15), number(7)]
+    ['2.519', '1230', '2.00e+06', '2.00e+06', '3.1e-14', '7']
+    """
+    if is_whole(value):
+        return str(value)
+    if abs(value) >= HUGE:
+        power = int(f"{value:e}".partition("e")[2])
+        return f"{value:.{2 if decimals > 0 else max(power + decimals, 0)}e}"
+    if decimals > LEAST and 0 < abs(value) < 0.5 * 10**-LEAST:
+        return f"{value:.1e}"
+    shown = min(decimals, LEAST)
+    # Adding zero turns a rounded -0.0 into 0.0.
+    return f"{round(value, shown) + 0.0:.{max(shown, 0)}f}"
+
+
+def is_whole(value: float) -> bool:
+    """True for a count, by its type."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def of_numbers(std: Iterable[float | None]) -> Decimals:
+    """Decimals of numbers with these standard deviations."""
+    return tuple(map(decimals_of, std))
+
+
+def of_deviations(std: Iterable[float | None]) -> Decimals:
+    """Decimals of the standard deviations themselves; none if one is zero."""
+    return tuple(0 if x == 0 else decimals_of(x) for x in std)
+
+
+def as_stated(numbers: Iterable[float]) -> int:
+    """Decimals of a set of stated numbers: those of the one that has most.
+
+    >>> as_stated([0.32, -1.0, 20.99])
+    2
+    """
+    exponents = (Decimal(repr(float(x))).normalize().as_tuple().exponent for x in numbers if math.isfinite(x))
+    return max([0, *(-int(exponent) for exponent in exponents)])
+
+
+def lacking(texts: Sequence[str]) -> list[str]:
+    """Text that each number lacks to have all the decimals of its column, so that decimal points can be aligned.
+
+    >>> lacking(["1.25", "-30", "0.1", "2.00e+06", ""])
+    ['', '.00', '0', '', '']
+    """
+    parts = [re.fullmatch(r"[-+]?\d+(?:\.(\d+))?", text) for text in texts]
+    most = max((len(part[1] or "") for part in parts if part), default=0)
+    return ["" if part is None else ("." + "0" * most)[_shown(part[1], most) :] for part in parts]
+
+
+def _shown(decimals: str | None, most: int) -> int:
+    """Letters of a column's decimals, with their point, that a number has."""
+    return 1 + len(decimals) if decimals else 0 if most else 1
+
+
+DAGGER = "†"
+"""Mark of regrouped parameters."""
+
+
+@dataclass(frozen=True)
+class Regrouped:
+    """Sums that parameters stand for.
+
+    Attributes:
+        sums: Sums by model, each beginning with the name of its parameter; the model is empty if there is one only.
+    """
+
+    sums: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, sums: Mapping[str, Sequence[str]]) -> "Regrouped":
+        """Sums by model, without the models' names if they are the same for all."""
+        first, *others = sums.values()
+        return cls(sums if any(each != first for each in others) else {"": first})
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Names of the parameters that stand for several in some model."""
+        return frozenset(_name(each) for sums in self.sums.values() for each in sums if each != _name(each))
+
+    def sentence(self, shown: Collection[object], *, column: bool) -> str:
+        """Sentence with the sums of the shown parameters, or on the table's column that has them."""
+        if column:
+            return "Regrouped with other parameters: the sum is in the column of regroupings."
+        kept = {model: [each for each in sums if self._counts(each, shown)] for model, sums in self.sums.items()}
+        parts = [(model, ", ".join(sums)) for model, sums in kept.items() if sums]
+        listed = "; ".join(f"{model}: {sums}" if model else sums for model, sums in parts)
+        return f"Regrouped sums{', ' if parts[0][0] else ': '}{listed}."
+
+    @staticmethod
+    def _counts(terms: str, shown: Collection[object]) -> bool:
+        """True for a sum of several terms that belongs to a shown parameter."""
+        return _name(terms) in shown and terms != _name(terms)
+
+
+def _name(terms: str) -> str:
+    """Name of the parameter that stands for a sum, its first term."""
+    return terms.split(" ", 1)[0]
+
 
 Cell = str | float | None
 
@@ -65,10 +182,10 @@ class Table:
         writer = csv.writer(out, lineterminator="\n")
         owners = [body_of_parameter(str(row[0]), self.bodies) for row in self.rows] if self.bodies else []
         first, *more = self.columns
-        writer.writerow(map(escape.cell, [first, *["body"] * bool(owners), *more]))
+        writer.writerow(map(symbols.cell, [first, *["body"] * bool(owners), *more]))
         for k, row in enumerate(self.rows):
             cells = [row[0], *owners[k : k + 1], *row[1:]]
-            writer.writerow([escape.cell(cell) if isinstance(cell, str) else cell for cell in cells])
+            writer.writerow([symbols.cell(cell) if isinstance(cell, str) else cell for cell in cells])
         return out.getvalue()
 
     def filled(self) -> "Table":
@@ -84,10 +201,10 @@ class Table:
         if (filled := self.filled()) is not self:
             return filled.markdown()
         rule = ["---:" if numeric else "---" for numeric in self.numeric()]
-        head = list(map(escape.markdown, self.headings()))
-        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self.texts(escape.markdown)])
-        title = f"**{escape.markdown(self.title)}**\n\n" if self.title else ""
-        notes = (f"\n{escape.markdown(mark)} {escape.markdown(note)}\n" for mark, note in self.remarks())
+        head = list(map(symbols.markdown, self.headings()))
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self.texts(symbols.markdown)])
+        title = f"**{symbols.markdown(self.title)}**\n\n" if self.title else ""
+        notes = (f"\n{symbols.markdown(mark)} {symbols.markdown(note)}\n" for mark, note in self.remarks())
         return title + table + "".join(notes)
 
     def text(self) -> str:

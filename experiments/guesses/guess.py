@@ -85,8 +85,7 @@ def _check(belief: Belief, by_size: list[str], limit: int) -> bool:
 def _complete(belief: Belief) -> None:
     """Asks for joints without positions, unless they follow others."""
     placed = {*belief.of("position"), *(key.removeprefix("joints.") for key in belief.poses)}
-    mimics = {joint: lead.joint for joint, lead in belief.mechanism.mimics.items()}
-    following = {joint: lead for joint, lead in mimics.items() if joint not in placed and lead in placed}
+    following = belief.mechanism.determined(placed)
     belief.notes += [f"'{joint}' follows '{lead}', as the model couples them." for joint, lead in following.items()]
     lacking = [joint for joint in belief.mechanism.joints if joint not in placed and joint not in following]
     belief.complete = not lacking

@@ -8,12 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from experiments.data.batch import Outcome, spreads
-from experiments.data.log_agreement import LogAgreement
+from experiments.data.batch import LogAgreement, Outcome, spreads
 from experiments.document import styles, symbols, tabular
-from experiments.document.decimals import of_deviations
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import of_deviations
 from ident.display.brief import listed
 from ident.geometry.inertia import with_bodies
 from ident.judgement.verdict import Outcome as Verdict

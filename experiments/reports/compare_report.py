@@ -9,11 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data.comparison import Difference, Result
-from experiments.document import row_panels, styles, symbols, tabular
-from experiments.document.decimals import Decimals, of_deviations, of_numbers
+from experiments.document import styles, symbols, tabular
 from experiments.document.document import Document
-from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from ident.tolerances import INTERVAL
 
@@ -127,7 +126,7 @@ def figure(difference: Difference) -> Figure:
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with styles.paper_style():
         labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
-        drawn, panels = row_panels.row_panels(labels, "Difference in its standard deviations from noise")
+        drawn, panels = styles.row_panels(labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:

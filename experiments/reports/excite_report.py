@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from experiments.data.defaults import RANDOM_START
 from experiments.data.outcomes import Design, geometric_mean
-from experiments.document import escape, figures, styles, tabular
-from experiments.document.decimals import of_deviations
+from experiments.data.paper import RANDOM_START
+from experiments.document import figures, styles, symbols, tabular
 from experiments.document.document import Document
+from experiments.document.tabular import of_deviations
 from ident.geometry.inertia import with_bodies
 from ident.recordings.recording import STATES
 
@@ -85,7 +85,7 @@ def figure(design: Design) -> Figure:
             # A longer motion before is drawn as long as the designed one.
             old = old[: len(design.time)]
             lines = _panel(ax, design.time, old, new, (float(low[k]), float(high[k])))
-            name = f"{escape.label(joint)}\n" if column == 0 else ""
+            name = f"{symbols.label(joint)}\n" if column == 0 else ""
             ax.set_ylabel(f"{name}{STATES[column]} ({design.units[joint]}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
             ax.set_xlabel("Time (s)", labelpad=2)

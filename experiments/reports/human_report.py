@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.laboratory import Laboratory
-from experiments.data.person import MOVED, Study
+from experiments.data.person import MOVED, Laboratory, Study
 from experiments.document import tabular
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.reports import identify_replay
+from experiments.reports import identify_figures
 from experiments.reports.human_figure import figure, growth, predicted_deviations
 from ident.geometry.inertia import com_from_parameters
 from ident.tolerances import INTERVAL
@@ -174,7 +173,7 @@ def document(study: Study, feet_alone: Study, provenance: dict[str, Any]) -> Doc
             "provenance": provenance,
         },
         # There is no table of base parameters, whose rows could be pressed.
-        replay=replace(identify_replay.replay(estimate), parameters=()),
+        replay=replace(identify_figures.replay(estimate), parameters=()),
         recordings={
             recording_file(number, activity): recording
             for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), 1)

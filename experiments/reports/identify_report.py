@@ -9,21 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.following import Following
+from experiments.data.errors import Following
 from experiments.document import rerun_file, tabular
-from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.regrouped import Regrouped
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import (
     held_out_caption,
     held_out_figure,
     parameters_caption,
     parameters_figure,
+    replay,
     spectra_figure,
 )
-from experiments.reports.identify_replay import replay
 from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit

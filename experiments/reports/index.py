@@ -6,8 +6,8 @@ from pathlib import Path
 
 from experiments.data import paper
 from experiments.document.document import Document
-from experiments.document.page import page
 from experiments.document.tabular import Cell, Table
+from experiments.document.writer import page
 from ident.files.atomic import replacing
 
 

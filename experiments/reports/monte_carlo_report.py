@@ -7,14 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.data.defaults import REDRAWN
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
+from experiments.data.paper import REDRAWN
 from experiments.data.simulated import Study
 from experiments.document import styles, symbols, tabular
-from experiments.document.decimals import Decimals, as_stated, number, of_deviations, of_numbers
 from experiments.document.document import Document
-from experiments.document.regrouped import Regrouped
+from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
 from ident.display.text import decimals_of

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from experiments.document import tabular
-from experiments.document.decimals import Decimals, of_deviations, of_numbers
 from experiments.document.document import Document
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import Decimals, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
 from ident.estimation.preparation import length

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.outcomes import Judged, Streamed
+from experiments.data.outcomes import Streamed
 from experiments.document import tabular
 from experiments.document.document import Document
-from experiments.document.regrouped import Regrouped
+from experiments.document.tabular import Regrouped
 from experiments.document.terminal import wrapped
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import offset_unit, unit_of
+from ident.judgement.evidence import Evidence
 from ident.judgement.summary import summary
 from ident.regression.ordinary import Fit
 
@@ -34,10 +35,11 @@ def table(estimate: Fit) -> tabular.Table:
     )
 
 
-def numbers(estimate: Fit, judged: Judged) -> dict[str, Any]:
+def numbers(result: Streamed) -> dict[str, Any]:
     """All numbers of the estimate for scripts, as `Estimate.to_dict` has them."""
-    number = estimate.condition_number
-    common = summary(estimate, judged.verdict, judged.findings, condition_number=number, offsets=estimate.offsets)
+    estimate = result.estimate
+    number, offsets = estimate.condition_number, estimate.offsets
+    common = summary(estimate, result.verdict, result.findings, condition_number=number, offsets=offsets)
     return {
         **common,
         "singular_values": estimate.singular_values.tolist(),
@@ -49,14 +51,14 @@ def numbers(estimate: Fit, judged: Judged) -> dict[str, Any]:
     }
 
 
-def _lines(estimate: Fit, judged: Judged) -> list[str]:
+def _lines(estimate: Fit, evidence: Evidence) -> list[str]:
     """Sentences with the main numbers."""
     rms = estimate.residual_norms / np.sqrt(estimate.samples)
     residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
-    ratios = ", ".join(f"{name} {x:.2g}" for name, x in judged.ratio.items())
+    ratios = ", ".join(f"{name} {x:.2g}" for name, x in evidence.ratios.items())
     return [
         f"RMS residuals in N and N m: {residuals}",
-        f"RMS residuals of {judged.part} samples over the channels' standard deviations: {ratios}",
+        f"RMS residuals of {evidence.part} samples over the channels' standard deviations: {ratios}",
         f"Condition number {estimate.condition_number:.1f}; {estimate.method}",
         *filter(None, [estimate.parameters.remark]),
     ]
@@ -64,17 +66,16 @@ def _lines(estimate: Fit, judged: Judged) -> list[str]:
 
 def document(result: Streamed, model: Path, recordings: Sequence[Path], provenance: dict[str, Any]) -> Document:
     """Document with the base parameters, their numbers, verdict and findings."""
-    estimate, judged, verdict = result.estimate, result.judged, str(result.judged.verdict)
-    shown, lines = table(estimate), _lines(estimate, judged)
-    reasons = [finding.line for finding in judged.findings]
+    verdict, shown, lines = str(result.verdict), table(result.estimate), _lines(result.estimate, result.evidence)
+    reasons = [finding.line for finding in result.findings]
     return Document(
         f"{model.name}, identified from {', '.join(file.name for file in recordings)} in pieces",
         verdict=verdict,
-        findings=[(finding.text, finding.doubt) for finding in judged.findings],
+        findings=[(finding.text, finding.doubt) for finding in result.findings],
         lines=[*lines, *result.notes],
         tables={"base_parameters": shown},
         numbers={
-            "estimate": numbers(estimate, judged),
+            "estimate": numbers(result),
             "provenance": provenance,
         },
         screen=wrapped("\n".join([shown.text(), *lines, f"Verdict: {verdict}", *reasons, *result.notes])),

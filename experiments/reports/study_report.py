@@ -7,10 +7,10 @@ import numpy as np
 
 from experiments.data.key_numbers import CHANNELS, axes, summary, touches, trajectory_summary
 from experiments.data.simulated import Study
-from experiments.document.decimals import number
 from experiments.document.document import Document
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.tabular import number
 from experiments.reports import study_figures, study_tables
 from ident.mechanism.motion import Motion
 

@@ -9,8 +9,7 @@ from experiments.data import key_numbers
 from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
 from experiments.data.simulated import Study
 from experiments.document import tabular
-from experiments.document.decimals import Decimals, as_stated, of_deviations, of_numbers
-from experiments.document.regrouped import Regrouped
+from experiments.document.tabular import Decimals, Regrouped, as_stated, of_deviations, of_numbers
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 

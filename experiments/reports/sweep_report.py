@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data.outcomes import Sweep
-from experiments.document import escape, figures, styles, tabular
+from experiments.document import figures, styles, symbols, tabular
 from experiments.document.document import Document
 from ident.errors import InputError
 
@@ -61,7 +61,7 @@ def chart(sweep: Sweep, titles: Mapping[str, str]) -> Figure:
                 figures.widen_flat(ax)
             ax.set_title(title, pad=3)
         if not numeric:
-            panels[-1].set_xticks(x, [escape.label(str(value)) for value in sweep.values])
+            panels[-1].set_xticks(x, [symbols.label(str(value)) for value in sweep.values])
             panels[-1].margins(x=0.2)
         panels[-1].set_xlabel(_label(sweep.option))
         handles, labels = panels[0].get_legend_handles_labels()

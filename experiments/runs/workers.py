@@ -15,8 +15,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.environment import THREADS, environment, seldom_collected
-from experiments.runs.signals import held_back
+from experiments.runs.environment import THREADS, environment, held_back, seldom_collected
 from ident.errors import InputError
 from ident.estimation.pieces import in_order
 

@@ -88,7 +88,7 @@ def _marked(
 ) -> tuple[Markers, MarkedModel, Sequence[str], np.ndarray]:
     """Markers of a trial, the model with their places, labels without a place, and the markers' positions."""
     markers = read_markers(trial, settings.unit)
-    marked, unmatched = marked_model(model, markers.labels, settings.places, fix)
+    marked, unmatched = marked_model(model, markers.labels, settings.markers, fix)
     return markers, marked, unmatched, marked_positions(markers, unmatched, marked, settings.up)
 
 
@@ -101,7 +101,7 @@ def _wrenches(path: Path) -> Recording:
 
 
 def _scaling(marked: MarkedModel, positions: np.ndarray, settings: Settings, scale: Scale) -> Scaling:
-    groups = grouped(marked.model, settings.groups, alike=scale.symmetric)
+    groups = grouped(marked.model, settings.scale.groups, alike=scale.symmetric)
     total = float(marked.model.body_mass.sum())
     if scale.mass is not None and total == 0:
         raise InputError("--mass needs bodies that have masses; those of this model have none.")

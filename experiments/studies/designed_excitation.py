@@ -9,8 +9,8 @@ import numpy as np
 
 import scenes
 from experiments.data import paper
-from experiments.data.defaults import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
 from experiments.data.outcomes import Design, Excited
+from experiments.data.paper import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
 from experiments.studies import criteria, excitation
 from experiments.studies.excitation import Problem
 from ident.errors import InputError

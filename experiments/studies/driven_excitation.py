@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.data.defaults import ACCELERATION, VELOCITY
+from experiments.data.paper import ACCELERATION, VELOCITY
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import separable
 from ident.estimation.loads import usual_drives

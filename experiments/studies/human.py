@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.laboratory import Laboratory
-from experiments.data.person import Study
+from experiments.data.person import Laboratory, Study
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers, worker_pool
 from experiments.studies.competitors import USUAL
-from experiments.studies.person_faults import drawn
+from experiments.studies.person_markers import drawn
 from experiments.studies.person_recordings import SENSORS, humanoid, mistaken, moved, recorded
 from ident.errors import InputError
 from ident.estimate import Estimate

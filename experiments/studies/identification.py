@@ -5,16 +5,71 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from experiments.data.errors import Following
 from experiments.studies.marker_logs import with_angles
+from ident.errors import InputError, ModelError
+from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
 from ident.recordings.columns.segments import read_segments
 from ident.recordings.log import read_log
+from ident.recordings.recording import Recording
 from sim.models.couplings import check_torques
 from sim.models.mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
+from sim.simulation.commanded import rolled_out
+
+LONGEST = 30.0
+"""Longest simulated time, s: beyond, errors of joints without a restoring force only add up."""
+
+
+def following(result: Estimate) -> Following | None:
+    """Errors of simulated coordinates on what was held out of the first recording, else on its end.
+
+    The model as it came takes the commands as they are logged; the updated one with the estimated lag. None unless
+    every joint of the model has a command.
+    """
+    log, mechanism = result.prepared, result.prepared.mechanism
+    if set(log.recording.servos) != set(mechanism.tree.joints):
+        return None
+    held = _held_out(result)
+    recording, rates = _part(log.recording, held), log.samples.motion.dq[held.start]
+    lag = next((each.value for each in result.setup if each.name == "lag"), 0.0)
+    phi, drives = result.consistent().phi, result.drives_updated
+    try:
+        before = rolled_out(mechanism, recording, rates=rates)
+        after = rolled_out(
+            mechanism, replace(recording, servos=result.servos), rates=rates, phi=phi, drives=drives, lag=lag
+        )
+    except (InputError, ModelError):
+        return None
+    measured = recording.of_joints(mechanism.tree.joints, "position")
+    turns = {body.joint: body.turns for body in mechanism.tree.bodies if body.joint}
+    return Following(
+        joints=mechanism.tree.joints,
+        units=tuple("rad" if turns[joint] else "m" for joint in mechanism.tree.joints),
+        before=np.sqrt(((before - measured) ** 2).mean(axis=0)),
+        after=np.sqrt(((after - measured) ** 2).mean(axis=0)),
+        seconds=float(np.ptp(recording.time)),
+    )
+
+
+def _held_out(result: Estimate) -> slice:
+    """Samples of the first recording after the fitted ones, else all; at most `LONGEST` s of them."""
+    samples, rate = len(result.prepared.samples), result.prepared.recording.rate
+    first = result.part.stop if samples - result.part.stop > 1 else 0
+    return slice(first, min(samples, first + round(LONGEST * rate)))
+
+
+def _part(recording: Recording, part: slice) -> Recording:
+    """Part of a recording at its common times."""
+    measured = {name: x[part] for name, x in recording.measured.items()}
+    base = None if recording.base is None else recording.base[part]
+    return replace(recording, time=recording.time[part], measured=measured, true={}, streams={}, base=base)
 
 
 def prepare(
@@ -61,7 +116,7 @@ def prepare(
     felt = [owners[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
         members = mechanism_bodies(arm.source.model, base)
-        check_torques(arm.source.model, members, model.get("ignore", ()), felt, ready.recording.followers)
+        check_torques(arm.source.model, members, model.get("ignore", ()), felt)
     return ready
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import scenes
 import sim
 from experiments.data import paper
-from experiments.data.defaults import SCENE
 from experiments.data.outcomes import Drawing
+from experiments.data.paper import SCENE
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism import dh
 from ident.mechanism.tree import Tree

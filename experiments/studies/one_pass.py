@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from experiments.data.outcomes import Judged
 from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
 from ident.estimation.channel_scales import beside_others
@@ -18,7 +17,6 @@ from ident.judgement.checks import Checks, Unchecked, Weight
 from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.evidence import Evidence
 from ident.judgement.idle import not_predicted, still_channels
-from ident.judgement.judges import findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -187,8 +185,8 @@ class Passed:
         return np.maximum(x @ self.accumulated.grams @ x, 0)
 
 
-def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
-    """Judges an estimate without another pass.
+def evidence_of(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Evidence:
+    """Evidence on an estimate without another pass.
 
     Args:
         fitted: The pass over the fitted recordings.
@@ -208,7 +206,7 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
     differs = straight > np.maximum(STUCK**2 * predicted, ROUNDING**2 * predicted.max())
     offsets = fit.offsets
     idle = still_channels(dict(zip(COMPONENTS, np.sqrt(predicted).tolist(), strict=True)))
-    evidence = Evidence(
+    return Evidence(
         fit=fit,
         ratios=ratios,
         part=part,
@@ -220,7 +218,6 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
         constant=(*statistics.resting(), *np.array(COMPONENTS)[constant & differs].tolist()),
         idle=not_predicted(idle, ratios),
     )
-    return Judged(evidence, findings(evidence))
 
 
 def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> FrameCheck:

@@ -7,10 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import scenes
-from experiments.data.laboratory import Laboratory
+from experiments.data.person import Laboratory
 from experiments.studies.noise_processes import autoregressive
-from experiments.studies.person_faults import Faults
-from experiments.studies.person_markers import from_markers
+from experiments.studies.person_markers import Faults, from_markers
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.mechanism import Mechanism

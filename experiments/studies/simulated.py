@@ -1,13 +1,175 @@
-"""Simulation of a study's recording, and identification of its models by least squares."""
+"""Simulation of a study's recording, its models by least squares, and trials with noise drawn anew."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from experiments.data.errors import TRAJECTORY, Distribution
+from experiments.data.fitting import TrajectoryTrial, Trial
 from experiments.data.simulated import Problem, Study
 from experiments.data.study_file import StudyFile
-from experiments.studies import trials
+from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import Workers
 from experiments.studies.study_entries import packaged
+from ident.errors import InputError
 from ident.recordings.recording import Recording
-from sim.simulation.simulate import simulate
+from sim.simulation.simulate import simulate, simulate_many, with_noise
+
+FILE, TRAJECTORY_FILE = "trials.npz", "trials_trajectory.npz"
+"""Files in the output folder with the outcomes of all trials, by least squares and by the trajectory estimate."""
+
+BATCH = 8
+"""Largest number of trials in a worker's task: half a second's work if all noise is drawn anew."""
+
+Outcome = np.ndarray
+"""Errors and predicted standard deviations of each model's base parameters (models, 2, parameters)."""
+
+
+def outcome(*fits: Trial | TrajectoryTrial) -> Outcome:
+    """Outcome of a trial with these fits."""
+    return np.array([[fit.error, fit.std] for fit in fits])
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """A source of recordings that differ by their noise.
+
+    Attributes:
+        file: The study; the seed of trial k is made of its seed and k.
+        redrawn: One of `defaults.REDRAWN`.
+        recording: The one simulation of `sensors` and `wrench`.
+    """
+
+    file: StudyFile
+    redrawn: str
+    recording: Recording
+
+    @classmethod
+    def of(cls, file: StudyFile, redrawn: str, recording: Recording) -> "Draw":
+        """Draw of a study, from the noise to redraw and the study's recording."""
+        if redrawn == "wrench":
+            # Only wrench channels keep their noise; their names end as `Recording.wrench` expects.
+            noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
+            recording = replace(recording, noise=noise)
+        return cls(file, redrawn, recording)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Settings that all trials of one run share."""
+        return {
+            "scene": self.file.scene.identity,
+            "scene_sha256": self.recording.provenance["scene_sha256"],
+            "excitation": self.recording.provenance["excitation"],
+            **{key: getattr(self.file, key) for key in ("samples", "noise_scale")},
+            "redrawn": self.redrawn,
+            "seed": self.file.seed,
+        }
+
+    def recordings(self, trials: Iterable[int], threads: int = 1) -> list[Recording]:
+        """The recordings of some trials, independent of workers and threads."""
+        seeds = [np.random.SeedSequence((self.file.seed, k)) for k in trials]
+        if self.redrawn != "all":
+            return [with_noise(self.recording, np.random.default_rng(seed)) for seed in seeds]
+        return simulate_many(
+            self.file.spec(),
+            self.file.excitation,
+            seeds=[int(seed.generate_state(1)[0]) for seed in seeds],
+            samples=self.file.samples,
+            noise_scale=self.file.noise_scale,
+            threads=threads,
+        )
+
+
+def run_trials(
+    draw: Draw, analyse: Callable[[Recording], Outcome], trials: int, kept: Checkpoint, workers: Workers
+) -> np.ndarray:
+    """Outcomes of all trials (trials, models, 2, parameters), the same with any workers.
+
+    Args:
+        draw: Source of the recordings.
+        analyse: Function of a recording; sent to the workers, so a module's function or a partial of one.
+        trials: Number of trials.
+        kept: File of the finished trials.
+        workers: Workers that share them.
+    """
+    work = partial(_outcomes, draw, analyse, workers.threads)
+    return np.array(workers.collected(work, range(trials), kept, batch=BATCH))
+
+
+def kept_in(folder: Path, draw: Draw) -> tuple[Checkpoint, Checkpoint]:
+    """Checkpoints of the trials, and of those of the trajectory estimate."""
+    names = {FILE: "trials", TRAJECTORY_FILE: "trajectory trials"}
+    first, second = (Checkpoint(what, folder / file, draw.identity) for file, what in names.items())
+    return first, second
+
+
+def _outcomes(
+    draw: Draw, analyse: Callable[[Recording], Outcome], threads: int, trials: Sequence[int]
+) -> list[list[Any]]:
+    """Outcomes of a batch of trials; run by workers."""
+    return [analyse(recording).tolist() for recording in draw.recordings(trials, threads)]
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Number of trials, noise that they redraw, and workers.
+
+    Attributes:
+        trials: Number of trials; 0 for none.
+        trajectory_trials: Largest number of them that the trajectory estimate is made of too.
+        redraw: One of `defaults.REDRAWN`.
+        workers: Workers that share them.
+    """
+
+    trials: int
+    trajectory_trials: int
+    redraw: str
+    workers: Workers
+
+
+def draw_of(study: Study, asked: Trials, folder: Path) -> Draw:
+    """Source of the recordings of a study's trials.
+
+    Raises:
+        InputError: The study's file has no trials, or there is nothing to resume.
+    """
+    if asked.trials and not study.file.trials:
+        raise InputError("--trials needs [trials] in the study file, with models by what the tables are to call them.")
+    draw = Draw.of(study.file, asked.redraw, study.recording)
+    if asked.workers.resume:
+        if not asked.trials:
+            raise InputError("--resume needs --trials, the number of trials to reach.")
+        kept_in(folder, draw)[0].done()
+    return draw
+
+
+def distributions(study: Study, draw: Draw, asked: Trials, folder: Path) -> dict[str, Distribution]:
+    """Runs the trials, and repeats the first of them for the trajectory estimate."""
+    file, (kept, kept_trajectory) = study.file, kept_in(folder, draw)
+    if not asked.workers.resume:
+        kept_trajectory.set_aside()
+    analyse = partial(trial, study.problem, tuple(file.trials.values()))
+    outcomes = run_trials(draw, analyse, asked.trials, kept, asked.workers)
+    made = {name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())}
+    number, name = min(asked.trials, asked.trajectory_trials), file.trajectory_trials
+    if name and number:
+        # The run may have been interrupted before any of these.
+        workers = replace(asked.workers, resume=asked.workers.resume and kept_trajectory.file.exists())
+        analyse = partial(trajectory_trial, study.problem, file.trials[name])
+        outcomes = run_trials(draw, analyse, number, kept_trajectory, workers)
+        made[name + TRAJECTORY] = _distribution(study, file.trials[name], outcomes[:, 0])
+    return made
+
+
+def _distribution(study: Study, model: str, outcomes: np.ndarray) -> Distribution:
+    """A model's errors and predicted standard deviations (trials, 2, parameters), beside the published errors."""
+    names, published = study.fit(model).base.names, study.file.published.get("error", {}).get(model, {})
+    beside = np.array([published.get(name, np.nan) for name in names])
+    return Distribution(names, outcomes[:, 0], outcomes[:, 1], beside)
 
 
 def simulated(file: StudyFile) -> Study:
@@ -33,12 +195,12 @@ def study(name: str, **options: object) -> Study:
     return simulated(packaged(name, **options))
 
 
-def trial(problem: Problem, models: Sequence[str], recording: Recording) -> trials.Outcome:
+def trial(problem: Problem, models: Sequence[str], recording: Recording) -> Outcome:
     """Errors of some models from one recording, axes always recovered as one direction."""
     study = Study(problem, recording, significance=0)
-    return trials.outcome(*map(study.fit, models))
+    return outcome(*map(study.fit, models))
 
 
-def trajectory_trial(problem: Problem, model: str, recording: Recording) -> trials.Outcome:
+def trajectory_trial(problem: Problem, model: str, recording: Recording) -> Outcome:
     """Errors of a model's trajectory estimate from one recording, axes always recovered as one direction."""
-    return trials.outcome(Study(problem, recording, significance=0).determined_trajectory(model))
+    return outcome(Study(problem, recording, significance=0).determined_trajectory(model))

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from experiments.data.outcomes import Streamed
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool
-from experiments.studies.one_pass import Passed, Statistics, judged, separated, with_offsets
+from experiments.studies.one_pass import Passed, Statistics, evidence_of, separated, with_offsets
 from experiments.studies.stream_progress import Progress
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
@@ -27,6 +27,7 @@ from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.pieces import in_order, pieces
 from ident.estimation.samples import Samples
 from ident.files import limits
+from ident.judgement.judges import findings
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.columns.mapping import read_mapping
@@ -280,8 +281,9 @@ def streamed(progress: Progress, reading: Reading, pool: WorkerPool, held_out: P
     fitted, equations = separated(whole, reading.equations)
     first = solve(fitted, equations)
     other = None if held_out is None else _held_out(held_out, reading, equations, pool, overview.notes)
-    judgement = judged(Passed(overview.statistics, fitted), first, other)
-    return Streamed(huber_white(first, reading.again(overview), steady=True), judgement, overview.notes)
+    evidence = evidence_of(Passed(overview.statistics, fitted), first, other)
+    estimate = huber_white(first, reading.again(overview), steady=True)
+    return Streamed(estimate, evidence, findings(evidence), overview.notes)
 
 
 def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool, notes: list[str]) -> Passed:

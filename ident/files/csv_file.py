@@ -8,10 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from ident.annotations import Needs
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import METADATA, Memory, Table, is_number, short, vector_columns
@@ -39,7 +40,7 @@ class Layout:
     """
 
     header: bool = True
-    skip: int = 0
+    skip: Annotated[int, Needs("a number of lines", lambda x: x >= 0)] = 0
 
 
 def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:

@@ -23,7 +23,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
-from ident.recordings.followers import follower_notes
+from ident.recordings.followers import follower_notes, moved
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
@@ -128,7 +128,7 @@ def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanis
     else:
         file = checked_path("columns", columns, "the path of a TOML file, or its content as a mapping")
         mapping = read_mapping(file, mechanism.tree)
-    return replace(mapping, followers=mechanism.mimics)
+    return replace(mapping, followers=mechanism.mimics, mechanism=mechanism)
 
 
 def _pieces(
@@ -170,7 +170,7 @@ def _recordings(
         if first := clock is None:
             _check_length(len(table.rows))
             mapping = with_names(mapping, table, kinds)
-            mechanism, notes = mechanism.following(mapping.followers), follower_notes(mapping.followers)
+            mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
             kinds = joint_kinds(mechanism.tree)
             clock = Clock(mapping.columns["time"], gaps)
             notes += table.notes
@@ -227,7 +227,7 @@ def _of_several_clocks(
     else:
         tables = read_clocks(files[0], limit=limit)
     mapping = mapping_of(tables, mapping, kinds)
-    mechanism, kinds = mechanism.following(mapping.followers), joint_kinds(mechanism.tree)
+    mechanism, kinds = moved(mapping, mechanism), joint_kinds(mechanism.tree)
     notes += follower_notes(mapping.followers)
     streams = read_streams(tables, mapping, notes, gaps=gaps if len(files) > 1 else None)
     recording = _recording(streams, mapping)

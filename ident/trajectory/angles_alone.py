@@ -101,8 +101,7 @@ def _stretches(coordinates: Sampled) -> list[slice]:
         reach = longest_step(Sampled(time[at], time[at]))
         for gap in np.flatnonzero(np.diff(time[at]) > reach):
             inside[at[gap] + 1 : at[gap + 1] + 1] = False
-    borders = [0, *(np.flatnonzero(~inside)).tolist(), len(time)]
-    parts = [slice(a, b) for a, b in pairwise(borders)]
+    parts = [slice(a, b) for a, b in pairwise([0, *np.flatnonzero(~inside).tolist(), len(time)])]
     return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
 
 
@@ -140,7 +139,6 @@ def _outliers(residual: np.ndarray) -> np.ndarray:
     size = np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
     if len(size):
         beside = np.pad(size, 1)
-        most = np.maximum(beside[:-2], beside[2:])
         usual = np.maximum(np.quantile(size, MOST) / NORMAL_QUANTILE, NORMAL_MAD * running_median(size, AROUND))
-        out[1:-1] = (size > GROSS * usual) & (size >= most)
+        out[1:-1] = (size > GROSS * usual) & (size >= np.maximum(beside[:-2], beside[2:]))
     return out

@@ -9,10 +9,10 @@ import numpy as np
 
 from ident.estimation.channel_scales import LEAST, beside_others
 from ident.estimation.measurement import Measurement
-from ident.trajectory.angles_alone import Trajectory, smoothed
+from ident.trajectory.angles_alone import Trajectory
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, clocks
-from ident.trajectory.left_out import without_zeros
+from ident.trajectory.left_out import motion_alone
 from ident.trajectory.start import reweighted
 
 SPACING, FURTHEST = 0.05, 3.0
@@ -54,7 +54,7 @@ def likely_delay(measurement: Measurement, at: int, fit: TrajectoryFit) -> float
     number = len(delays) // 2
 
     def left(T: float) -> list[float]:
-        motions = [smoothed(without_zeros(piece, measurement, fit.theta[chosen]), T) for piece, chosen in own]
+        motions = [motion_alone(piece, measurement, fit.theta[chosen], T) for piece, chosen in own]
         out = []
         for delay in delays.tolist():
             theta = np.where(np.arange(len(fit.theta)) == at, delay, fit.theta)

@@ -14,7 +14,7 @@ from ident.estimation.channel_scales import channel_scales
 from ident.estimation.measurement import Measurement
 from ident.recordings.sampled import Sampled
 from ident.tolerances import UNEXPLAINED
-from ident.trajectory.angles_alone import smoothed
+from ident.trajectory.angles_alone import Trajectory, smoothed
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, channel_times, predicted
 from ident.trajectory.fit.precision import inverse_of_precision
@@ -92,7 +92,7 @@ def _squares(
     measurement: Measurement, piece: Piece, theta: np.ndarray, T: float, least: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sums of squared errors of a piece's channels, and their numbers of samples (C,)."""
-    motion = smoothed(without_zeros(piece, measurement, theta), T)
+    motion = motion_alone(piece, measurement, theta, T)
     error = piece.measured - predicted(measurement, piece, motion.evaluate, theta)
     clear = motion.settled(channel_times(measurement, piece, theta))[:, None] & np.isfinite(error)
     if piece.slack is not None:
@@ -100,12 +100,15 @@ def _squares(
     return (np.where(clear, error, 0.0) ** 2).sum(axis=0), clear.sum(axis=0)
 
 
-def without_zeros(piece: Piece, measurement: Measurement, theta: np.ndarray) -> Sampled:
-    """Measured coordinates of a piece less their estimated zeros."""
-    values = piece.states[0].copy()
+def motion_alone(piece: Piece, measurement: Measurement, theta: np.ndarray, T: float) -> Trajectory:
+    """Measured coordinates of a piece, smoothed once with a time constant T, less their estimated zeros."""
+    if T not in piece.alone:
+        piece.alone[T] = smoothed(Sampled(piece.time, piece.states[0]), T)
+    zeros = np.zeros(piece.states[0].shape[1])
     for j, at in measurement.zeros.items():
-        values[:, j] -= theta[at]
-    return Sampled(piece.time, values)
+        zeros[j] = theta[at]
+    motion = piece.alone[T]
+    return Trajectory(motion.splines, [c - zeros for c in motion.coefficients])
 
 
 def gains(fit: TrajectoryFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:

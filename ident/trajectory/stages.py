@@ -72,9 +72,10 @@ UNFOLLOWED = 0.125
 """Apparent time shift, over the knot spacing, due to jumps that knots cannot follow: motions with trapezoidal
 velocities at 100 Hz, otherwise exact, gave spurious clock errors with shifts of a twentieth."""
 
-LEAST_PIECES, SHORTEST = 6, 2.0
+LEAST_PIECES, SHORTEST = 6, (2.0, 0.5)
 """Least number of pieces of all recordings together, for prediction of some from the others; and shortest length of
-such a piece, s: at a cut accelerations depend on one side only."""
+such a piece, s, of all of a recording and of a share of it: at a cut accelerations depend on one side only, but few
+samples span more of the motion in many pieces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +121,15 @@ class Stages:
 
         Args:
             steps: Initial knot spacing of each recording, s.
-            share: Step k: every k-th piece of each recording is used.
+            share: Step k: every k-th piece of each recording is used; half of it where these do not determine θ.
             finest: Smallest knot spacing of each, s.
         """
-        best = last = self._begun(steps, share)
+        try:
+            best = last = self._begun(steps, share)
+        except ExcitationError:
+            if share == 1:
+                raise
+            return self.explored(steps, share // 2, finest)
         near, far = correlated(best)
         patience = np.where((near & ~far).any(axis=1), TRIES, 1)
         tries, parts = np.where(near.any(axis=1), patience, 0), np.full(len(patience), 2)
@@ -186,30 +192,26 @@ class Stages:
     def _cut(self, steps: Sequence[float], share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
         """Pieces of all recordings, the indices in θ of each piece's parameters, and numbers of pieces by recording."""
         cuts = [
-            [replace(piece, log=k) for piece in self._cut_one(part, step)[::share]]
+            [replace(piece, log=k) for piece in self._cut_one(part, step, share)[::share]]
             for k, (part, step) in enumerate(zip(self.recordings, steps, strict=True))
         ]
         selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
         return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
 
-    def _cut_one(self, part: Part[slice], step: float) -> list[Piece]:
-        """Pieces of a recording, fewer if a coordinate is missing in one of them."""
-        fewest = 2 if len(self.recordings) == 1 else 1
+    def _cut_one(self, part: Part[slice], step: float, share: int) -> list[Piece]:
+        """Pieces of a recording, of which each `share`-th is used; fewer if a coordinate is missing in one of them."""
+        fewest, own = 2 if len(self.recordings) == 1 else 1, -(-LEAST_PIECES // len(self.recordings))
+        most = int(np.ptp(part.log.recording.time[part.samples]) / SHORTEST[share > 1])
         try:
-            return cut(part.log, self.measurement, part.samples, step, least=max(fewest, self._least(part)))
+            least = max(fewest, min(most, own * share))
+            return cut(part.log, self.measurement, part.samples, step, least=least)
         except InputError:
             return cut(part.log, self.measurement, part.samples, step, least=fewest)
-
-    def _least(self, part: Part[slice]) -> int:
-        """Least number of pieces of a recording."""
-        own = -(-LEAST_PIECES // len(self.recordings))
-        seconds = float(np.ptp(part.log.recording.time[part.samples]))
-        return min(int(seconds / SHORTEST), own)
 
     def carried(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate of stages with another prior or other columns, as a starting point of these.
 
-        Columns that it lacks are fixed at zero.
+        Columns that it lacks are fixed at zero. The equations of columns that it has are not computed again.
         """
         before, was = estimate.fit, estimate.measurement.names
         here = [k for k, name in enumerate(self.measurement.names) if name in was]
@@ -218,20 +220,21 @@ class Stages:
         for k, own in enumerate(self.selections):
             at = before.selections[estimate.pieces_of(k).start][there]
             theta[own[here]], free[own[here]], bounded[own[here]] = before.theta[at], before.free[at], before.bound[at]
-        fit = replace(
-            before,
-            names=self.names,
-            selections=[own for own, count in zip(self.selections, estimate.counts, strict=True) for _ in range(count)],
-            prior=self.prior.weighted(before.prior.weight),
-            theta=theta,
-            free=free,
-            bounded=bounded,
-        )
+        selections = [own for own, count in zip(self.selections, estimate.counts, strict=True) for _ in range(count)]
+        prior = self.prior.weighted(before.prior.weight)
+        fit = replace(before, names=self.names, selections=selections, prior=prior, theta=theta, free=free)
+        fit = replace(fit, bounded=bounded, scatters=None)
         new = {k: self.names.index(name) for k, name in enumerate(before.names) if name in self.names}
         search = replace(estimate.search, deviations=tuple(each.renumbered(new) for each in estimate.search.deviations))
-        estimate = replace(estimate, search=search, setup=self.setup, known=self.known).with_fit(fit)
-        fit = replace(fit, shares=self.refit_of(estimate)(fit.end, free, 0).shares, scatters=None)
-        return replace(estimate.with_fit(fit), measurement=self.measured(estimate.reversals))
+        measured = self.measured(estimate.reversals)
+        estimate = replace(estimate, measurement=measured, search=search, setup=self.setup, known=self.known)
+        if before.shares and set(self.names) <= set(before.names):
+            kept = [before.names.index(name) for name in self.names]
+            shares = [(precision[np.ix_(kept, kept)], right[kept]) for precision, right in before.shares]
+            scatters = before.scatters and [each[np.ix_(kept, kept)] for each in before.scatters]
+            return estimate.with_fit(replace(fit, shares=shares, scatters=scatters))
+        again = self.refit_of(estimate.with_fit(fit))(fit.end, free, 0)
+        return estimate.with_fit(replace(fit, shares=again.shares))
 
     def preferred(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Exploring estimate of stages without a prior, or one with this prior if it predicts left-out pieces better.
@@ -266,12 +269,14 @@ class Stages:
         white = self.refitted(estimate.with_fit(estimate.fit.unbound), rounds=WEIGHED)
         # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
         if correlated(white)[1].any():
-            white = better(
-                white, "correlated noise", lambda: self.refitted(replace(white, coloured=True), rounds=WEIGHED)
-            )
+            white = self._coloured(white)
         if white.fit.status != "stopped":
             return white
         return self.refitted(white, rounds=iteration.ROUNDS - WEIGHED)
+
+    def _coloured(self, white: TrajectoryEstimate) -> TrajectoryEstimate:
+        """Estimate with white noise, or with correlated noise if that predicts clearly better."""
+        return better(white, "correlated noise", lambda: self.refitted(replace(white, coloured=True), rounds=WEIGHED))
 
     @cached_property
     def _is_drive(self) -> np.ndarray:
@@ -303,7 +308,11 @@ class Stages:
         return replace(estimate.with_fit(again), measurement=self.measured(estimate.reversals))
 
     def whole(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
-        """Estimate from all pieces, started with knots, noise and set-up of one from fewer pieces."""
+        """Estimate near convergence from all pieces, with knots, noise and set-up of one from fewer pieces.
+
+        Noise that is correlated there has to predict all pieces better as well: white noise is the more robust choice.
+        The covariance of its gradient is that of the fewer pieces, by numbers of samples: enough for score tests.
+        """
         pieces, selected, counts = self._cut(estimate.steps, 1)
         alone = smoothed(pieces, estimate.fit.noises, executor=self.executor)
         if estimate.reversals is not None:
@@ -312,11 +321,16 @@ class Stages:
             pieces = estimate.reversals.opened(pieces, rates)
         begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
         begun = replace(begun, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
-        return self.refitted(replace(estimate.with_fit(begun.unbound), counts=counts))
+        begun = replace(begun, noises=[replace(own, channels_rho=0 * own.channels_rho) for own in begun.noises])
+        out = self.refitted(replace(estimate.with_fit(begun.unbound), counts=counts, coloured=False))
+        out = self._coloured(out) if estimate.coloured else out
+        if out.fit.status == "interrupted":
+            return out
+        return out.with_fit(replace(out.fit, status="near", scatters=_by_samples(estimate.fit, pieces)))
 
     def searched(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""
-        estimate = self._with_weighted_prior(self.scattered(estimate))
+        estimate = self._with_weighted_prior(estimate if estimate.fit.scatters else self.scattered(estimate))
         if estimate.search.incredible or estimate.fit.status == "interrupted" or len(estimate.fit.pieces) < 2:
             return estimate
         refit = self.refit_of(estimate)
@@ -440,9 +454,23 @@ class Stages:
         return refit
 
 
+def _by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:
+    """Covariance of the right side of each piece, from that of a fit of other pieces of the same recordings (p, p)."""
+    out = []
+    for piece in pieces:
+        own = [k for k, other in enumerate(fit.pieces) if other.log == piece.log]
+        share = len(piece.when) / sum(len(fit.pieces[k].when) for k in own)
+        out.append(share * np.sum([fit.scatter_shares[k] for k in own], axis=0))
+    return out
+
+
 def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
-    """Logarithms of the standard deviations of the channels' noise in every recording (L, C)."""
-    return np.log([noise.channels for noise in estimate.fit.noises])
+    """Logarithms of the noise by which knots are chosen, of every recording (L, s).
+
+    It is that of the channels. Commands have none: what knots do not follow is then in the angles'.
+    """
+    angles = slice(0 if estimate.measurement.equations.servos is None else None)
+    return np.log([np.r_[each.channels, each.states[0, angles]] for each in estimate.fit.noises])
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:

@@ -95,8 +95,8 @@ def tree_from_model(
         several joints on one body, all but the last have massless links.
 
     Warns:
-        ModelNote: Equality constraints or tendons that are not ignored act between bodies of the tree, which changes
-            its joint torques, but neither the base wrench nor contact wrenches.
+        ModelNote: Tendons or flexes that are not ignored act between bodies of the tree, which changes its joint
+            torques, but neither the base wrench nor contact wrenches. Equality constraints are in `mechanism` alone.
 
     Raises:
         ModelError: The base or a joint to fix does not exist, or equality constraints or tendons that are not ignored

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.document.decimals import as_stated, decimals_of, lacking, number
-from experiments.document.regrouped import Regrouped
-from experiments.document.tabular import Table, columns
+from experiments.document.tabular import Regrouped, Table, as_stated, columns, decimals_of, lacking, number
 
 
 def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():

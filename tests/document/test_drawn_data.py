@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from experiments.document import drawn_data, figures
-from experiments.document.row_panels import row_panels
+from experiments.document.styles import row_panels
 
 
 def rows(figure):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import scenes
 from experiments import excite, identify
-from experiments.document import escape, figures, print_table, tabular
+from experiments.document import figures, print_table, symbols, tabular
 from ident.recordings.recording import Recording
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -73,14 +73,14 @@ def in_a_line(text):
 @given(TEXTS)
 @example("_a_")
 def test_all_letters_are_shown_and_none_is_acted_on(text):
-    assert shown_by_tex(escape.tex(text)) == in_a_line(text)
-    assert shown_by_markdown(escape.markdown(text)) == in_a_line(text)
+    assert shown_by_tex(symbols.tex(text)) == in_a_line(text)
+    assert shown_by_markdown(symbols.markdown(text)) == in_a_line(text)
 
 
 def test_matplotlib_draws_the_letters():
     for text in EVIL:
         figure = Figure()
-        shown = figure.text(0, 0, escape.label(text))
+        shown = figure.text(0, 0, symbols.label(text))
         assert shown._preprocess_math(shown.get_text()) == (in_a_line(text), False)
         figure.draw_without_rendering()
 

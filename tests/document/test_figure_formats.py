@@ -10,7 +10,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from experiments import misaligned
 from experiments.cli.command import COMMANDS
-from experiments.data.defaults import FORMATS
+from experiments.data.paper import FORMATS
 
 CANVASES = {"png": FigureCanvasAgg, "pdf": FigureCanvasPdf, "svg": FigureCanvasSVG}
 SHORT = ["--samples", "60", "--trials", "2", "--redraw", "sensors"]

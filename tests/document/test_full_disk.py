@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 import scenes
 import sim
 from experiments import excite, mechanism, misaligned
-from experiments.data import defaults
+from experiments.data import paper
 from experiments.document import figures, result_folder, tabular
 from experiments.document.document import Document
 from experiments.document.writer import Output, write_parts
@@ -92,7 +92,7 @@ def write_figure(extension):
     return write
 
 
-WRITERS = {"csv": write_table, "json": write_json, **{format: write_figure(format) for format in defaults.FORMATS}}
+WRITERS = {"csv": write_table, "json": write_json, **{format: write_figure(format) for format in paper.FORMATS}}
 
 
 def into_results(write, out):

@@ -2,8 +2,7 @@
 
 import pytest
 
-from experiments.document import kernels
-from experiments.document.provenance import provenance
+from experiments.document import provenance
 
 
 @pytest.mark.parametrize(
@@ -22,22 +21,22 @@ from experiments.document.provenance import provenance
     ],
 )
 def test_older_kernels_than_the_processor_s_are_named_with_the_variable(chosen, features, old):
-    text = kernels.advice(chosen, features)
+    text = provenance.advice(chosen, features)
     assert (text is None) == (old is None)
     assert old is None or (f"The OpenBLAS of {old}" in text and "OPENBLAS_CORETYPE=SkylakeX in the environment" in text)
 
 
 def test_the_provenance_has_the_kernels_and_the_remark_once(monkeypatch):
-    own = provenance({})["linear_algebra"]
-    assert own["openblas_kernels"] == kernels.kernels()
+    own = provenance.provenance({})["linear_algebra"]
+    assert own["openblas_kernels"] == provenance.kernels()
     monkeypatch.setattr("experiments.document.provenance.kernels", lambda: {"scipy": "Haswell"})
     monkeypatch.setattr("experiments.document.provenance.features", lambda: {"avx512f"})
-    made = provenance({})
+    made = provenance.provenance({})
     assert made["linear_algebra"]["remark"].startswith("The OpenBLAS of scipy uses its kernels for Haswell")
 
 
 def test_without_openblas_or_a_list_of_features_nothing_is_said(monkeypatch, tmp_path):
-    monkeypatch.setattr(kernels.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
-    assert kernels.kernels() == {}
-    monkeypatch.setattr(kernels.Path, "read_text", lambda *_, **__: "processor: 0")
-    assert kernels.features() == set() and kernels.advice(kernels.kernels(), kernels.features()) is None
+    monkeypatch.setattr(provenance.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
+    assert provenance.kernels() == {}
+    monkeypatch.setattr(provenance.Path, "read_text", lambda *_, **__: "processor: 0")
+    assert provenance.features() == set() and provenance.advice(provenance.kernels(), provenance.features()) is None

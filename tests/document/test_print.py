@@ -14,8 +14,8 @@ from truth import use_truth
 from experiments.document import figures, print_table, styles, tabular
 from experiments.document.document import Document
 from experiments.document.print_table import PACKAGES
-from experiments.document.regrouped import Regrouped
 from experiments.document.styles import WIDTHS
+from experiments.document.tabular import Regrouped
 from experiments.document.writer import Output, write_parts
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study

@@ -14,12 +14,11 @@ from pages import PENDULUM, identified, replayed
 import scenes
 from experiments.document import replay as replays
 from experiments.document.document import Document
-from experiments.document.page import _environment
-from experiments.document.parameter_words import in_words, regrouped_in_words
 from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
+from experiments.document.symbols import in_words, regrouped_in_words
 from experiments.document.tabular import Table
-from experiments.document.writer import Output, written
-from experiments.reports.identify_replay import place
+from experiments.document.writer import Output, _environment, written
+from experiments.reports.identify_figures import place
 from ident.estimation.preparation import Part
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.finding import Finding

@@ -8,16 +8,16 @@ from matplotlib.colors import to_hex
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.document import figures, row_panels, styles, symbols
+from experiments.document import figures, styles, symbols
 from experiments.document.styles import HEIGHTS, WIDTHS
 from experiments.reports.identify_figures import (
     held_out_caption,
     held_out_figure,
     parameters_caption,
     parameters_figure,
+    replay,
     spectra_figure,
 )
-from experiments.reports.identify_replay import replay
 from ident.estimation.preparation import LeftOut
 
 
@@ -109,7 +109,7 @@ def cycle_color(name):
 
 
 def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
-    monkeypatch.setattr(row_panels, "COLUMN_ROWS", 5)
+    monkeypatch.setattr(styles, "COLUMN_ROWS", 5)
     figure = parameters_figure(estimate)
     assert figure.get_figwidth() == WIDTHS[2][1] and len(figure.axes) == 3
     labels = [text.get_text() for ax in figure.axes for text in ax.get_yticklabels()]
@@ -123,11 +123,11 @@ def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
 def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
     assert "narrowest" not in parameters_caption(estimate)
     with styles.page(columns):
-        most = row_panels.most_rows()
-        figure, _ = row_panels.row_panels(["x"] * most, "")
+        most = styles.most_rows()
+        figure, _ = styles.row_panels(["x"] * most, "")
         assert most > 60 and figure.get_figheight() <= HEIGHTS[columns]
         # If there are too many parameters, those with the narrowest intervals are shown, and the caption says so.
-        monkeypatch.setattr(row_panels, "most_rows", lambda: 4)
+        monkeypatch.setattr(styles, "most_rows", lambda: 4)
         (axes,) = parameters_figure(estimate).axes
         size = np.maximum(abs(estimate.psi), abs(estimate.base.regroup(PENDULUM.known)))
         best = sorted(np.argsort(estimate.std_setup / size)[:4])

@@ -10,9 +10,9 @@ import pytest
 
 import ident
 import sim
-from experiments.data.following import Following
+from experiments.data.errors import Following
 from experiments.reports.identify_report import following_lines, following_table
-from experiments.studies.following import following
+from experiments.studies.identification import following
 from ident.errors import InputError
 from ident.recordings.commands import with_servos
 from ident.recordings.servo import Servo

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 
 from experiments import batch, identify
-from experiments.data.batch import Outcome, spreads
-from experiments.data.log_agreement import agreement
+from experiments.data.batch import Outcome, agreement, spreads
 from experiments.reports import batch_report
 from experiments.runs import checkpoint
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers

@@ -9,7 +9,7 @@ from fuzz.undrawn import leave_undrawn
 import scenes
 import sim
 from experiments import identify
-from experiments.data.laboratory import Laboratory
+from experiments.data.person import Laboratory
 from experiments.studies.person_recordings import mistaken, sensed
 from sim.models.model_update import write_model
 from sim.motion import person

@@ -8,7 +8,7 @@ import pytest
 from commands import refusal
 
 from experiments import excite
-from experiments.data import defaults
+from experiments.data import paper
 from experiments.studies import criteria, excitation
 from ident.errors import ModelError
 from ident.mechanism.motion import Motion
@@ -101,8 +101,8 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path, arm):
     assert a == b != c
 
 
-@pytest.mark.parametrize("criterion", defaults.CRITERIA)
-@pytest.mark.parametrize("sensors", defaults.SENSORS)
+@pytest.mark.parametrize("criterion", paper.CRITERIA)
+@pytest.mark.parametrize("sensors", paper.SENSORS)
 def test_each_criterion_improves(arm, criterion, sensors):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = excitation.problem(mechanism(model, "column"), None, sensors=sensors, noise=(0.5, 0.05))
@@ -128,7 +128,7 @@ def test_limits_are_kept_between_the_samples():
         assert (LIMITS.use(*scaled_into(wild, LIMITS).states(time)) < 1).all()
 
 
-@pytest.mark.parametrize("criterion", defaults.CRITERIA)
+@pytest.mark.parametrize("criterion", paper.CRITERIA)
 def test_the_searchs_gradient_is_that_of_its_value(arm, criterion):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model)
@@ -173,7 +173,7 @@ def check_gradient(function, x):
     assert np.sum(function(x)[1] * direction) == pytest.approx((up - down) / (2 * h), rel=1e-5)
 
 
-@pytest.mark.parametrize("criterion", defaults.CRITERIA)
+@pytest.mark.parametrize("criterion", paper.CRITERIA)
 @pytest.mark.parametrize("samples", [40, 3])
 def test_a_criterions_derivatives_are_its_differences(arm, criterion, samples):
     """With few samples, some combinations are not excited."""

@@ -14,10 +14,10 @@ from commands import refusal
 from same_recording import assert_same_recording
 
 from experiments import misaligned
-from experiments.data import defaults, fitting, paper, study_file
+from experiments.data import fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
-from experiments.document.decimals import decimals_of
 from experiments.document.styles import WIDTHS
+from experiments.document.tabular import decimals_of
 from experiments.reports import study_figures, study_tables
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
@@ -50,12 +50,12 @@ def study():
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("results") / "new" / "folder"
-    assert misaligned.main(["--out", str(out), "--formats", *defaults.FORMATS, "--seed", "3"]) == 0
+    assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
     return out
 
 
 def test_everything_is_written(results):
-    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in (*defaults.FORMATS, "tex", "csv")]
+    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in (*paper.FORMATS, "tex", "csv")]
     expected = {*TABLES, *drawings, "summary.json", "provenance.json", "report.html", "recording.npz"}
     assert {file.name for file in results.iterdir()} == expected
     assert all(file.stat().st_size > 100 for file in results.iterdir())
@@ -212,7 +212,7 @@ def test_provenance_says_how_to_run_it_again(results):
         "tilt_deg": 5.0,
         "azimuth_deg": 120.0,
         "noise_scale": 1.0,
-        "formats": list(defaults.FORMATS),
+        "formats": list(paper.FORMATS),
     }
     assert len(origin["recording"]["scene_sha256"]) == 64
     assert "joint angles and wrenches alone" in origin["estimators"]["trajectory"]
@@ -224,7 +224,7 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
     trajectory = study.trajectory
     monkeypatch.setattr(simulated.Study, "trajectory", lambda self, model: trajectory(model))
-    assert misaligned.main(["--out", str(tmp_path), "--formats", *defaults.FORMATS, "--seed", "3"]) == 0
+    assert misaligned.main(["--out", str(tmp_path), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
     for file in results.iterdir():
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 

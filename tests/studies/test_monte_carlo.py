@@ -10,19 +10,19 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
 from experiments.cli import options
-from experiments.data import defaults
+from experiments.data import paper
 from experiments.data.errors import Distribution
 from experiments.data.simulated import Problem
 from experiments.document import figures
 from experiments.reports import monte_carlo_report
 from experiments.runs import workers
-from experiments.studies import monte_carlo, trials
+from experiments.studies import simulated
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
 from ident.recordings.recording import Recording
 
 
-@pytest.mark.parametrize("redrawn", defaults.REDRAWN)
+@pytest.mark.parametrize("redrawn", paper.REDRAWN)
 def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
     source = draw(tmp_path, "--redraw", redrawn)
     a, b, again = source.recordings([0, 1, 0])
@@ -64,8 +64,8 @@ def check_request_to_end(folder, number, moment):
     assert b"Traceback" not in output, output.decode()
     assert b"resource_tracker" not in output
     assert b"every file is whole" in output
-    assert (b"run again with --resume" in output) == (folder / trials.FILE).exists()
-    assert (folder / trials.FILE).exists() or moment == "starting"
+    assert (b"run again with --resume" in output) == (folder / simulated.FILE).exists()
+    assert (folder / simulated.FILE).exists() or moment == "starting"
 
 
 @pytest.mark.slow
@@ -85,8 +85,8 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
     run(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
     with pytest.raises(ValueError, match="of another run: seed differ"):
         resumed(draw(tmp_path, "--redraw", "sensors", "--seed", "1"), 2, tmp_path)
-    for broken in (b"", b"no trials", (tmp_path / trials.FILE).read_bytes()[:200]):
-        (tmp_path / trials.FILE).write_bytes(broken)
+    for broken in (b"", b"no trials", (tmp_path / simulated.FILE).read_bytes()[:200]):
+        (tmp_path / simulated.FILE).write_bytes(broken)
         with pytest.raises(ValueError, match="--resume needs the trials of an earlier run"):
             resumed(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
 
@@ -106,7 +106,7 @@ def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
         "0",
     ]
     assert multicontact.main([*command, "--trials", "6"]) == 0
-    before = (tmp_path / trials.FILE).read_bytes()
+    before = (tmp_path / simulated.FILE).read_bytes()
     assert multicontact.main([*command, "--trials", "2"]) == 0
     assert (tmp_path / "trials_before.npz").read_bytes() == before
 
@@ -222,7 +222,7 @@ def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request
 def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     # Least squares in place of the trajectory estimate: its trials are then the first of the others.
     monkeypatch.setattr(
-        monte_carlo, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
+        simulated, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
     command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "20"]
     work, calls = workers.in_order, []
@@ -240,11 +240,11 @@ def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
         assert multicontact.main([*command, "--trajectory-trials", "15"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
     assert multicontact.main([*command, "--trajectory-trials", "15", "--resume"]) == 0
-    np.testing.assert_array_equal(kept(tmp_path, trials.TRAJECTORY_FILE), kept(tmp_path)[:15])
+    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:15])
     # A run that ends before its trajectory trials does not leave those of the previous run to be resumed.
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "0"]) == 0
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "3", "--resume"]) == 0
-    np.testing.assert_array_equal(kept(tmp_path, trials.TRAJECTORY_FILE), kept(tmp_path)[:3])
+    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:3])
 
 
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
@@ -252,7 +252,7 @@ def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsy
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(monte_carlo, "run_trials", interrupt)
+    monkeypatch.setattr(simulated, "run_trials", interrupt)
     assert multicontact.main(["--out", str(tmp_path), "--formats", "png", "--trials", "6"]) == 130
     assert "--resume" not in capsys.readouterr().err
     assert (tmp_path / "table_4.csv").exists()
@@ -282,4 +282,4 @@ def test_options_are_shared():
 
 def test_a_recording_without_noise_levels_cannot_be_redrawn_into_noise():
     recording = Recording([0.0, 1.0], {"a": [1.0, 2.0]}, {"a": [1.0, 2.0]})
-    np.testing.assert_array_equal(trials.with_noise(recording, np.random.default_rng(0))["a"], [1, 2])
+    np.testing.assert_array_equal(simulated.with_noise(recording, np.random.default_rng(0))["a"], [1, 2])

@@ -9,9 +9,9 @@ from commands import refusal
 
 import scenes
 from experiments import human
-from experiments.data.laboratory import Laboratory
+from experiments.data.person import Laboratory
 from experiments.reports.human_report import measured
-from experiments.studies.person_faults import Faults, drawn
+from experiments.studies.person_markers import Faults, drawn
 from experiments.studies.person_recordings import BASE, SENSORS, humanoid, mistaken, moved, recorded
 from ident.recordings.wrench import transform_wrench
 from sim.models.mechanism import mechanism

@@ -1,5 +1,8 @@
 """Pieces left out of a fit, against equations solved without them."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
@@ -7,10 +10,13 @@ from recorded_faults import PENDULUM, faulty, shortened
 from ident.errors import ExcitationError
 from ident.estimation.preparation import prepared
 from ident.identification import identified
+from ident.recordings.sampled import Sampled
 from ident.trajectory import left_out
+from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.angles_alone import smoothed
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
-from ident.trajectory.fit.piece import Noise
-from ident.trajectory.left_out import clearly_better, clearly_less, gains, without
+from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.left_out import clearly_better, clearly_less, gains, motion_alone, without
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 
@@ -115,3 +121,19 @@ def test_white_weights_are_kept_unless_others_predict_clearly_better():
     assert not clearly_less(white, np.array([0.2, 0.295, 1.0]))
     assert clearly_less(white, np.array([0.15, 0.3, 1.0]))
     assert not clearly_less(np.ones(2), np.ones(2))
+
+
+def test_a_motion_alone_is_smoothed_once_whatever_the_zeros(monkeypatch):
+    """Also for copies of the piece with other slack."""
+    rng, time = np.random.default_rng(0), np.sort(np.random.default_rng(1).uniform(0, 3, 200))
+    angles = np.stack([np.sin(3 * time), np.cos(2 * time)], axis=1) + 0.01 * rng.normal(size=(200, 2))
+    empty = np.zeros((200, 0))
+    piece = Piece(Spline.over(0, 3, 0.1), time, (angles, None, None), time, empty, np.zeros((200, 2, 0)))
+    calls = []
+    monkeypatch.setattr(left_out, "smoothed", lambda *given: calls.append(1) or smoothed(*given))
+    measurement, theta = SimpleNamespace(zeros={1: 2}), np.array([0.0, 0.0, 0.3])
+    motion_alone(piece, measurement, 0 * theta, 0.04)
+    shifted = motion_alone(replace(piece, slack=empty), measurement, theta, 0.04)
+    expected = smoothed(Sampled(time, angles - [0, 0.3]), 0.04)
+    np.testing.assert_allclose(shifted.evaluate(time)[:3], expected.evaluate(time)[:3], atol=1e-9)
+    assert len(calls) == 1

@@ -13,13 +13,12 @@ from fuzz.here import Here
 from registered import TEXT, files_of, recorded, written
 
 from experiments import validate
-from experiments.data.registry import Published, Reference
-from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, inside
+from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, Published, Reference, inside
 from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
-from experiments.reports.validation_numbers import numbers
+from experiments.reports.validation_report import numbers
 from experiments.runs import workers
-from experiments.studies.validation import registry, study
+from experiments.studies.validation import files, study
 from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
@@ -43,9 +42,9 @@ def arm(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     recorded(data / "arm")
     entries = tmp_path_factory.mktemp("entries")
-    files = files_of(data / "arm", "arm.xml", "one.csv", "two.csv")
-    text = TEXT.format(files=files, more=PUBLISHED).replace("\n[source]", f"{MORE}\n[source]", 1)
-    return data, registry.read_entry(written(entries, text))
+    listed = files_of(data / "arm", "arm.xml", "one.csv", "two.csv")
+    text = TEXT.format(files=listed, more=PUBLISHED).replace("\n[source]", f"{MORE}\n[source]", 1)
+    return data, files.read_entry(written(entries, text))
 
 
 @pytest.fixture(scope="module")
@@ -246,10 +245,10 @@ def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", [name for name, entry in registry.registry().items() if not entry.tried])
+@pytest.mark.parametrize("name", [name for name, entry in files.registry().items() if not entry.tried])
 def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_path, capsys, monkeypatch):
     """Not even one that says what would be fitted, and neither from a folder nor from a server."""
-    entry = registry.registry()[name]
+    entry = files.registry()[name]
     (tmp_path / entry.folder).mkdir()
     for file in entry.files:
         (tmp_path / entry.folder / file.name).write_bytes(b"something")
@@ -263,7 +262,7 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_
 
 
 def test_a_damaged_entry_is_one_sentence(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(registry, "folder", lambda: tmp_path)
+    monkeypatch.setattr(files, "folder", lambda: tmp_path)
     written(tmp_path, "title = ")
     error = refusal(validate.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
     assert "arm.toml: an entry needs to be TOML" in error and error.count("\n") == 1
@@ -272,7 +271,7 @@ def test_a_damaged_entry_is_one_sentence(tmp_path, capsys, monkeypatch):
 @pytest.mark.usefixtures("undrawn")
 def test_the_command_writes_a_page(arm, tmp_path, monkeypatch, capsys):
     data, entry = arm
-    monkeypatch.setattr("experiments.studies.validation.registry.registry", lambda: {"arm": entry})
+    monkeypatch.setattr("experiments.studies.validation.files.registry", lambda: {"arm": entry})
     monkeypatch.setattr(workers, "Processes", Here)
     monkeypatch.setenv(validate.VARIABLE, str(data))
     assert validate.main(["--out", str(tmp_path / "out"), "--workers", "1", "--formats", "png"]) == 0
@@ -282,7 +281,7 @@ def test_the_command_writes_a_page(arm, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.skipif(not (DATA / "c0_00.csv").is_file(), reason="MULTICONTACT_DATA has no dfki_double_pendulum")
 def test_the_pendulum_in_steel_has_the_published_inertias():
-    entry = registry.registry()["double_pendulum"]
+    entry = files.registry()["double_pendulum"]
     whole, *_ = study.tasks_of([entry], {entry.name: DATA})
     each = study.validation(entry, study.work(whole), {})
     assert each.unchecked == () and each.channels == ("Joint1", "Joint2") and each.outcome == "usable"

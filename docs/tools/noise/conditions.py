@@ -9,7 +9,7 @@ import numpy as np
 
 import scenes
 from experiments.data import paper
-from experiments.data.defaults import SCENE
+from experiments.data.paper import SCENE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters

@@ -1,18 +1,66 @@
-"""Files of an entry: those of a local folder, or downloaded ones, checked by hash and converted where necessary."""
+"""The registry's files, and those of the recordings: where they are, checked and converted."""
 
 import pickle
 import sqlite3
 import struct
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from zipfile import BadZipFile
 
-from experiments.data.registry import Entry, SourceFile
+from experiments.data.validation import Entry, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.download import HOST, address, cache, digest, download
 from ident.errors import InputError
+from ident.files.entries import made
+from ident.files.limits import toml
+
+
+def folder() -> Path:
+    """Folder of the registry's files."""
+    return Path(str(files("experiments.studies.validation").joinpath("recordings")))
+
+
+def columns_file(name: str) -> Path:
+    """Path of an entry's columns file."""
+    return Path(str(files("experiments.studies.validation").joinpath("columns"))) / name
+
+
+def registry(where: Path | None = None) -> dict[str, Entry]:
+    """All entries by name, those that have been tried first.
+
+    Args:
+        where: Folder of the entries, by default that of this package.
+    """
+    entries = [read_entry(path) for path in sorted((where or folder()).glob("*.toml"))]
+    return {entry.name: entry for entry in sorted(entries, key=lambda entry: not entry.tried)}
+
+
+def chosen(names: Sequence[str], entries: Mapping[str, Entry]) -> list[Entry]:
+    """Entries by name, by default all.
+
+    Raises:
+        InputError: There is none of a name.
+    """
+    if unknown := [name for name in names if name not in entries]:
+        raise InputError(f"Recordings are {', '.join(entries)}; got '{unknown[0]}'.")
+    return [entry for name, entry in entries.items() if not names or name in names]
+
+
+def read_entry(path: Path) -> Entry:
+    """Reads the file of an entry, whose name it has.
+
+    Raises:
+        InputError: It is malformed; the message names the file. `tests/validation/test_registry.py` has further rules.
+    """
+    content = toml(path, "an entry needs")
+    try:
+        return made(Entry, "", content, name=path.stem)
+    except InputError as error:
+        raise InputError(f"{path.name} is no entry of the registry: {error}") from None
+
 
 DAMAGED = (
     ValueError,

@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.registry import Entry
-from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL
+from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
 from experiments.studies.identification import prepare
-from experiments.studies.validation.files import checked, converted
-from experiments.studies.validation.registry import columns_file
+from experiments.studies.validation.files import checked, columns_file, converted
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared

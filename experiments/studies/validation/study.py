@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.data.registry import Entry
-from experiments.data.validation import Study, Validation, Values
+from experiments.data.validation import Entry, Study, Validation, Values
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers
 from experiments.studies.validation.files import Places

@@ -9,10 +9,9 @@ import numpy as np
 from ident.arguments import is_number
 from ident.errors import LogError
 from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
+from ident.files.entries import check_keys, table, value_of, vector
 from ident.files.table import short
-from ident.recordings.columns.entries import check_keys, table, vector
 from ident.recordings.couplings import couplings
-from ident.tolerances import HUGE
 
 TERM = ("column", "columns", "weights", "gain", "constant")
 """Keys of the entry of a computed column, except for its unit."""
@@ -37,7 +36,7 @@ def single(where: str, entry: Any, quantity: str) -> Columns:
 def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:
     """Name of a column and, if it is computed, its sum: factor · gain · Σ weight · column + constant."""
     if entry.keys() & set(TERM) == {"constant"}:
-        alone = Sum((), (), factor * _number(f"{where}.constant", entry["constant"]))
+        alone = Sum((), (), factor * value_of(f"{where}.constant", entry["constant"], float))
         return alone.name, (alone,)
     given: Any = entry["columns"] if "columns" in entry else [entry.get("column")]
     if "column" in entry and "columns" in entry:
@@ -47,7 +46,9 @@ def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[st
     if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
         raise LogError(f"{where} needs the name of a column, got {short(entry.get('columns', entry.get('column')))}.")
     names = [name.strip() for name in given]
-    gain, constant = (_number(f"{where}.{key}", entry.get(key, usual)) for key, usual in (("gain", 1), ("constant", 0)))
+    gain, constant = (
+        value_of(f"{where}.{key}", entry.get(key, usual), float) for key, usual in (("gain", 1), ("constant", 0))
+    )
     if len(names) == 1 and factor * gain == 1 and constant == 0 and "weights" not in entry:
         return names[0], ()
     if not all(names) or len(set(names)) < len(names) or not gain:
@@ -116,9 +117,3 @@ def joints_of_motors(
             unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
             columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
     return columns, couplings(where, entry, moved, matrix, joints)
-
-
-def _number(where: str, value: Any) -> float:
-    if type(value) not in (int, float) or not abs(value) < HUGE:
-        raise LogError(f"{where} needs a number, got {short(value)}.")
-    return float(value)

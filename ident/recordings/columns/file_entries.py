@@ -7,10 +7,9 @@ from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.counted import clock_of_rate
 from ident.files.csv_file import Layout
+from ident.files.entries import check_keys, made, table, vector
 from ident.files.selection import Selection, Span
-from ident.files.table import short
 from ident.recordings.columns.column_entries import single
-from ident.recordings.columns.entries import check_keys, table, vector
 
 
 def layouts(entries: Mapping[str, Any]) -> tuple[Layout, ...]:
@@ -21,18 +20,8 @@ def layouts(entries: Mapping[str, Any]) -> tuple[Layout, ...]:
     """
     entry = entries.get("file", {})
     if not isinstance(entry, list):
-        return (_layout("file", table("file", entry)),)
-    return tuple(_layout(f"file {k}", table(f"file {k}", each)) for k, each in enumerate(entry, start=1)) or (Layout(),)
-
-
-def _layout(where: str, entry: Mapping[str, Any]) -> Layout:
-    check_keys(f"[{where}]", entry, ("header", "skip"))
-    header, skip = entry.get("header", True), entry.get("skip", 0)
-    if not isinstance(header, bool):
-        raise LogError(f"{where}.header needs true or false, got {short(header)}.")
-    if type(skip) is not int or skip < 0:
-        raise LogError(f"{where}.skip needs a number of lines, got {short(skip)}.")
-    return Layout(header, skip)
+        return (made(Layout, "file", entry),)
+    return tuple(made(Layout, f"file {k}", each) for k, each in enumerate(entry, start=1)) or (Layout(),)
 
 
 def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:

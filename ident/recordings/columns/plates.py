@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from ident.annotations import NotNegative
 from ident.errors import LogError
+from ident.files import entries
 from ident.files.table import short
 from ident.geometry.se3 import pose as pose_of
-from ident.recordings.columns import entries
 from ident.recordings.wrench import GROUND, Sensor
 
 KEYS = ("frame", "corners", "origin", "on", "among", "expected", "point", "point_unit", "free_moment", "threshold")
@@ -60,24 +61,24 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
     Raises:
         LogError: The entry contradicts itself, is incomplete, or names a body that the mechanism does not have.
     """
-    where, frame = f"wrenches.{name}", entry.get("frame", "body")
-    if frame not in FRAMES:
-        raise LogError(f"{where}.frame needs one of {', '.join(FRAMES)}; got {short(frame)}.")
+    where = f"wrenches.{name}"
+    frame = entries.choice(f"{where}.frame", entry.get("frame", "body"), FRAMES)
     if frame == "body":
         if extra := [key for key in KEYS[1:] if key in entry]:
             raise LogError(f'[{where}] has \'{extra[0]}\', which takes a frame that rests: "plate" or "world".')
         return None
     on, point = _bodies(name, entry, bodies), _point(where, entry)
     pose = _in_world(where, entry) if frame == "world" else _of_plate(where, entry)
-    low = entry.get("threshold", THRESHOLD if point is not None or len(on) > 1 else 0)
-    if type(low) not in (int, float) or not 0 <= low < np.inf:
-        raise LogError(f"{where}.threshold needs a force in N, zero or more, got {short(low)}.")
+    usual = THRESHOLD if point is not None or len(on) > 1 else 0.0
+    low = entries.value_of(
+        f"{where}.threshold", entry.get("threshold", usual), NotNegative, "a force in N, zero or more"
+    )
     expected = entry.get("expected", "")
     if "expected" in entry and (len(on) < 2 or expected not in on):
         raise LogError(
             f'{where}.expected needs one of the bodies among which on = "{AUTO}" looks, got {short(expected)}.'
         )
-    return Plate(pose, on, float(low), point, str(expected))
+    return Plate(pose, on, low, point, str(expected))
 
 
 def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:

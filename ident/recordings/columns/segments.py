@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import LogError
-from ident.files.table import short
+from ident.files.entries import made, table
+from ident.files.limits import toml
 from ident.parameters.person import Placed
-from ident.recordings.columns.entries import check_keys, table, toml, vector
 from ident.recordings.columns.external_loads import LOADS
 
 
@@ -18,7 +18,7 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
     """
     if path.suffix.lower() == LOADS:
         return None
-    entries = toml(path)
+    entries = toml(path, "a mapping of columns needs", LogError)
     try:
         return segments_of(entries["segments"]) if "segments" in entries else None
     except LogError as error:
@@ -27,13 +27,5 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
 
 def segments_of(entries: Any) -> dict[str, Placed]:
     """Segments by body, from entries `BODY = "SEGMENT"` or tables with the segment and its ends."""
-    out = {}
-    for body, entry in table("segments", entries).items():
-        where = f"segments.{body}"
-        given = {"segment": entry} if isinstance(entry, str) else table(where, entry)
-        check_keys(where, given, ("segment", "proximal", "distal"))
-        if not isinstance(given.get("segment"), str):
-            raise LogError(f"{where} needs the name of a segment, got {short(given.get('segment'))}.")
-        ends = (vector(f"{where}.{end}", given[end], 3) if end in given else None for end in ("proximal", "distal"))
-        out[body] = Placed(given["segment"], *ends)
-    return out
+    given = {body: {"segment": x} if isinstance(x, str) else x for body, x in table("segments", entries).items()}
+    return {body: made(Placed, f"segments.{body}", entry) for body, entry in given.items()}

@@ -1,9 +1,9 @@
 """Piece of a recording in the trajectory estimate: samples, trajectory, and their linearised equations."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -33,6 +33,8 @@ class Piece:
             sample of commands that are held.
         echo: What the measured coordinates make of commands, `kp q`, zero for other channels (M, C); None for none.
         log: Index of the recording, whose pieces share their noise.
+        alone: Motions smoothed from the coordinates alone, by time constant, as far as they were needed; copies of the
+            piece share them.
     """
 
     spline: Spline
@@ -47,6 +49,7 @@ class Piece:
     held: float = 0.0
     echo: np.ndarray | None = None
     log: int = 0
+    alone: dict[float, Any] = field(default_factory=dict)
 
     @property
     def signal(self) -> np.ndarray:

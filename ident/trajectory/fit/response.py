@@ -50,23 +50,11 @@ class Weights:
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Weighted signals (N, s, k)."""
         z = self.scale[..., None] ** 2 * x
-        if self._white:
+        if not self.rho.any():
             return z
         z[1:] -= (self.scale[1:] ** 2 * self.rho[1:])[..., None] * x[:-1]
-        return self._transposed(z)
-
-    def scores(self, u: np.ndarray) -> np.ndarray:
-        """Weighted noise of the assumed covariance, from independent normal deviates u (N, s, k)."""
-        return self._transposed(self.scale[..., None] * u)
-
-    @cached_property
-    def _white(self) -> bool:
-        return not self.rho.any()
-
-    def _transposed(self, z: np.ndarray) -> np.ndarray:
-        """Innovations (N, s, k) times the transposed matrix of the differences they are; overwrites them."""
-        if not self._white:
-            z[:-1] -= self.rho[1:, :, None] * z[1:]
+        # Innovations times the transposed matrix of the differences that they are.
+        z[:-1] -= self.rho[1:, :, None] * z[1:]
         return z
 
 
