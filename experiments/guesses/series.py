@@ -42,7 +42,7 @@ MODEL, ALPHABET, LABELS, ANY = "the model's", "the alphabetical", "the stated", 
 """Orders of joints."""
 
 
-UNNAMED = Family("", ())
+UNNAMED = Family("")
 """Family of columns that have no names in common."""
 
 
@@ -70,16 +70,11 @@ class Order:
         return 1.0 if self.share is None else self.share
 
     @property
-    def kind(self) -> str:
-        """Quantity that the names of the positions state; "" for none."""
-        return self.family.kind if self.family.members else ""
-
-    @property
     def has_numbers_of_joints(self) -> bool:
         """True where the columns have the joints' own numbers."""
-        own = {joint: number for each in families(self.positions) for number, joint in each.members}
-        there = {name: number for number, name in self.family.members}
-        return all(joint in own and own[joint] == there.get(name) for joint, name in self.positions.items())
+        numbers = {joint: k for each in families(self.positions) for k, joint in each.by_number.items()}
+        own = {self.family.by_number.get(numbers.get(joint, -1)) == name for joint, name in self.positions.items()}
+        return own == {True}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +111,8 @@ class Search:
         """Name of the order, joints in this order, and as many consecutive columns of a family."""
         names, joints, log = family.names, self.joints, self.belief.log
         for each in families(log.labels):
-            named = {number: log.labels[name] for number, name in each.members}
-            own = {named[number]: name for number, name in family.members if number in named}
-            if set(joints) <= set(own):
+            own = {log.labels[label]: family.by_number.get(k, "") for k, label in each.by_number.items()}
+            if all(map(own.get, joints)):
                 yield LABELS, joints, [own[joint] for joint in joints]
                 return
         # All joints, those of a family of that size, or consecutive ones.
@@ -157,11 +151,12 @@ class Search:
             for torques in options:
                 every = known + [float(shares[joint][free.index(name)]) for joint, name in torques.items()]
                 judged.append(replace(order, torques=torques, share=float(np.mean(every)) if every else None))
-            if not (known or order.kind or self.belief.groups):
+            if not (known or order.family.kind or self.belief.groups):
                 wanted = [COMPONENTS] * self.belief.held + [tuple(states)] * (order.label == ANY)
-                judged += [replace(order, share=1 - model.agreement(free, predicted, those)) for those in wanted]
+                pairs = [[share for _, share in model.matched(free, predicted, those).values()] for those in wanted]
+                judged += [replace(order, share=1 - sum(shares) / max(len(shares), 1)) for shares in pairs]
             # Among columns without names, the best-fitting ones were measured.
-            yield from judged if order.kind else [min(judged, key=lambda each: each.left)]
+            yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
 
     def scales(self, columns: Sequence[str]) -> list[float]:
         """Candidate factors from positions to radians, by the unit that is stated, or else by their size."""
@@ -177,14 +172,14 @@ class Search:
         every = sorted(every, key=lambda order: order.left)
         twins = [order for order in every if self._is_twin(every[0], order)]
         # Of equally good families, those of the joint precede those of the motor or before calibration.
-        best = min(twins, key=lambda order: bool(order.kind) and order.family.is_second)
+        best = min(twins, key=lambda order: bool(order.family.kind) and order.family.is_second)
         others = [order.left for order in every if order not in twins]
         left, second = best.left, min(others, default=1.0)
         enough = ENOUGH if best.torques or self.belief.of("torque") or best.label == ANY else ENOUGH_OF_WRENCHES
         alone = (not others or best.label == LABELS) and best.label != ANY and 1 - left >= LITTLE
         is_clear = alone or (1 - left >= enough and left <= CLEAR * second)
         copies = list(dict.fromkeys(_listed(order.positions.values()) for order in twins))
-        if is_clear and (best.kind or len(copies) == 1):
+        if is_clear and (best.family.kind or len(copies) == 1):
             rival = f", otherwise at most {explained(second)}" if others else ""
             why = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
             self._add(replace(best, torques=self._torques_of(best, twins)), why + rival)
@@ -203,7 +198,7 @@ class Search:
 
     def add_unmeasured(self, every: Sequence[Order]) -> None:
         """Adds the only order if nothing is measured to check it; none of several."""
-        if len({tuple(order.positions.items()) for order in every}) == 1 and every[0].kind == "position":
+        if len({tuple(order.positions.items()) for order in every}) == 1 and every[0].family.kind == "position":
             self._add(every[0], f"in {every[0].label} order of the joints, which nothing in the log can confirm")
             return
         self.belief.ask(
@@ -216,7 +211,7 @@ class Search:
         """Torques of the best order, none if another family's torques are explained as well."""
         alike = [each for each in twins if 1 - each.left >= ENOUGH and CLEAR * each.left <= best.left and each.torques]
         every = list(dict.fromkeys(tuple(each.torques.items()) for each in (best, *alike)))
-        if len(every) == 1 or not best.torques or not best.kind:
+        if len(every) == 1 or not best.torques or not best.family.kind:
             return best.torques
         if len(stated := [each for each in every if any(_is_stated(name) for _, name in each)]) == 1:
             return dict(stated[0])
@@ -302,7 +297,8 @@ def add_measured(belief: Belief) -> None:
         return
     model = Model.of(belief)
     predicted = model.predicted(model.states_of({}))
-    wrench = model.matched(names, predicted, COMPONENTS, AGREES) if belief.held else {}
+    matched = model.matched(names, predicted, COMPONENTS if belief.held else ())
+    wrench = {component: pair for component, pair in matched.items() if pair[1] > AGREES}
     if len(wrench.keys() & set(COMPONENTS[:3])) > 1:
         columns = {component: column for component, (column, _) in wrench.items()}
         least = explained(1 - min(share for _, share in wrench.values()))
@@ -311,7 +307,7 @@ def add_measured(belief: Belief) -> None:
             entry = Entry([columns.get(c, "") for c in part], f"the model explains {least} of its variance or more")
             belief.groups.setdefault(GROUND, Group(GROUND, {})).entries[key] = entry
         return
-    torques = model.matched(names, predicted, joints, AGREES)
+    torques = {joint: pair for joint, pair in model.matched(names, predicted, joints).items() if pair[1] > AGREES}
     for joint, (column, share) in torques.items() if 2 * len(torques) >= len(joints) else ():
         belief.add(joint, "torque", column, f"the model explains {explained(1 - share)} of its variance")
 
