@@ -66,7 +66,7 @@ def by_householder(rows, target):
 def test_as_accurate_as_householder_in_extended_precision(tree, size, condition, noise):
     """The error of one problem varies by factors of ten at random; the sum over several does not."""
     base, errors = find_base_parameters(tree, gravity=GRAVITY), []
-    for seed in range(16):
+    for seed in range(8):
         samples = moved_by(size, 250, tree=tree, noise=noise, seed=seed)
         rows, target = rows_of(tree, samples, base), samples.measured.ravel()
         exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
