@@ -24,6 +24,7 @@ from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
 from ident.errors import InputError
 from ident.files.atomic import PARTIAL, unwritten
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 OPTIONS = ["--estimator", "weighted", "--cutoff", "8", "--formats", "png"]
 
 

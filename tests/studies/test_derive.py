@@ -59,7 +59,9 @@ def random(seed):
     return random_tree(np.random.default_rng(seed), 3, kinds=kinds, massless=0.2)
 
 
-TREES = {path.stem: path.stem for path in DATA} | {f"random {seed}": seed for seed in range(2)}
+GOLDEN = ("prr_nonplanar", "rx90", "stanford_rrprrr")
+"""Three of OpenSYMORO's mechanisms: slides, long chains and both."""
+TREES = {name: name for name in GOLDEN} | {f"random {seed}": seed for seed in range(2)}
 
 
 @cache
@@ -160,7 +162,7 @@ def test_generated_c_is_the_regressor(name, tmp_path):
     assert_is_the_regressor(tree, regressor)
 
 
-@pytest.mark.parametrize("name", [path.stem for path in DATA])
+@pytest.mark.parametrize("name", GOLDEN)
 def test_exact_coefficients_are_the_numeric_ones(name):
     tree, model = case(name)
     assert model.exact

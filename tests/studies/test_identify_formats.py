@@ -92,7 +92,7 @@ def from_csv(recording, tmp_path_factory):
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("kind", ["mot", "mat", "c3d", "bag"])
+@pytest.mark.parametrize("kind", ["mot", "c3d", "bag"])
 def test_every_format_gives_the_same_estimate(tmp_path, recording, from_csv, kind):
     write(tmp_path / f"log.{kind}", recording)
     result = estimate(tmp_path, tmp_path / f"log.{kind}")

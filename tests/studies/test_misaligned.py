@@ -191,9 +191,11 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
     trajectory = study.trajectory
     monkeypatch.setattr(simulated.Study, "trajectory", lambda self, model: trajectory(model))
-    assert misaligned.main(["--out", str(tmp_path), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
-    for file in results.iterdir():
-        assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "3"]) == 0
+    files = [file for file in tmp_path.iterdir() if file.name not in ("provenance.json", "report.html")]
+    assert {file.suffix for file in files} == {".csv", ".md", ".tex", ".png", ".json", ".npz"}
+    for file in files:
+        assert (results / file.name).read_bytes() == file.read_bytes(), file.name
 
 
 def test_sums_that_parameters_stand_for_are_in_a_note_of_every_form(results, study):

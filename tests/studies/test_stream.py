@@ -71,6 +71,7 @@ def test_files_are_identified_in_pieces(folder, results):
     assert "m2rz2 + 0.425 m3" in (results / "base_parameters.csv").read_text()
 
 
+@pytest.mark.usefixtures("here")
 def test_an_interrupted_run_goes_on(folder, results, tmp_path, monkeypatch, capsys):
     original = stream_progress.Progress.and_piece
 
