@@ -1,5 +1,6 @@
 """Joints with servos, whose commands stand in for torques: how they are read, and what they identify."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -15,8 +16,9 @@ from docs.tools.noise.conditions import CONDITIONS
 from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
+from ident.files.schema import value_of
 from ident.recordings.commands import with_servos
-from ident.recordings.servo import Servo, scales_of, servos_of
+from ident.recordings.servo import Scale, Servo
 from ident.setup import PRIORS
 
 MAPPING = 'time = "time"\n' + "".join(
@@ -174,12 +176,12 @@ def test_servos_are_saved_with_a_recording(tmp_path, end):
     log.save(tmp_path / f"log.{end}")
     again = ident.Recording.load(tmp_path / f"log.{end}")
     assert again.servos == log.servos and again.scales == log.scales
-    with pytest.raises(LogError, match="the scale of joint 'turn' needs a number above 0 and at most 1, got high"):
-        scales_of({"turn": "high"})
-    with pytest.raises(LogError, match="the servo of joint 'turn' needs kp, kv, got 3"):
-        servos_of({"turn": 3})
-    with pytest.raises(LogError, match=r"joints.turn.kp needs a number above 0, got -1"):
-        servos_of({"turn": {"kp": -1}})
+    with pytest.raises(LogError, match=r"scales.turn needs a number above 0 and at most 1, got high"):
+        value_of("scales", {"turn": "high"}, Mapping[str, Scale])
+    with pytest.raises(LogError, match=r"servos.turn needs a table of entries, got 3"):
+        value_of("servos", {"turn": 3}, Mapping[str, Servo])
+    with pytest.raises(LogError, match=r"servos.turn.kp needs a number above 0, got -1"):
+        value_of("servos", {"turn": {"kp": -1}}, Mapping[str, Servo])
 
 
 WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))

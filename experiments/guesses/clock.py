@@ -9,7 +9,7 @@ import numpy as np
 from experiments.guesses.words import words
 from ident.errors import LogError
 from ident.files.column import UNITS, Columns
-from ident.files.counted import COUNT, clock_of_rate
+from ident.files.selection import COUNT, clock_of_rate
 
 ROWS = 20_000
 """Largest number of samples that are read."""

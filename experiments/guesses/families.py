@@ -95,7 +95,7 @@ def families(names: Iterable[str]) -> list[Family]:
 def _templates(name: str) -> dict[str, int]:
     """Numbers in a name by the text around them, without units; those of `q.x` in arrays of three or four."""
     bare = re.sub(r"\s*[\[(]\s*[^\])\d]*[\])]\s*$", "", name.lower())
-    if array := re.fullmatch(r"(.+\.)([wxyz])", bare):
+    if array := re.fullmatch(r"(\D+\.)([wxyz])", bare):
         return {f"{array[1]}#": "wxyz".index(array[2])}
     return {f"{bare[: m.start()]}#{bare[m.end() :]}": int(m[0]) for m in re.finditer(r"\d+", bare) if len(m[0]) < 7}
 

@@ -161,7 +161,8 @@ def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion) -> np
     for sign in (1, -1):
         home = bodies[i].home.copy()
         home[:3, 3] *= 1 + sign * STEP
-        tree = Tree((*bodies[:i], replace(bodies[i], home=home), *bodies[i + 1 :]))
+        moved = (*bodies[:i], replace(bodies[i], home=home), *bodies[i + 1 :])
+        tree = replace(equations.mechanism.tree, bodies=moved)
         sides.append(_channels(equations, tree, equations.mechanism.gravity, phi, motion))
     return np.asarray((sides[0] - sides[1])[None] / (2 * STEP))
 

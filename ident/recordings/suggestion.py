@@ -53,7 +53,8 @@ def misspelt(unused: Sequence[str], wanted: Sequence[str]) -> list[str]:
         wanted: Names that the columns of the missing channels would have.
     """
     out = []
-    for name in unused:
+    # A column that the mapping leaves out on purpose may have the very name.
+    for name in (each for each in unused if each not in wanted):
         alike = [each for each in wanted if re.sub(r"\D", "", each) == re.sub(r"\D", "", name)]
         if close := get_close_matches(name.casefold(), alike, 1, ALIKE):
             out.append(f"Column '{short(name)}' is not used, since its name is not '{close[0]}'; rename or map it.")

@@ -199,18 +199,14 @@ class Stages:
         return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
 
     def _cut_one(self, part: Part[slice], step: float, share: int) -> list[Piece]:
-        """Pieces of a recording, fewer if a coordinate is missing in one of them."""
-        fewest = 2 if len(self.recordings) == 1 else 1
+        """Pieces of a recording, of which each `share`-th is used; fewer if a coordinate is missing in one of them."""
+        fewest, own = 2 if len(self.recordings) == 1 else 1, -(-LEAST_PIECES // len(self.recordings))
+        most = int(np.ptp(part.log.recording.time[part.samples]) / SHORTEST[share > 1])
         try:
-            return cut(part.log, self.measurement, part.samples, step, least=max(fewest, self._least(part, share)))
+            least = max(fewest, min(most, own * share))
+            return cut(part.log, self.measurement, part.samples, step, least=least)
         except InputError:
             return cut(part.log, self.measurement, part.samples, step, least=fewest)
-
-    def _least(self, part: Part[slice], share: int) -> int:
-        """Least number of pieces of a recording, of which each `share`-th is used."""
-        own = -(-LEAST_PIECES // len(self.recordings))
-        seconds = float(np.ptp(part.log.recording.time[part.samples]))
-        return min(int(seconds / SHORTEST[share > 1]), own * share)
 
     def carried(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate of stages with another prior or other columns, as a starting point of these.
@@ -224,16 +220,10 @@ class Stages:
         for k, own in enumerate(self.selections):
             at = before.selections[estimate.pieces_of(k).start][there]
             theta[own[here]], free[own[here]], bounded[own[here]] = before.theta[at], before.free[at], before.bound[at]
-        fit = replace(
-            before,
-            names=self.names,
-            selections=[own for own, count in zip(self.selections, estimate.counts, strict=True) for _ in range(count)],
-            prior=self.prior.weighted(before.prior.weight),
-            theta=theta,
-            free=free,
-            bounded=bounded,
-            scatters=None,
-        )
+        selections = [own for own, count in zip(self.selections, estimate.counts, strict=True) for _ in range(count)]
+        prior = self.prior.weighted(before.prior.weight)
+        fit = replace(before, names=self.names, selections=selections, prior=prior, theta=theta, free=free)
+        fit = replace(fit, bounded=bounded, scatters=None)
         new = {k: self.names.index(name) for k, name in enumerate(before.names) if name in self.names}
         search = replace(estimate.search, deviations=tuple(each.renumbered(new) for each in estimate.search.deviations))
         measured = self.measured(estimate.reversals)
@@ -336,8 +326,7 @@ class Stages:
         out = self._coloured(out) if estimate.coloured else out
         if out.fit.status == "interrupted":
             return out
-        status = "near" if out.fit.status == "converged" else out.fit.status
-        return out.with_fit(replace(out.fit, status=status, scatters=_by_samples(estimate.fit, pieces)))
+        return out.with_fit(replace(out.fit, status="near", scatters=_by_samples(estimate.fit, pieces)))
 
     def searched(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""

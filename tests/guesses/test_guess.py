@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from experiments.guesses.guess import believed, write_mapping
+from experiments.guesses.guess import believed
+from experiments.guesses.written import write_mapping
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -24,9 +25,9 @@ JOINTS = ("joint1", "joint2")
 
 
 def guessed(path):
-    log, belief = believed(arm(), [path])
+    belief = believed(arm(), [path])
     columns = path.with_name("guessed.toml")
-    write_mapping(columns, log, belief, arm().joints)
+    write_mapping(columns, belief)
     return belief, columns
 
 
@@ -132,8 +133,8 @@ def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
     log, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
     columns = {"time": log.time, **{f"A{k} [deg]": DEG * log[f"{j}_position"] for k, j in enumerate(wrist.JOINTS, 1)}}
     path.write_text(text(columns | vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])))
-    contents, belief = believed(robot, [path])
-    write_mapping(tmp_path / "guessed.toml", contents, belief, robot.joints)
+    belief = believed(robot, [path])
+    write_mapping(tmp_path / "guessed.toml", belief)
     sensor = ident.read_log(path, robot, tmp_path / "guessed.toml").sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link and belief.open == []
@@ -148,8 +149,8 @@ def test_plates_of_a_walker_find_their_feet(tmp_path):
         columns |= vector(f"{name}_ground_torque_{{}}", np.column_stack([0 * free, 0 * free, free]))
     path = tmp_path / "walk.csv"
     path.write_text(text(columns), encoding="utf-8")
-    contents, belief = believed(walker.mechanism(), [path])
-    write_mapping(tmp_path / "guessed.toml", contents, belief, walker.mechanism().joints)
+    belief = believed(walker.mechanism(), [path])
+    write_mapping(tmp_path / "guessed.toml", belief)
     sensors = ident.read_log(path, walker.mechanism(), tmp_path / "guessed.toml").sensors
     assert [sensor.body for sensor in sensors.values()] == ["foot_r", "foot_l"] and belief.open == []
     assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}
@@ -168,8 +169,8 @@ def posed(pattern, x, components):
 def read_as_guessed(tmp_path, columns, mechanism, base=None):
     """The log read by its guessed mapping, and the belief."""
     (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    contents, belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
-    write_mapping(tmp_path / "c.toml", contents, belief, mechanism.joints)
+    belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
+    write_mapping(tmp_path / "c.toml", belief)
     return ident.read_log(tmp_path / "log.csv", mechanism, tmp_path / "c.toml"), belief
 
 
@@ -225,4 +226,4 @@ def test_a_joint_that_the_model_couples_needs_no_column(tmp_path):
 
 def believed_of(tmp_path, columns, mechanism):
     (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    return believed(mechanism, [tmp_path / "log.csv"])[1]
+    return believed(mechanism, [tmp_path / "log.csv"])

@@ -13,7 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.despike import despiked
+from ident.recordings.faults import despiked
 from ident.recordings.wrench import transform_wrench
 
 RNG = np.random.default_rng(0)

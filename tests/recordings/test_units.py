@@ -5,10 +5,10 @@ from scipy import constants
 
 from ident.files.column import CURRENT, UNITS
 
-TURN, FORCE = 2 * constants.pi, {"N": 1.0, "kN": constants.kilo}
+TURN, FORCE = 2 * constants.pi, {"N": 1.0, "mN": constants.milli, "kN": constants.kilo}
 LENGTH = {"m": 1.0, "cm": constants.centi, "mm": constants.milli}
 ANGLE = {"rad": 1.0, "deg": constants.degree}
-PAIRS = ("N", "m"), ("N", "mm"), ("kN", "m")
+PAIRS = ("N", "m"), ("N", "mm"), ("mN", "m"), ("kN", "m")
 MOMENT = {f"{force}{space}{arm}": FORCE[force] * LENGTH[arm] for force, arm in PAIRS for space in ("", " ")}
 
 

@@ -222,7 +222,7 @@ def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, he
         (["bad.csv"], "bad.csv"),
         (["arm.xml", "--base", "nobody"], "nobody"),
         (["arm.xml", "--fix", "nobody", "0"], "nobody"),
-        (["arm.xml", "--columns", "absent.toml"], "absent.toml: a mapping of columns is a TOML file that exists."),
+        (["arm.xml", "--columns", "absent.toml"], "absent.toml: a mapping of columns needs to be TOML in UTF-8 (No such file"),
         (["arm.xml", "--columns", "wrong.toml"], "wrong.toml: [joints] has no entry 'nobody'"),
         (["arm.xml", "--held-out", "absent.csv"], "absent.csv"),
         (["arm.xml", "--own", "offset"], "Only the trajectory estimate"),

@@ -114,20 +114,9 @@ def fit(
     iteration = _Iteration(problem, coloured, kept, explore, settled, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
-    shared = bool(len(free)) and not (explore and status != "interrupted")
-    return TrajectoryFit(
-        problem.names,
-        problem.selections,
-        prior,
-        at.theta,
-        problem.shares(at) if shared else [],
-        free,
-        at.noises,
-        at.coefficients,
-        pieces,
-        tuple(iteration.trace),
-        status,
-    )
+    shares = problem.shares(at) if len(free) and not (explore and status != "interrupted") else []
+    ended = at.noises, at.coefficients, pieces, tuple(iteration.trace), status
+    return TrajectoryFit(problem.names, problem.selections, prior, at.theta, shares, free, *ended)
 
 
 class _Iteration:

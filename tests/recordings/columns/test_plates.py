@@ -386,7 +386,7 @@ BAD = {
     "moment of two": (ON + CORNERS + POINT.replace('"", "t"', '"t"'), "free_moment needs a list of 3 columns"),
     "point unit": (ON + CORNERS + POINT + 'point_unit = "in"', "wrenches.p.point_unit needs one of m, cm, mm; got in"),
     "position of a point": (ON.replace("plate", "world") + POINT + "position = [0, 0, 1]", "no use for 'position'"),
-    "threshold": (ON + CORNERS + "threshold = -1", "wrenches.p.threshold needs a force in N, zero or more, got -1"),
+    "threshold": (ON + CORNERS + "threshold = -1", "wrenches.p.threshold needs a force in N, zero or more; got -1"),
     "held": ('body = "arm"\n[base]\nheld = "no"', "base.held needs true or false, got no"),
 }
 
