@@ -155,7 +155,7 @@ def test_several_logs_share_the_payload_and_other_wrenches_are_left_out():
     assert abs(payload.in_frame().values[0] - TRUTH[0]) < 0.002
 
 
-@pytest.mark.parametrize("euler", [(0, 0, 90), (30, -50, 140), (180, 0, 0)])
+@pytest.mark.parametrize("euler", [(30, -50, 140), (180, 0, 0)])
 def test_a_sensor_in_other_axes_than_stated_is_refused_with_those_it_seems_to_have(euler):
     log = wrist.log(seconds=8.0)
     sensor = log.sensors["wrist"]
