@@ -10,7 +10,7 @@ import numpy as np
 from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, Entry, Group, Quantity
 from experiments.guesses.model import Left, Model, beside, explained
 from experiments.guesses.series import ENOUGH, LITTLE
-from experiments.guesses.wrenches import set_axes, set_unit
+from experiments.guesses.wrenches import set_axes, set_unit, size_ratio
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
@@ -174,9 +174,9 @@ def _set_units(belief: Belief, log: Prepared) -> bool:
     there, changed = np.stack([predicted[c] for c in COMPONENTS], axis=1), False
     for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
         measured = log.wrench[:, part]
-        measured, size = measured[:, np.isfinite(measured).all(axis=0)], float(np.sqrt((there[:, part] ** 2).mean()))
-        if measured.size and size:
-            ratio = float(np.sqrt((measured**2).sum(axis=1).mean() / 3)) / size
+        known = np.isfinite(measured).all(axis=0)
+        if known.any() and np.ptp(there[:, part][:, known]):
+            ratio = size_ratio(measured[:, known], there[:, part][:, known])
             changed |= set_unit(belief, belief.outer.values(), kind, ratio)
     return changed
 

@@ -60,7 +60,7 @@ def believed(
     if not (asked or belief.groups or belief.of("torque") or belief.of("command")):
         belief.notes.append("The log has no wrench, torque or commanded position, of which `identify` needs one.")
     belief.unused = belief.free
-    check_same_columns(log, logs[1:], {*belief.columns, *(clock.column for clock in log.clocks)} - {""}, limit, rate)
+    check_same_columns(log, logs[1:], {*belief.columns, *log.times} - {""}, limit, rate)
     return belief
 
 

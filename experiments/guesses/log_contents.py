@@ -8,7 +8,6 @@ import numpy as np
 
 from experiments.guesses.clock import ROWS, Clock, clock_of
 from ident.errors import LogError
-from ident.files.column import Columns
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
@@ -21,7 +20,7 @@ from ident.recordings.several_clocks import TIME, streams_of
 from ident.recordings.several_files import files_of, name_of, read_files
 from ident.recordings.times import LEAST_SAMPLES
 
-OWN_TIMES = Clock(TIME, "s", "the file knows its times")
+OWN_TIMES = Clock({"column": TIME, "unit": "s"}, "the file knows its times")
 """Clock of a file that has several."""
 
 WHOLE_TURNS = (2 * np.pi, 360.0)
@@ -48,33 +47,26 @@ class LogContents:
         time: Common times of the columns, uniform, s (N,).
         columns: Columns of numbers that change, at these times (N,).
         constant: Values of columns that never change.
-        missing: Share of missing numbers in each column that has some.
         unread: Errors of columns without numbers, by name.
         units: Units stated by the file, by column.
-        holes: Number of time steps that are gaps.
+        has_gaps: True if cells or rows are missing, in files with one clock.
         labels: Words of columns that hold one word throughout.
         markers: Labels of markers, whose columns are left out.
         notes: Sentences on what was repaired.
     """
 
     path: Path
-    layouts: tuple[Layout, ...]
-    clocks: tuple[Clock, ...]
-    time: np.ndarray
-    columns: dict[str, np.ndarray]
+    layouts: tuple[Layout, ...] = (Layout(),)
+    clocks: tuple[Clock, ...] = ()
+    time: np.ndarray = field(default_factory=lambda: np.empty(0))
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
     constant: dict[str, float] = field(default_factory=dict)
-    missing: dict[str, float] = field(default_factory=dict)
     unread: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
-    holes: int = 0
+    has_gaps: bool = False
     labels: dict[str, str] = field(default_factory=dict)
     markers: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-
-    @property
-    def has_gaps(self) -> bool:
-        """True if cells or rows are missing, in files with one clock."""
-        return bool(self.clocks) and bool(self.missing or self.holes)
 
     @property
     def rate(self) -> float:
@@ -86,6 +78,11 @@ class LogContents:
         """Columns with numbers, including constant ones."""
         return [*self.columns, *self.constant]
 
+    @property
+    def times(self) -> set[str]:
+        """Columns of times."""
+        return {clock.entry["column"] for clock in self.clocks if "column" in clock.entry}
+
     def largest(self, name: str) -> float:
         """Largest size of a column."""
         return float(np.abs(self.columns[name]).max()) if name in self.columns else abs(self.constant.get(name, 0.0))
@@ -93,10 +90,6 @@ class LogContents:
     def states_unit(self, names: Collection[str]) -> bool:
         """True if the file states the unit of one of some columns."""
         return not self.units.keys().isdisjoint(names)
-
-    def changes(self, names: Sequence[str]) -> np.ndarray:
-        """Columns side by side, zeros for those that are missing or do not change (N, k)."""
-        return np.stack([self.columns.get(name, np.zeros(len(self.time))) for name in names], axis=1)
 
     def table(self, names: Sequence[str]) -> np.ndarray:
         """Columns side by side, zeros for those that are not in the log (N, k)."""
@@ -114,8 +107,7 @@ class LogContents:
         lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
         lines += self.notes
         for name, x in self.columns.items():
-            lost = f", {100 * self.missing[name]:.2g} % missing" if name in self.missing else ""
-            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}")
+            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}")
         if self.markers:
             lines.append(f"  positions of {len(self.markers)} markers: {', '.join(self.markers)}")
         if self.constant:
@@ -141,7 +133,7 @@ class LogContents:
 
 
 def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:
-    """Reads a log, or the first `ROWS` samples of a long one.
+    """Reads a log, or the first `ROWS` samples of a long one, with times, gaps and turns as `read_log` reads them.
 
     Args:
         path: The log.
@@ -155,12 +147,12 @@ def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogConten
     try:
         files = files_of(path)
         if len(files) == 1 and has_several_clocks(path):
-            return _at_common_times(path, (Layout(),), (), read_clocks(path, limit=limit))
+            return _at_common_times(LogContents(path), read_clocks(path, limit=limit))
         layouts, clocks, tables = zip(*(_opened(file, limit, rate, len(files) == 1) for file in files), strict=True)
         if len(files) > 1:
             mapping = ColumnMapping(layouts=layouts, clocks=tuple(each.columns for each in clocks))
             tables = tuple(read_files(files, mapping, limit))
-        return _at_common_times(path, layouts, clocks, tables)
+        return _at_common_times(LogContents(path, layouts, clocks), tables)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
@@ -175,17 +167,16 @@ def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, C
         if table is None:
             raise LogError("it has no rows of numbers.")
         clock = clock_of(_numbers(table)[0], rate)
+        return layout, clock, next(counted([table], clock.columns))
     except (LogError, OSError) as error:
         raise error if alone else LogError(f"{path.name}: {error}") from None
-    (table,) = counted([table], clock.columns)
-    return layout, clock, table
 
 
 def _layout(path: Path, limit: int) -> Layout:
     """Layout of a text file: the first with which it can be read."""
     if not path.name.lower().endswith(TEXT) or not path.is_file():
         return Layout()
-    first: LogError | None = None
+    errors = [LogError("a log needs a table with two columns of numbers or more.")]
     for skip in range(PREAMBLE):
         try:
             row = next(read_tables(path, 1, limit=limit, layout=Layout(False, skip)), None)
@@ -197,8 +188,8 @@ def _layout(path: Path, limit: int) -> Layout:
             if table and len(_numbers(table)[0]) > 1:
                 return layout
         except LogError as error:
-            first = first if skip else error
-    raise first or LogError("a log needs a table with two columns of numbers or more.")
+            errors += [error] if not skip else []
+    raise errors[-1]
 
 
 def _numbers(table: Table) -> tuple[dict[str, np.ndarray], dict[str, str]]:
@@ -217,47 +208,37 @@ def _numbers(table: Table) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     return numbers, unread
 
 
-def _at_common_times(
-    path: Path, layouts: tuple[Layout, ...], clocks: tuple[Clock, ...], tables: Sequence[Table]
-) -> LogContents:
-    """Columns of all tables at uniform times that all of them cover, repaired as `read_log` does."""
-    unread, units, labels = dict[str, str](), dict[str, str](), dict[str, str]()
-    clock = clocks[0].columns if len(clocks) == 1 else Columns((TIME,), 1.0, "s")
-    streams, notes, holes = dict[str, Sampled](), list[str](), 0
+def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
+    """The log with columns of all tables at uniform times that all of them cover."""
+    clock = log.clocks[0].columns if len(log.clocks) == 1 else OWN_TIMES.columns
+    streams, notes = dict[str, Sampled](), list[str]()
     for table in tables:
         own = table.column(clock.names[0])
         # If times repeat or go back, the first ones are kept.
         table = taken(table, own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
         table = with_continuous_angles(table, dict.fromkeys({*table.cells} - {*clock.names}, WHOLE_TURNS), notes)
         numbers, errors = _numbers(table)
-        steps = np.diff(numbers.pop(clock.names[0]))
-        holes += int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum()) if len(steps) else 0
-        channels = {name: x[:, None] for name, x in numbers.items()}
-        streams |= streams_of(table, clock, channels, notes, gaps=bool(clocks) or None)
-        unread, units = unread | errors, units | dict(table.units)
-        words = {name: {str(cell).strip() for cell in table.cells[name]} for name in errors}
-        labels |= {name: next(iter(texts)) for name, texts in words.items() if len(texts) == 1}
+        channels = {name: x[:, None] for name, x in numbers.items() if name not in clock.names}
+        streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)
+        texts = {name: {str(cell).strip() for cell in table.cells[name]} for name in errors}
+        log.labels.update({name: next(iter(own)) for name, own in texts.items() if len(own) == 1})
+        log.unread.update(errors)
+        log.units.update(table.units)
     if not streams:
         raise LogError("it has times, but no other column of numbers.")
     time = uniform_times(streams, max(map(rate_of, streams.values())))[:ROWS]
     if len(time) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover.")
-    x = {name: interpolated(stream, time)[:, 0] for name, stream in streams.items()}
-    missing = {name: float(np.isnan(stream.values).mean()) for name, stream in streams.items()}
-    return LogContents(
-        path,
-        layouts,
-        clocks,
-        time,
-        {name: own for name, own in x.items() if np.ptp(own) > 0},
-        {name: float(own[0]) for name, own in x.items() if not np.ptp(own)},
-        {name: share for name, share in missing.items() if share},
-        unread,
-        units,
-        holes,
-        labels,
-        notes=tuple(notes),
-    )
+    for name, stream in streams.items():
+        missing, steps, x = np.isnan(stream.values).mean(), np.diff(stream.time), interpolated(stream, time)[:, 0]
+        notes += [f"Column '{name}' lacks {100 * missing:.2g} % of its samples."] if missing else []
+        gaps = bool(log.clocks) and (missing > 0 or (steps > GAP * np.median(steps) * (1 + 1e-6)).any())
+        log = replace(log, has_gaps=log.has_gaps or bool(gaps))
+        if np.ptp(x) > 0:
+            log.columns[name] = x
+        else:
+            log.constant[name] = float(x[0])
+    return replace(log, time=time, notes=tuple(notes))
 
 
 def check_same_columns(
@@ -270,7 +251,7 @@ def check_same_columns(
     """
     for path in others:
         another = log_contents(path, limit, rate)
-        if lacking := sorted(used - {*another.names, *(clock.column for clock in another.clocks)}):
+        if lacking := sorted(used - {*another.names, *another.times}):
             raise LogError(
                 f"{path}: one mapping serves logs of the same columns, and here is no {', '.join(lacking)} as in "
                 f"{name_of(first.path)}; map it by a run of its own."

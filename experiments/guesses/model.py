@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.guesses.belief import Belief
+from experiments.guesses.names import assigned
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.recorded_motion import joint_states
@@ -24,6 +25,10 @@ STILL = 1e-6
 
 States = Mapping[str, np.ndarray]
 """Position and both derivatives by joint (3, M)."""
+
+
+Matches = dict[str, tuple[str, float]]
+"""Column and squared correlation by channel; "" and zero for none."""
 
 
 class Left(NamedTuple):
@@ -69,11 +74,6 @@ class Model:
         levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in log.columns.items()}
         return cls(belief, {name: states[:, :, k] for k, name in enumerate(names)}, levels)
 
-    @property
-    def mechanism(self) -> Mechanism:
-        """The mechanism, with a prior."""
-        return self.belief.mechanism
-
     def states_of(self, positions: Mapping[str, str], scale: float = 1.0) -> dict[str, np.ndarray]:
         """Positions and both derivatives of all joints (3, M); joints without columns are at rest.
 
@@ -95,8 +95,8 @@ class Model:
 
     def predicted(self, states: States) -> dict[str, np.ndarray]:
         """Total wrench in the base frame and joint torques by channel (M,) each."""
-        motion = Motion(*_joint_states(self.mechanism.tree, states))
-        return predicted_channels(self.mechanism, motion, np.eye(4), torques=True)
+        motion = Motion(*_joint_states(self.belief.mechanism.tree, states))
+        return predicted_channels(self.belief.mechanism, motion, np.eye(4), torques=True)
 
     def left(self, factors: Mapping[str, float] | None = None) -> Left | None:
         """Mean of the unexplained shares, with factors on some positions; None without any wrench and torque."""
@@ -124,14 +124,16 @@ class Model:
         zero = np.zeros(len(next(iter(self.levels.values()))))
         return np.stack([self.levels.get(name, zero) for name in names], axis=1)
 
-    def likeness(self, names: Sequence[str], predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[str]]:
-        """Squared correlations of columns with the predicted channels that change, and these channels' names."""
+    def matched(self, names: Sequence[str], predicted: Mapping[str, np.ndarray], wanted: Iterable[str]) -> Matches:
+        """Columns by predicted channel that changes, each with its own, by the largest sum of squared correlations."""
         largest = max(float(np.ptp(x)) for x in predicted.values())
-        moving = {name: x for name, x in predicted.items() if np.ptp(x) > STILL * largest}
-        if not names or not moving:
-            return np.zeros((len(names), len(moving))), list(moving)
-        both = np.corrcoef(np.array([*(self.levels[name] for name in names), *moving.values()]))
-        return np.nan_to_num(both[: len(names), len(names) :]) ** 2, list(moving)
+        moving = [channel for channel in wanted if np.ptp(predicted[channel]) > STILL * largest]
+        if not moving:
+            return {}
+        x = [*(self.levels[name] for name in names), *(predicted[channel] for channel in moving)]
+        like = np.nan_to_num(np.atleast_2d(np.corrcoef(np.array(x)))[: len(names), len(names) :]) ** 2
+        pairs = {moving[k]: (names[i], float(like[i, k])) for i, k in assigned(like)[1]}
+        return {channel: pairs.get(channel, ("", 0.0)) for channel in moving}
 
     def wrenches(self, states: States) -> dict[str, np.ndarray]:
         """Wrench that each joint's child exchanges with its parent, in the child's frame, by the body's name (M, 6)."""
@@ -147,15 +149,15 @@ class Model:
     @cached_property
     def _parts(self) -> dict[str, Mechanism]:
         """Each moved body with all bodies on it; of unit mass if the model states none."""
-        tree, out = self.mechanism.tree, dict[str, Mechanism]()
+        tree, out = self.belief.mechanism.tree, dict[str, Mechanism]()
         for i in (i for i in tree.inertial if self.mover(tree.names[i]) >= 0):
-            part = self.mechanism.beyond(tree.names[i])
+            part = self.belief.mechanism.beyond(tree.names[i])
             out[tree.names[i]] = part if part.known.any() else replace(part, prior=np.eye(len(part.known))[0])
         return out
 
     def mover(self, body: str) -> int:
         """Index of the body, of those that carry a body rigidly, on the last joint before it; -1 for the base."""
-        tree, i = self.mechanism.tree, self.mechanism.tree.names.index(body)
+        tree, i = self.belief.mechanism.tree, self.belief.mechanism.tree.names.index(body)
         while i >= 0 and not tree.bodies[i].moves:
             i = tree.bodies[i].parent
         return i

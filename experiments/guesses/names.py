@@ -1,12 +1,12 @@
 """Columns of joints by name: scores of all pairs, and the assignment with the largest sum."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief
-from experiments.guesses.families import Family, families, is_shifted
+from experiments.guesses.families import Family, families
 from experiments.guesses.words import LIKE, NEAR, Words, likeness, shares_numbers_alone, unit_of, without_prefix, words
 from ident.files.column import COMMAND, KINDS
 
@@ -116,16 +116,22 @@ def _of_joints(joints: Sequence[str]) -> dict[str, Words]:
     return dict(zip(joints, without_prefix(about), strict=True))
 
 
+def exact_names(joints: Iterable[str]) -> dict[str, str]:
+    """Joints by the names of columns that `read_log` knows."""
+    return {pattern.format(joint): joint for joint in joints for patterns in KINDS.values() for pattern in patterns}
+
+
 def _shifted(series: Sequence[Family], joints: Sequence[str]) -> set[str]:
-    """Columns of families that are named exactly like joints, but whose numbers start elsewhere."""
-    numbers = {joint: each.numbers for each in families(joints) for joint in each.names}
-    exact = {pattern.format(joint): joint for joint in numbers for those in KINDS.values() for pattern in those}
-    shifted = [
-        each
-        for each in series
-        if any(is_shifted(each.numbers, numbers[exact[name]]) for name in each.names if name in exact)
-    ]
-    return {name for each in shifted for name in each.names}
+    """Columns of families that are named exactly like joints, but whose numbers start elsewhere.
+
+    Columns and joints each have numbers that the other lacks.
+    """
+    numbers, out = {joint: {*each.numbers} for each in families(joints) for joint in each.names}, set[str]()
+    for name, joint in exact_names(numbers).items():
+        for own in (each for each in series if name in each.names):
+            if {*own.numbers} - numbers[joint] and numbers[joint] - {*own.numbers}:
+                out |= {*own.names}
+    return out
 
 
 def is_named_after(name: str, joints: Mapping[str, str]) -> bool:
@@ -137,31 +143,38 @@ def is_named_after(name: str, joints: Mapping[str, str]) -> bool:
 
 
 def add_assigned(belief: Belief, scores: Scores, kind: str) -> None:
-    """Assigns columns to joints by the largest sum of scores; asks where another assignment is as good."""
+    """Adds the columns of a quantity with the largest sum of scores; asks where another assignment is as good."""
+    for name, joint, score, columns, joints in decisions(scores):
+        if columns or joints:
+            may_be = f"The {kind} of '{joint}' may be in {' or in '.join(columns)}."
+            may_be = may_be if columns else f"Column '{name}' may be the {kind} of {' or of '.join(joints)}."
+            belief.ask(may_be, (joints or [joint]) if kind == "position" else ())
+            continue
+        sure, why = (SURE, "named so") if score >= 0.99 else (LIKELY, f"named alike ({100 * score:.0f} %)")
+        still = name in belief.log.constant and kind != "position"
+        belief.add(joint, kind, "" if still else name, f"'{name}' never changes" if still else why, sure)
+
+
+def decisions(scores: Scores) -> Iterator[tuple[str, str, float, list[str], list[str]]]:
+    """Columns and joints with the largest sum of scores, with the score of each pair.
+
+    Yields also the columns, or else the joints, that may be meant as well; neither where no other sum is as large.
+    """
     scores = {pair: score for pair, score in scores.items() if score >= LIKE}
-    if not scores:
-        return
     columns, joints = (list(dict.fromkeys(pair[k] for pair in scores)) for k in (0, 1))
     matrix = np.array([[scores.get((column, joint), 0.0) for joint in joints] for column in columns])
-    best, pairs = assigned(matrix)
+    best, pairs = assigned(matrix) if scores else (0.0, [])
     for i, k in pairs:
-        name, joint, score = columns[i], joints[k], matrix[i, k]
-        forbidden = matrix.copy()
+        score, forbidden = matrix[i, k], matrix.copy()
         forbidden[i, k] = 0.0
         next_best, other = assigned(forbidden)
         others = [c for c, to in other if to == k]
-        if score > 1 or best - next_best >= NEAR:
-            sure, why = (SURE, "named so") if score >= 0.99 else (LIKELY, f"named alike ({100 * score:.0f} %)")
-            still = name in belief.log.constant and kind != "position"
-            belief.add(joint, kind, "" if still else name, f"'{name}' never changes" if still else why, sure)
-        elif others:
+        near, owners = list[str](), list[str]()
+        if score <= 1 and best - next_best < NEAR and others:
             near = [columns[c] for c in sorted({*np.flatnonzero(matrix[:, k] > score - NEAR).tolist(), *others})]
-            undecided = [joint] if kind == "position" else []
-            belief.ask(f"The {kind} of '{joint}' may be in {' or in '.join(near)}.", undecided)
-        else:
-            likely = [joints[j] for j in np.flatnonzero(matrix[i] > score - NEAR)]
-            undecided = likely if kind == "position" else []
-            belief.ask(f"Column '{name}' may be the {kind} of {' or of '.join(likely)}.", undecided)
+        elif score <= 1 and best - next_best < NEAR:
+            owners = [joints[j] for j in np.flatnonzero(matrix[i] > score - NEAR)]
+        yield columns[i], joints[k], score, near, owners
 
 
 def assigned(scores: np.ndarray) -> tuple[float, list[tuple[int, int]]]:

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from experiments.guesses.belief import BASE, LIKELY, SURE, Belief, Entry, Group
+from experiments.guesses.names import decisions
 from experiments.guesses.units import LONG
-from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, without_unit, words
+from experiments.guesses.words import LIKE, likeness, unit_of, without_unit, words
 
 TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
 MOVES = r"(?:position|pos|translation|trans|p|t)?"
@@ -32,16 +33,13 @@ def add_orientations(belief: Belief, base: str | None) -> None:
     groups = {rest: names for rest, names in groups.items() if (np.abs(norms[rest] - 1) < UNIT).all()}
     balls = [joint for joint in belief.kinds if joint not in belief.axes]
     likes = {(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}
-    while likes and max(likes.values()) >= LIKE:
-        rest, ball = max(likes, key=lambda pair: likes[pair])
-        like = likes[rest, ball]
-        if rivals := [r for r, b in likes if b == ball and r != rest and likes[r, b] > like - NEAR]:
-            belief.ask(f"The orientation of '{ball}' may be in {' or in '.join([rest, *rivals])}.")
-        else:
-            why = "named so, with a norm of one" if like >= 0.99 else f"named alike ({100 * like:.0f} %), norm one"
-            entry = Entry(groups.pop(rest), why, SURE if like >= 0.99 else LIKELY)
-            belief.poses[f"joints.{ball}"] = Group(ball, {"position": entry})
-        likes = {(r, b): x for (r, b), x in likes.items() if b != ball and r in groups}
+    for rest, ball, like, rivals, _ in decisions(likes):
+        if rivals:
+            belief.ask(f"The orientation of '{ball}' may be in {' or in '.join(rivals)}.")
+            continue
+        why = "named so, with a norm of one" if like >= 0.99 else f"named alike ({100 * like:.0f} %), norm one"
+        entry = Entry(groups.pop(rest), why, SURE if like >= 0.99 else LIKELY)
+        belief.poses[f"joints.{ball}"] = Group(ball, {"position": entry})
     if base is not None and belief.held:
         _add_base(belief, groups, base)
 

@@ -9,7 +9,7 @@ from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief, Entry, Group
 from experiments.guesses.model import Model, explained, unexplained
 from experiments.guesses.series import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES
 from experiments.guesses.words import LIKE, likeness, words
-from experiments.guesses.wrenches import set_turn, set_unit
+from experiments.guesses.wrenches import set_turn, set_unit, size_ratio
 from ident.errors import ExcitationError
 from ident.estimation.equations import COMPONENTS
 from ident.payload.weight import TURNED, weighed
@@ -42,9 +42,9 @@ def place_wrenches(model: Model) -> None:
         if not group.is_open:
             group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
         elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:
-            sizes = {body: _ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
+            sizes = {body: size_ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
             _carry(group, model, left, sizes)
-        elif 1 - at_base < (ENOUGH if _is_of_size(_ratio(x, ground[:, part])) else ENOUGH_OF_WRENCHES):
+        elif 1 - at_base < (ENOUGH if _is_of_size(size_ratio(x, ground[:, part])) else ENOUGH_OF_WRENCHES):
             shares = f"{explained(at_base)} of it as the ground's, and {explained(left.get(best, 1.0))}"
             ask_place(belief, group, f"The model explains {shares} as that of what '{best}' carries.")
         if group.is_inner:
@@ -63,11 +63,6 @@ def ask_place(belief: Belief, group: Group, why: str) -> None:
     group.entries["body"] = Entry("?", "the body beyond the sensor", DOUBTFUL)
     belief.ask(f"It is open where the wrench '{group.own_name}' is measured. {why}")
     _rename(belief, group)
-
-
-def _ratio(measured: np.ndarray, predicted: np.ndarray) -> float:
-    """Size of columns over that of the prediction."""
-    return max(float(np.linalg.norm(measured)) / max(float(np.linalg.norm(predicted)), 1e-12), 1e-12)
 
 
 def _is_of_size(ratio: float) -> bool:
@@ -107,7 +102,7 @@ def _turn_inner(group: Group, model: Model, predicted: np.ndarray) -> None:
     for key, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
         if key in group.entries:
             measured = _varying(model.level(group.entries[key].value))
-            set_unit(model.belief, [group], key, _ratio(measured, _varying(predicted[:, part])))
+            set_unit(model.belief, [group], key, size_ratio(measured, _varying(predicted[:, part])))
     if "force" not in group.entries:
         return
     with suppress(ExcitationError):

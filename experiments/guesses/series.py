@@ -42,7 +42,7 @@ MODEL, ALPHABET, LABELS, ANY = "the model's", "the alphabetical", "the stated", 
 """Orders of joints."""
 
 
-UNNAMED = Family("", ())
+UNNAMED = Family("")
 """Family of columns that have no names in common."""
 
 
@@ -70,21 +70,11 @@ class Order:
         return 1.0 if self.share is None else self.share
 
     @property
-    def kind(self) -> str:
-        """Quantity that the names of the positions state; "" for none."""
-        return self.family.kind if self.family.members else ""
-
-    @property
-    def torques_are_measured(self) -> bool:
-        """True if the torques' names say that they were measured."""
-        return any(part.lower() in MEASURED for name in self.torques.values() for part in PARTS.findall(name))
-
-    @property
     def has_numbers_of_joints(self) -> bool:
         """True where the columns have the joints' own numbers."""
-        own = {joint: number for each in families(self.positions) for number, joint in each.members}
-        there = {name: number for number, name in self.family.members}
-        return all(joint in own and own[joint] == there.get(name) for joint, name in self.positions.items())
+        numbers = {joint: k for each in families(self.positions) for k, joint in each.by_number.items()}
+        own = {self.family.by_number.get(numbers.get(joint, -1)) == name for joint, name in self.positions.items()}
+        return own == {True}
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,78 +99,64 @@ class Search:
     def orders(self, family: Family, kinds: Sequence[str]) -> Iterator[Order]:
         """Orders of a family's columns as positions, with possible torques of some kinds, and what they leave."""
         for label, joints, columns in self._orders(family):
-            own = Order(label, dict(zip(joints, columns, strict=True)), family)
-            options = self._torques(own, kinds)
-            for scale in self.scales(columns):
-                yield from self._judged(own, scale, options)
+            order = Order(label, dict(zip(joints, columns, strict=True)), family)
+            yield from self._judged(order, self._torques(order, kinds))
+
+    def any_order(self, names: Sequence[str]) -> Iterator[Order]:
+        """All assignments of columns, each with the share of the measurements, or of other columns, that it leaves."""
+        for chosen in permutations(names, len(self.joints)):
+            yield from self._judged(Order(ANY, dict(zip(self.joints, chosen, strict=True))), [{}])
 
     def _orders(self, family: Family) -> Iterator[tuple[str, Sequence[str], Sequence[str]]]:
         """Name of the order, joints in this order, and as many consecutive columns of a family."""
-        names, joints, labels = family.names, self.joints, self.belief.log.labels
-        for each in families(labels):
-            named = {number: labels[name] for number, name in each.members}
-            own = {named[number]: name for number, name in family.members if number in named}
-            if set(joints) <= set(own):
+        names, joints, log = family.names, self.joints, self.belief.log
+        for each in families(log.labels):
+            own = {log.labels[label]: family.by_number.get(k, "") for k, label in each.by_number.items()}
+            if all(map(own.get, joints)):
                 yield LABELS, joints, [own[joint] for joint in joints]
                 return
         # All joints, those of a family of that size, or consecutive ones.
         n = min(len(names), len(joints))
-        alike = [each.names for each in families(joints) if len(each.names) == n] if n < len(joints) else []
+        alike = [each.names for each in families(joints) if len(each.names) == n < len(joints)]
+        runs = [names[first : first + n] for first in range(len(names) - n + 1)]
         for targets in alike or [joints[k : k + n] for k in range(len(joints) - n + 1)]:
             for listed, label in {tuple(sorted(targets)): ALPHABET, tuple(targets): MODEL}.items():
-                for first in range(len(names) - n + 1):
-                    if self.belief.log.columns.keys() >= set(names[first : first + n]):
-                        yield label, listed, names[first : first + n]
+                yield from ((label, listed, run) for run in runs if log.columns.keys() >= set(run))
 
     def _torques(self, order: Order, kinds: Sequence[str]) -> list[dict[str, str]]:
         """Torque columns that may go with positions, at the same places in families; [{}] if torques are known."""
-        family, moving = order.family, self.belief.log.columns.keys()
-        names, joints = family.names, list(order.positions)
-        places = [names.index(name) for name in order.positions.values()]
-        options = list[list[str]]()
-        same = [each for each in self.families if each.is_of_joints and len(each.names) == len(names)]
-        for kind in kinds if not self.belief.of("torque") else ():
-            every = [[each.names[k] for k in places] for each in same if each.kind == kind and each is not family]
-            options = options or [own for own in every if moving >= set(own)]
-        n, first, last = len(places), min(places), max(places)
-        if not (options or self.belief.of("torque") or self.belief.groups or family.kind == "position"):
-            # A single family of all columns: torques are other columns of it, in the same order.
-            starts = [k for k in range(len(names) - n + 1) if (k > last or k + n <= first) and last - first + 1 == n]
-            shifted = [[names[place - first + k] for place in places] for k in starts]
-            options = [own for own in shifted if moving >= set(own)]
-        return [dict(zip(joints, own, strict=True)) for own in options] or [{}]
+        own, places = order.family, [order.family.names.index(name) for name in order.positions.values()]
+        if self.belief.of("torque"):
+            return [{}]
+        for kind in kinds:
+            there = [each for each in self.families if each.is_of_joints and len(each.names) == len(own.names)]
+            every = [[each.names[k] for k in places] for each in there if each.kind == kind and each is not own]
+            if not kind and not self.belief.groups and max(places) - min(places) < len(places):
+                # Of a single family of all columns, torques are others in the same order.
+                shifts = range(-min(places), len(own.names) - max(places))
+                every += [[own.names[k + shift] for k in places] for shift in shifts if abs(shift) >= len(places)]
+            if options := [names for names in every if self.belief.log.columns.keys() >= set(names)]:
+                return [dict(zip(order.positions, names, strict=True)) for names in options]
+        return [{}]
 
-    def _judged(self, order: Order, scale: float, options: Sequence[dict[str, str]]) -> Iterator[Order]:
-        """The same order with each candidate family of torques or wrench, and with its unexplained share."""
-        model, columns = self.model, set(order.positions.values())
-        states = model.states_of(order.positions, scale)
-        predicted = model.predicted(states)
-        known = [share.somehow for share in model.shares(states, predicted)]
+    def _judged(self, order: Order, options: Sequence[dict[str, str]]) -> Iterator[Order]:
+        """The same order with each family of torques, or with other columns as a wrench, and its unexplained share."""
+        model, columns = self.model, order.positions.values()
         free = [name for name in self.belief.free if name in model.levels and name not in columns]
-        shares, judged = model.of_torques(states, predicted, free), list[Order]()
-        for torques in options:
-            every = known + [float(shares[joint][free.index(name)]) for joint, name in torques.items()]
-            judged.append(replace(order, torques=torques, share=float(np.mean(every)) if every else None))
-        # Among columns without names, the best-fitting ones are the torques.
-        yield from judged if order.kind else [min(judged, key=lambda each: each.left)]
-        if self.belief.held and len(free) >= len(COMPONENTS) and not (known or order.kind or self.belief.groups):
-            # Other columns may be the ground's wrench.
-            like, channels = model.likeness(free, predicted)
-            there = like[:, [k for k, channel in enumerate(channels) if channel in COMPONENTS]]
-            yield replace(order, share=1 - float(there.max(axis=0, initial=0).mean()) if there.size else 1.0)
-
-    def any_order(self, names: Sequence[str], others: Sequence[str]) -> Iterator[Order]:
-        """All assignments of columns, each with the share of the measurements, or of all others, that it leaves."""
-        for chosen in permutations(names, len(self.joints)):
-            order = Order(ANY, dict(zip(self.joints, chosen, strict=True)))
-            rest = [name for name in others if name not in chosen]
-            for scale in self.scales(chosen):
-                states = self.model.states_of(order.positions, scale)
-                predicted = self.model.predicted(states)
-                left = [share.somehow for share in self.model.shares(states, predicted)]
-                if not left and rest:
-                    left = list(1 - self.model.likeness(rest, predicted)[0].max(axis=1, initial=0))
-                yield replace(order, share=float(np.mean(left or [1.0])))
+        for scale in self.scales(list(columns)):
+            states = model.states_of(order.positions, scale)
+            predicted = model.predicted(states)
+            known = [share.somehow for share in model.shares(states, predicted)]
+            shares, judged = model.of_torques(states, predicted, free), list[Order]()
+            for torques in options:
+                every = known + [float(shares[joint][free.index(name)]) for joint, name in torques.items()]
+                judged.append(replace(order, torques=torques, share=float(np.mean(every)) if every else None))
+            if not (known or order.family.kind or self.belief.groups):
+                wanted = [COMPONENTS] * self.belief.held + [tuple(states)] * (order.label == ANY)
+                pairs = [[share for _, share in model.matched(free, predicted, those).values()] for those in wanted]
+                judged += [replace(order, share=1 - sum(shares) / max(len(shares), 1)) for shares in pairs]
+            # Among columns without names, the best-fitting ones were measured.
+            yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
 
     def scales(self, columns: Sequence[str]) -> list[float]:
         """Candidate factors from positions to radians, by the unit that is stated, or else by their size."""
@@ -196,33 +172,33 @@ class Search:
         every = sorted(every, key=lambda order: order.left)
         twins = [order for order in every if self._is_twin(every[0], order)]
         # Of equally good families, those of the joint precede those of the motor or before calibration.
-        best = min(twins, key=lambda order: order.family.is_second if order.family.members else False)
+        best = min(twins, key=lambda order: bool(order.family.kind) and order.family.is_second)
         others = [order.left for order in every if order not in twins]
         left, second = best.left, min(others, default=1.0)
         enough = ENOUGH if best.torques or self.belief.of("torque") or best.label == ANY else ENOUGH_OF_WRENCHES
         alone = (not others or best.label == LABELS) and best.label != ANY and 1 - left >= LITTLE
         is_clear = alone or (1 - left >= enough and left <= CLEAR * second)
         copies = list(dict.fromkeys(_listed(order.positions.values()) for order in twins))
-        listed = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
-        if is_clear and (best.kind or len(copies) == 1):
-            best = self._with_one_family_of_torques(best, twins)
-            self._add(best, listed + (f", otherwise at most {explained(second)}" if others else ""))
+        if is_clear and (best.family.kind or len(copies) == 1):
+            rival = f", otherwise at most {explained(second)}" if others else ""
+            why = f"in {best.label} order of the joints the model explains {explained(left)} of what is measured"
+            self._add(replace(best, torques=self._torques_of(best, twins)), why + rival)
             return True
-        if ask and is_clear:
-            which = "which were measured, and which were commanded, is open."
-            self.belief.ask(f"{' and '.join(copies)} are nearly the same: {which}", self.joints)
-        elif ask:
+        if ask:
             rival = f", and {explained(second)} with the next best choice" if others else ""
-            self.belief.ask(
+            are_open = (
                 f"The columns of the positions of {_listed(self.joints)} are open. With {copies[0]} the model explains "
-                f"{explained(left)} of what is measured{rival}.",
-                self.joints,
+                f"{explained(left)} of what is measured{rival}."
             )
+            which = (
+                f"{' and '.join(copies)} are nearly the same: which were measured, and which were commanded, is open."
+            )
+            self.belief.ask(which if is_clear else are_open, self.joints)
         return False
 
     def add_unmeasured(self, every: Sequence[Order]) -> None:
         """Adds the only order if nothing is measured to check it; none of several."""
-        if len({tuple(order.positions.items()) for order in every}) == 1 and every[0].kind == "position":
+        if len({tuple(order.positions.items()) for order in every}) == 1 and every[0].family.kind == "position":
             self._add(every[0], f"in {every[0].label} order of the joints, which nothing in the log can confirm")
             return
         self.belief.ask(
@@ -231,19 +207,18 @@ class Search:
             self.joints,
         )
 
-    def _with_one_family_of_torques(self, best: Order, twins: Sequence[Order]) -> Order:
-        """The best order, without its torques if another family's torques are explained as well."""
-        rivals = [order for order in twins if order.torques and order.torques != best.torques]
-        rivals = [order for order in rivals if 1 - order.left >= ENOUGH and CLEAR * order.left <= best.left]
-        if not rivals or not best.torques or not best.kind:
-            return best
-        stated = {tuple(order.torques.items()) for order in (best, *rivals) if order.torques_are_measured}
-        if len(stated) == 1:
-            return replace(best, torques=dict(stated.pop()))
-        names = dict.fromkeys(_listed(order.torques.values()) for order in (best, *rivals))
-        self.belief.ask(f"The torques may be those of {' or of '.join(names)}, which the model explains alike.")
+    def _torques_of(self, best: Order, twins: Sequence[Order]) -> Mapping[str, str]:
+        """Torques of the best order, none if another family's torques are explained as well."""
+        alike = [each for each in twins if 1 - each.left >= ENOUGH and CLEAR * each.left <= best.left and each.torques]
+        every = list(dict.fromkeys(tuple(each.torques.items()) for each in (best, *alike)))
+        if len(every) == 1 or not best.torques or not best.family.kind:
+            return best.torques
+        if len(stated := [each for each in every if any(_is_stated(name) for _, name in each)]) == 1:
+            return dict(stated[0])
+        names = " or of ".join(_listed(name for _, name in each) for each in every)
+        self.belief.ask(f"The torques may be those of {names}, which the model explains alike.")
         self.belief.torques_undecided = True
-        return replace(best, torques={})
+        return {}
 
     def _is_twin(self, one: Order, other: Order) -> bool:
         """True where two orders are equal, or differ only in columns with nearly the same values."""
@@ -285,7 +260,8 @@ def add_series(belief: Belief) -> None:
     if not own or not lacking or not belief.can_predict:
         return
     search = Search(Model.of(belief, [name for each in own for name in each.names]), lacking, there)
-    every = [order for each in own for order in search.orders(each, ("torque", "current"))]
+    named = ("torque", "current") if own[0].kind else ("torque", "current", "")
+    every = [order for each in own for order in search.orders(each, named)]
     if measured := [order for order in every if order.share is not None]:
         search.add_best(measured)
         return
@@ -300,17 +276,15 @@ def add_any(belief: Belief) -> None:
     positions, log = belief.of("position"), belief.log
     lacking = tuple(joint for joint in belief.mechanism.joints if joint not in positions)
     still = any(x.column not in log.columns for x in positions.values())
-    names, others = _candidates(belief, len(lacking))
+    names = _candidates(belief, len(lacking))
     if not belief.can_predict or still or belief.undecided or not lacking or len(names) < len(lacking):
         return
-    if perm(len(names), len(lacking)) > MOST:
-        belief.ask(
-            f"The positions of {_listed(lacking)} may be any of {len(names)} columns, too many to compare all of them "
-            "with the model."
-        )
-        return
-    search = Search(Model.of(belief, names), lacking)
-    search.add_best(list(search.any_order(names, others)))
+    if perm(len(names), len(lacking)) <= MOST:
+        search = Search(Model.of(belief, names), lacking)
+        search.add_best(list(search.any_order(names)))
+    else:
+        several = f"any of {len(names)} columns, too many to compare all of them with the model"
+        belief.ask(f"The positions of {_listed(lacking)} may be {several}.")
 
 
 def add_measured(belief: Belief) -> None:
@@ -318,57 +292,51 @@ def add_measured(belief: Belief) -> None:
     positions, log, joints = belief.of("position"), belief.log, belief.mechanism.joints
     moving = all(joint in positions and positions[joint].column in log.columns for joint in joints)
     known = belief.torques_undecided or belief.undecided or belief.groups or belief.of("torque")
-    names = _candidates(belief, 0)[1]
+    names = _candidates(belief)
     if known or not moving or not names or not joints or not belief.can_predict:
         return
     model = Model.of(belief)
-    like, channels = model.likeness(names, model.predicted(model.states_of({})))
-
-    def matched(wanted: Sequence[str]) -> dict[str, tuple[str, float]]:
-        """Columns by channel with the largest sum of squared correlations, each with its own."""
-        those = [k for k, channel in enumerate(channels) if channel in wanted]
-        pairs = {channels[those[k]]: (names[i], float(like[i, those[k]])) for i, k in assigned(like[:, those])[1]}
-        return {channel: pair for channel, pair in pairs.items() if pair[1] > AGREES}
-
-    wrench = matched(COMPONENTS) if belief.held else {}
-    if sum(component in COMPONENTS[:3] for component in wrench) > 1:
+    predicted = model.predicted(model.states_of({}))
+    matched = model.matched(names, predicted, COMPONENTS if belief.held else ())
+    wrench = {component: pair for component, pair in matched.items() if pair[1] > AGREES}
+    if len(wrench.keys() & set(COMPONENTS[:3])) > 1:
         columns = {component: column for component, (column, _) in wrench.items()}
-        least = min(share for _, share in wrench.values())
-        why = f"agrees with the model's prediction ({explained(1 - least)} of the variance or more)"
-        parts = {"force": COMPONENTS[:3], "torque": COMPONENTS[3:]}
-        for part in parts.values():
+        least = explained(1 - min(share for _, share in wrench.values()))
+        for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:])):
             _fill(columns, part, belief)
-        entries = {key: Entry([columns.get(component, "") for component in part], why) for key, part in parts.items()}
-        belief.groups[GROUND] = Group(GROUND, entries)
+            entry = Entry([columns.get(c, "") for c in part], f"the model explains {least} of its variance or more")
+            belief.groups.setdefault(GROUND, Group(GROUND, {})).entries[key] = entry
         return
-    torques = matched(joints)
+    torques = {joint: pair for joint, pair in model.matched(names, predicted, joints).items() if pair[1] > AGREES}
     for joint, (column, share) in torques.items() if 2 * len(torques) >= len(joints) else ():
-        why = f"agrees with the model's prediction ({explained(1 - share)} of the variance)"
-        belief.add(joint, "torque", column, why)
+        belief.add(joint, "torque", column, f"the model explains {explained(1 - share)} of its variance")
 
 
 def _fill(columns: dict[str, str], part: Sequence[str], belief: Belief) -> None:
     """Adds the third component if two are in order in the file."""
-    order = belief.log.names
-    places = {k: order.index(columns[c]) - k for k, c in enumerate(part) if c in columns}
-    missing = [k for k in range(3) if k not in places]
-    if len(missing) == 1 and len(set(places.values())) == 1:
-        place = missing[0] + next(iter(places.values()))
-        if 0 <= place < len(order) and order[place] not in (*columns.values(), *belief.columns):
-            columns[part[missing[0]]] = order[place]
-            belief.notes.append(
-                f"Column '{order[place]}' is taken for {part[missing[0]]} by its place alone: the model predicts none."
-            )
+    names = belief.log.names
+    starts = [names.index(columns[c]) - k for k, c in enumerate(part) if c in columns]
+    if len(starts) == 2 and starts[0] == starts[1]:
+        for component, name in zip(part, names[starts[0] : starts[0] + 3], strict=False):
+            if component not in columns and name not in (*columns.values(), *belief.columns):
+                columns[component] = name
+                place = "by its place alone: the model predicts none"
+                belief.notes.append(f"Column '{name}' is taken for {component} {place}.")
 
 
-def _candidates(belief: Belief, number: int) -> tuple[list[str], list[str]]:
-    """Columns that may be positions of some number of joints, and all that are no derivatives of others."""
+def _candidates(belief: Belief, number: int = 0) -> list[str]:
+    """Columns that may be positions of some number of joints; of none, all that are no derivatives of others."""
     free = [name for name in belief.free if name in belief.log.columns and words(name).measured]
     rates = {b: a for a in free for b in free if a != b and is_rate(belief.log, a, b)}
-    # A column with a derivative is a position; without any such pair all columns may be.
-    roots = [name for name in free if name in rates.values() and name not in rates] or free
     others = [name for name in free if name not in rates]
-    return (roots if len(roots) >= number else others), others
+    # A column with a derivative is a position; without any such pair all columns may be.
+    roots = [name for name in others if name in rates.values()]
+    return roots if roots and len(roots) >= number > 0 else others
+
+
+def _is_stated(name: str) -> bool:
+    """True if the name of a column says that it was measured."""
+    return any(part.lower() in MEASURED for part in PARTS.findall(name))
 
 
 def _listed(names: Iterable[str]) -> str:

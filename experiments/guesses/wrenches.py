@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
 from experiments.guesses.families import families
-from experiments.guesses.names import is_named_after
-from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
+from experiments.guesses.names import exact_names, is_named_after
+from experiments.guesses.words import most_alike, unit_of, words
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared
-from ident.files.column import CURRENT, KINDS
+from ident.files.column import CURRENT
 from ident.judgement.checks import wrench_checks
 from ident.recordings.columns.plates import AUTO
 from ident.recordings.wrench import GROUND
@@ -79,7 +79,7 @@ def add_wrenches(belief: Belief) -> None:
 def _named(belief: Belief) -> Iterable[tuple[str, Parts]]:
     """Names and columns of wrenches: two components or more, of which one changes."""
     kinds = {joint: belief.kinds[joint] for joint in belief.axes}
-    usual = {pattern.format(joint) for joint in belief.kinds for patterns in KINDS.values() for pattern in patterns}
+    usual = exact_names(belief.kinds)
     names = [name for name in belief.free if name not in usual and not is_named_after(name, kinds)]
     names = [name for name in names if words(name).kind not in ("velocity", "acceleration")]
     arrays = {len(each.names) for each in families(names) if each.kind == "position" and each.template.endswith(".#")}
@@ -101,16 +101,15 @@ def _listed(parts: Parts, kind: str) -> list[str]:
 
 def _is_same(belief: Belief, one: Parts, other: Parts) -> bool:
     """True where two wrenches have forces of the same size throughout, and so are one that is written twice."""
-    sizes = [np.linalg.norm(belief.log.changes(_listed(parts, "force")), axis=1) for parts in (one, other)]
+    sizes = [np.linalg.norm(belief.log.table(_listed(parts, "force")), axis=1) for parts in (one, other)]
     return bool(all(np.ptp(size) > 0 for size in sizes) and np.corrcoef(sizes)[0, 1] > SAME)
 
 
 def _site(rest: str, belief: Belief) -> str:
     """The site on a moving body that a wrench is named after; "" if there is none."""
-    own, tree = words(rest), belief.mechanism.tree
+    tree, sites = belief.mechanism.tree, belief.mechanism.sites.items()
     moving = {tree.names[k] for i in tree.moving for k in tree.carried(i)}
-    sites = belief.mechanism.sites.items()
-    named = [site for site, (body, _) in sites if body in moving and likeness(own, words(site)) >= 0.99]
+    named = list(most_alike(rest, [site for site, (body, _) in sites if body in moving], 0.99))
     return named[0] if len(named) == 1 else ""
 
 
@@ -143,7 +142,7 @@ def _entries(belief: Belief, parts: Parts) -> dict[str, Entry]:
             entries[key] = Entry(units.pop(), "by the names")
         elif kind == "point":
             # The point is meaningless while nobody stands on the plate; the median assumes contact half of the time.
-            size = float(np.median(np.abs(log.changes(columns)), axis=0).max())
+            size = float(np.median(np.abs(log.table(columns)), axis=0).max())
             if size > FAR_POINT:
                 entries[key] = Entry("mm", f"half of the time it is {size:.3g} or more away")
     return entries
@@ -151,7 +150,7 @@ def _entries(belief: Belief, parts: Parts) -> dict[str, Entry]:
 
 def _is_about_origin(belief: Belief, parts: Parts) -> bool:
     """True where moments are those of the force at the point of application, about the origin."""
-    force, moment, point = (belief.log.changes(_listed(parts, kind)) for kind in ("force", "torque", "point"))
+    force, moment, point = (belief.log.table(_listed(parts, kind)) for kind in ("force", "torque", "point"))
     arm = np.cross(point, force)
     pairs = [k for k in range(3) if np.ptp(moment[:, k]) > 0 and np.ptp(arm[:, k]) > 0 and np.ptp(force) > 0]
     # About the point there is at most one component, along the plate's normal.
@@ -160,16 +159,15 @@ def _is_about_origin(belief: Belief, parts: Parts) -> bool:
 
 def _place(belief: Belief, group: Group) -> None:
     """Adds the body that a wrench other than the ground's acts on; if that is open, the wrench stays a remark."""
-    names, own, entries = belief.mechanism.tree.names, words(group.name), group.entries
+    names, entries = belief.mechanism.tree.names, group.entries
     if "point" in entries or not belief.held or belief.flies:
         at_rest = "a point of application rests in the world" if belief.held and not belief.flies else "plates rest"
         entries["frame"] = Entry("world", at_rest)
         _stand(belief, group)
         return
-    likes = {body: likeness(own, words(body)) for body in names}
-    best = max(likes, key=lambda body: likes[body])
-    if likes[best] >= LIKE and sum(like > likes[best] - NEAR for like in likes.values()) == 1:
-        entries["body"] = Entry(best, f"named alike ({100 * likes[best]:.0f} %)")
+    if len(named := most_alike(group.name, names)) == 1:
+        ((body, like),) = named.items()
+        entries["body"] = Entry(body, f"named alike ({100 * like:.0f} %)")
         return
     entries["body"] = Entry("?", f"one of {', '.join(names)}", DOUBTFUL)
     belief.ask(f"The name of the wrench '{group.name}' does not state the body that it acts on.")
@@ -194,6 +192,11 @@ def _stand(belief: Belief, group: Group) -> None:
         belief.ask(f"It is open which body stands on '{group.name}'.")
 
 
+def size_ratio(measured: np.ndarray, predicted: np.ndarray) -> float:
+    """Size of columns over that of the prediction."""
+    return max(float(np.linalg.norm(measured)) / max(float(np.linalg.norm(predicted)), 1e-12), 1e-12)
+
+
 def set_unit(belief: Belief, groups: Iterable[Group], kind: str, ratio: float) -> bool:
     """Sets the unit of forces or moments by their size, unless it is known, and returns True if it is not the SI unit.
 
@@ -204,7 +207,7 @@ def set_unit(belief: Belief, groups: Iterable[Group], kind: str, ratio: float) -
         ratio: Size of the columns over what the model predicts in SI units.
     """
     key, choices = OF_SIZE[kind]
-    sizes = {unit: max(ratio, 1e-12) / choice for unit, choice in choices.items()}
+    sizes = {unit: ratio / choice for unit, choice in choices.items()}
     unit = min(sizes, key=lambda unit: abs(np.log(sizes[unit])))
     if not 1 / HALF_WAY < sizes[unit] < HALF_WAY:
         belief.notes.append(

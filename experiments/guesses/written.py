@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, SURE, Belief, Entry, Quantity
+from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, Entry, Quantity
 from experiments.guesses.log_contents import LogContents
 from ident.errors import InputError
 from ident.files.atomic import replacing
@@ -29,12 +29,10 @@ def toml_text(belief: Belief) -> str:
     lines += _of_files(belief.log)
     for joint in (joint for joint in belief.mechanism.joints if f"joints.{joint}" not in belief.poses):
         lines += _of_joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
-    for group in belief.poses.values():
-        lines.append(f"[{BASE}]" if group.name == BASE else f"[joints.{_key(group.name)}]")
-        lines += [_line(key, each.value, each.why, each.sure) for key, each in group.entries.items()]
-    for group in belief.groups.values():
-        mark = "# " if group.is_doubtful else ""
-        lines.append(f"{mark}[wrenches.{_key(group.name)}]")
+    wrenches = {f"wrenches.{name}": group for name, group in belief.groups.items()}
+    for table, group in {**belief.poses, **wrenches}.items():
+        (room, _, name), mark = table.partition("."), "# " if table in wrenches and group.is_doubtful else ""
+        lines.append(f"{mark}[{room}{'.' * bool(name)}{_key(name) if name else ''}]")
         lines += [mark + _line(key, each.value, each.why, each.sure) for key, each in _in_order(group.entries)]
     if belief.unused:
         lines.append(f"# Columns that are not assigned: {', '.join(belief.unused)}")
@@ -62,14 +60,11 @@ def _of_files(log: LogContents) -> list[str]:
     """Lines on the columns of times, one for all files or one for each, and on layouts that are not the default."""
     lines, several = list[str](), len(log.layouts) > 1
     if entries := [clock.entry for clock in log.clocks]:
-        alike = all(each == entries[0] for each in entries)
         why = "; ".join(dict.fromkeys(clock.why for clock in log.clocks))
-        is_rate = alike and "rate" in entries[0]
-        value = entries[0]["rate"] if is_rate else entries[0] if alike else entries
-        lines.append(_line("rate" if is_rate else "time", value, why, SURE if is_rate else LIKELY))
+        lines.append(_line("time", entries if len(entries) > 1 else entries[0], why, LIKELY))
     for layout in log.layouts if any(layout != Layout() for layout in log.layouts) else ():
-        lines += ["[[file]]" if several else "[file]"]
-        lines += [_line("header", layout.header, "the first row has numbers" * (not layout.header))]
+        header = _line("header", layout.header, "the first row has numbers" * (not layout.header))
+        lines += ["[[file]]" if several else "[file]", header]
         lines += [_line("skip", layout.skip, "lines before the table")] if layout.skip else []
     return lines
 
@@ -110,8 +105,8 @@ def _printable(text: str) -> str:
 
 def table(belief: Belief) -> list[str]:
     """Lines of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
-    clocks = dict.fromkeys(belief.log.clocks)
-    rows = [("time", clock.column, clock.unit, LIKELY, clock.why) for clock in clocks]
+    clocks = [(clock.entry, clock.why) for clock in belief.log.clocks]
+    rows = [("time", own.get("column", "counted"), own.get("unit", ""), LIKELY, why) for own, why in clocks]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
         rows.append((f"{x.joint}.{x.kind}", x.column or "left out", unit, x.sure, "; ".join(x.why)))

@@ -125,6 +125,10 @@ class Measurement:
             if body.parent >= 0:
                 out[i] = out[body.parent]
             out[i, own] = body.is_ball or body.turns
+            if body.depends and (closure := self.tree.closure):
+                # At least as fast as one of those that determine it.
+                for lead, others in zip(self.tree.bodies, self._places, strict=True):
+                    out[i, others] |= lead.joint in closure.independent
         return out
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:

@@ -132,7 +132,7 @@ class Closure:
             x: Independent coordinates (…, n_q).
         """
         own, other = self._coordinates
-        flat = np.asarray(x, float).reshape(-1, len(own))
+        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(own))
         nearest = self._nearest(flat)[1]
         start, y = self.anchors[nearest][:, own], self.anchors[nearest][:, other]
         far = np.abs((flat - start) * self._scale).max(initial=0)

@@ -35,7 +35,7 @@ class Coincidence:
 
     Attributes:
         name: Name of the constraint.
-        bodies: Names of both bodies, empty for the base.
+        bodies: Names of both bodies.
         places: Poses of the frames on them, row by row (16,).
         whole: True for frames, False for points.
     """

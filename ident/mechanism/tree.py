@@ -320,13 +320,11 @@ class Tree:
         """Derivatives G of the dependent joints' coordinates by the n freedoms (…, d, n), for q as by `started`."""
         if not self.closure:
             return np.zeros((*np.shape(q)[:-1], 0, len(self.freedoms)))
-        own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
-        G = self.closure.slopes(self._of_part(own), self.started(q)[..., self.size :])
+        at = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
+        G = self.closure.slopes(self._of_part(at), self.started(q)[..., self.size :])
         names = [name for name in self.closure.part.freedoms if name not in self.dependent]
-        nothing = 0.0 * G[..., :1]
-        return np.concatenate(
-            [G[..., k : k + 1] if k >= 0 else nothing for k in _places(names, self.freedoms)], axis=-1
-        )
+        own = {name: G[..., k : k + 1] for k, name in enumerate(names)}
+        return np.concatenate([own.get(name, np.zeros((*G.shape[:-1], 1))) for name in self.freedoms], axis=-1)
 
     @cached_property
     def slopes_in_posture(self) -> np.ndarray:
@@ -367,11 +365,6 @@ class Tree:
             T = body.home @ body.joint_pose(own) if body.moves else body.home
             poses.append(T if body.parent == BASE else poses[body.parent] @ T)
         return np.stack([np.broadcast_to(T, (*np.shape(q)[:-1], 4, 4)) for T in poses], -3)
-
-
-def _places(names: Sequence[str], among: Sequence[str]) -> list[int]:
-    """Index of each of some names in others, -1 if it is none of them."""
-    return [names.index(name) if name in names else -1 for name in among]
 
 
 def _welded(body: Body, q: np.ndarray) -> Body:

@@ -77,16 +77,16 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, lis
     tree = mechanism.tree
     if (closure := tree.closure) is None:
         return mechanism, []
-    leads = ", ".join(closure.independent)
+    leads = ", ".join(closure.independent) or "no joint"
     if both := sorted({*driven} & {*closure.dependent}):
         raise LogError(
-            f"Loops make '{both[0]}' depend on {leads}, driven as well; its torque or command cannot be used. Take it "
-            "out of the log or the mapping."
+            f"Loops make '{both[0]}' depend on {leads}: its torque or command cannot be used. Log its position in "
+            "place of theirs, or take it out of the log or the mapping."
         )
     x = recording.of_joints(closure.independent, "position")
     closure = closure.along(x, recording.time)
     y, names = closure.solved(x), ", ".join(f"'{each.name}'" for each in closure.constraints)
-    notes = [f"{', '.join(closure.dependent)} depend on {leads or 'no joint'}, by the constraints {names}."]
+    notes = [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}."]
     for k, joint in enumerate(closure.dependent):
         if (own := measured.get(f"{joint}_position")) is not None:
             apart = float(np.sqrt(np.mean((own - y[:, k]) ** 2)))

@@ -7,6 +7,7 @@ The likeliest smoothness of each coordinate, with white-noise jerk, is no substi
 for any parameters to predict well.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -82,13 +83,11 @@ def smoothed(coordinates: Sampled, T: float) -> Trajectory:
     """
     splines, coefficients = [], []
     for part in _stretches(coordinates):
-        time, columns = coordinates.time[part], coordinates.values[part].T
+        time = coordinates.time[part]
         spline = Spline.over(time[0], time[-1], T)
-        basis = Sampling(spline, time).matrices[0]
         penalty = T**6 / (time[-1] - time[0]) * (spline.roots.T @ spline.roots)
-        how = basis, basis.T @ basis, penalty
         splines.append(spline)
-        coefficients.append(np.stack([_without_outliers(x, *how) for x in columns], axis=1))
+        coefficients.append(_without_outliers(coordinates.values[part], Sampling(spline, time).matrices[0], penalty))
     return Trajectory(splines, coefficients)
 
 
@@ -105,40 +104,45 @@ def _stretches(coordinates: Sampled) -> list[slice]:
     return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
 
 
-def _without_outliers(
-    x: np.ndarray, basis: sparse.csr_matrix, products: sparse.csr_matrix, penalty: sparse.csr_matrix
-) -> np.ndarray:
-    """Coefficients of one coordinate (size,), fitted without gross outliers among its samples (N,).
+def _without_outliers(x: np.ndarray, basis: sparse.csr_matrix, penalty: sparse.csr_matrix) -> np.ndarray:
+    """Coefficients of coordinates (size, n), fitted without gross outliers among their samples (N, n).
 
     Args:
-        x: The samples, NaN where one is missing (N,).
+        x: The samples, NaN where one is missing (N, n).
         basis: Spline functions at the samples (N, size).
-        products: Sum of their products (size, size).
         penalty: Penalty of one sample (size, size).
     """
-    there = np.isfinite(x)
-    penalty = max(np.count_nonzero(there) - 1, 1) * penalty
+    there, c = np.isfinite(x), np.empty((basis.shape[1], x.shape[1]))
+    number, left = there.sum(axis=0), list(range(x.shape[1]))
     for _ in range(PASSES):
-        own = basis if there.all() else basis[there]
-        normal = (products if there.all() else own.T @ own) + penalty
-        band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(LOCAL)])
-        c = np.asarray(linalg.solveh_banded(band, own.T @ x[there], lower=True))
-        outliers = _outliers(x[there] - own @ c)
-        if not outliers.any():
-            break
-        there[np.flatnonzero(there)[outliers]] = False
+        # Coordinates of the same samples share their equations.
+        alike, again = defaultdict[tuple[int, bytes], list[int]](list), list[int]()
+        for j in left:
+            alike[number[j], there[:, j].tobytes()].append(j)
+        for (count, _), own in alike.items():
+            at = np.flatnonzero(there[:, own[0]])
+            rows, y = basis if len(at) == len(x) else basis[at], x[at[:, None], own]
+            normal = rows.T @ rows + max(count - 1, 1) * penalty
+            band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(LOCAL)])
+            c[:, own] = linalg.solveh_banded(band, rows.T @ y, lower=True)
+            outliers = _outliers(y - rows @ c[:, own])
+            there[at[:, None], own] = ~outliers
+            again += np.array(own)[outliers.any(axis=0)].tolist()
+        left = again
     return c
 
 
 def _outliers(residual: np.ndarray) -> np.ndarray:
-    """Mask of the samples that deviate grossly from the mean of their neighbours, and more than samples around (N,).
+    """Mask of samples that deviate grossly from the mean of their neighbours, and more than samples around (N, n).
 
     Residuals next to an outlier and near a corner are smooth, so neither is masked.
     """
-    out = np.zeros(len(residual), bool)
-    size = np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
+    out, size = np.zeros(residual.shape, bool), np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
     if len(size):
-        beside = np.pad(size, 1)
-        usual = np.maximum(np.quantile(size, MOST) / NORMAL_QUANTILE, NORMAL_MAD * running_median(size, AROUND))
-        out[1:-1] = (size > GROSS * usual) & (size >= np.maximum(beside[:-2], beside[2:]))
+        beside = np.pad(size, ((1, 1), (0, 0)))
+        out[1:-1] = size > GROSS / NORMAL_QUANTILE * np.quantile(size, MOST, axis=0)
+        out[1:-1] &= size >= np.maximum(beside[:-2], beside[2:])
+    for j in np.flatnonzero(out.any(axis=0)):
+        at = np.flatnonzero(out[1:-1, j])
+        out[1 + at, j] = size[at, j] > GROSS * NORMAL_MAD * running_median(size[:, j], AROUND, at)
     return out

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ident.geometry.se3 import pose
 from ident.mechanism.constraint import Coincidence, Constraint, Relation
 from ident.mechanism.loops import Constraints
 from ident.mechanism.tree import Tree
+from sim.models.mujoco_model import placed_pose
 from sim.models.names import joint_name, name_of
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
@@ -20,13 +20,12 @@ Terms = tuple[tuple[str, float], ...]
 
 
 def constraints_of(
-    model: mujoco.MjModel, base: str | None, tree: Tree, ignore: Collection[str], posture: Mapping[str, np.ndarray]
+    model: mujoco.MjModel, tree: Tree, ignore: Collection[str], posture: Mapping[str, np.ndarray]
 ) -> Constraints:
-    """Constraints among the bodies of a tree or with its base, of which none is ignored.
+    """Constraints among the bodies of a tree, of which none is ignored.
 
     Args:
         model: Compiled model.
-        base: Name of the base body, None for the world.
         tree: The tree.
         ignore: Names of equality constraints to leave out.
         posture: Coordinates of all joints of the model's tree, those of its fixed ones included.
@@ -34,18 +33,18 @@ def constraints_of(
     rows = list[Constraint]()
     for e in range(model.neq):
         name = name_of(model, mujoco.mjtObj.mjOBJ_EQUALITY, e)
-        if model.eq_active0[e] and name not in ignore and (row := _constraint(model, base, tree, e, name)) is not None:
+        if model.eq_active0[e] and name not in ignore and (row := _constraint(model, tree, e, name)) is not None:
             rows.append(row)
     held = {body.name: posture[body.still] for body in tree.bodies if body.still}
     return Constraints(tuple(rows), posture).fixed(held, tree)
 
 
-def _constraint(model: mujoco.MjModel, base: str | None, tree: Tree, e: int, name: str) -> Constraint | None:
+def _constraint(model: mujoco.MjModel, tree: Tree, e: int, name: str) -> Constraint | None:
     """One equality as a constraint; None where it reaches outside the tree, or is none of positions."""
     kind = int(model.eq_type[e])
     if kind in (_CONNECT, _WELD):
         between = _coincidence(model, e, name)
-        return between if {*between.bodies} <= {*tree.names, *([""] if base is None else [])} else None
+        return between if {*between.bodies} <= {*tree.names} else None
     if kind not in (_JOINT, _TENDON):
         return None
     sums = _of_joint if kind == _JOINT else _of_tendon
@@ -64,12 +63,12 @@ def _coincidence(model: mujoco.MjModel, e: int, name: str) -> Coincidence:
     whole, data, ids = model.eq_type[e] == _WELD, model.eq_data[e], (model.eq_obj1id[e], model.eq_obj2id[e])
     if model.eq_objtype[e] == _SITE:
         bodies = [int(model.site_bodyid[k]) for k in ids]
-        places = [pose(_matrix(model.site_quat[k]), model.site_pos[k]) for k in ids]
+        places = [placed_pose(model.site_pos[k], model.site_quat[k]) for k in ids]
     else:
-        bodies, one = [int(k) for k in ids], np.eye(3)
+        bodies, one = [int(k) for k in ids], np.eye(4)[0]
         points = (data[3:6], data[:3]) if whole else (data[:3], data[3:6])
-        places = [pose(_matrix(data[6:10]) if whole else one, points[0]), pose(one, points[1])]
-    names = ["" if b == 0 else name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) for b in bodies]
+        places = [placed_pose(points[0], data[6:10] if whole else one), placed_pose(points[1], one)]
+    names = [name_of(model, mujoco.mjtObj.mjOBJ_BODY, b) for b in bodies]
     own = [tuple(place.ravel().tolist()) for place in places]
     return Coincidence(name, (names[0], names[1]), (own[0], own[1]), bool(whole))
 
@@ -94,9 +93,3 @@ def _carried(model: mujoco.MjModel, j: int) -> str:
     body = name_of(model, mujoco.mjtObj.mjOBJ_BODY, b)
     last = j == model.body_jntadr[b] + model.body_jntnum[b] - 1
     return body if last else f"{body}:{joint_name(model, j)}"
-
-
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    out = np.zeros(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)

@@ -126,7 +126,7 @@ def _from_mujoco(
     arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=driven)
     stated = {joint: np.array(q) for joint, q in checked_coordinates("fix", fix or ()).items() if q}
     posture = rest_coordinates(model, base, beyond) | stated
-    constraints = constraints_of(model, base, tree, ignore, posture)
+    constraints = constraints_of(model, tree, ignore, posture)
     held = {row.name for row in constraints.rows}
     loops = {name: joints for name, joints in loops_of(model, tree).items() if name not in held}
     return replace(arm, mimics=mimics_of(model, tree), loops=loops, constraints=constraints)

@@ -209,6 +209,12 @@ def test_two_quaternions_of_one_joint_stay_open(tmp_path):
     assert not belief.poses and "The orientation of 'hip' may be in hip1 or in hip2." in belief.open
 
 
+def test_a_quaternion_goes_to_the_ball_joint_of_its_name(tmp_path):
+    twist = Body("twist", 0, np.eye(4), ball_twist(np.zeros(3)), "hip_twist")
+    belief = believed_of(tmp_path, posed("hip_twist_q{}", TURNS, "wxyz"), Mechanism(Tree((HIP, twist)), np.zeros(3)))
+    assert list(belief.poses) == ["joints.hip_twist"]
+
+
 GRIPPER = """<mujoco><worldbody><body name="hand"><joint name="wrist" axis="0 1 0"/><geom size=".05" mass="1"/>
   <body name="left"><joint name="left" axis="0 0 1"/><geom size=".02" mass=".1" pos=".1 0 0"/></body>
   <body name="right"><joint name="right" axis="0 0 1"/><geom size=".02" mass=".1" pos="-.1 0 0"/></body>

@@ -254,3 +254,34 @@ def test_wrapped_columns_are_unwrapped_before_they_are_compared(tmp_path):
     belief = belief_of(tmp_path, columns_of("q_{}", (DEG * Q) % 360) | columns_of("tau_{}", TAU))
     assert mapped(belief, "position") == dict(zip(JOINTS, ("q_1", "q_2", "q_3"), strict=True))
     assert any("jumps by a whole turn" in line for line in belief.log.summary())
+
+
+def test_velocities_of_any_names_are_derivatives_of_the_positions(tmp_path):
+    rates = dict(zip(("c", "a", "b"), np.gradient(Q, TIME, axis=0).T, strict=True))
+    belief = belief_of(tmp_path, columns_of("X{}", Q) | rates | columns_of("Y{}", TAU))
+    assert mapped(belief, "velocity") == dict(zip(JOINTS, rates, strict=True))
+
+
+def test_rates_of_joints_named_like_moments_are_no_wrench(tmp_path):
+    names = dict(zip(JOINTS, ("mx", "my", "mz"), strict=True))
+    text_of = "".join(model("hinge", "hinge", "hinge"))
+    for joint, name in names.items():
+        text_of = text_of.replace(f'"{joint}"', f'"{name}"')
+    columns = {
+        f"{name}{end}": x
+        for end, y in (("", Q), ("_vel", np.gradient(Q, TIME, axis=0)))
+        for name, x in zip(names.values(), y.T, strict=True)
+    }
+    belief = belief_of(tmp_path, columns, sim.mechanism(mujoco.MjSpec.from_string(text_of)))
+    assert not belief.groups and mapped(belief, "velocity") == {name: f"{name}_vel" for name in names.values()}
+
+
+def test_gaps_and_turns_are_told_in_the_words_of_read_log(tmp_path):
+    kept = np.delete(np.arange(len(TIME)), np.arange(300, 330))
+    path = tmp_path / "log.csv"
+    path.write_text(text({"time": TIME[kept]} | columns_of("{n}_position", (DEG * Q[kept]) % 360)))
+    belief = believed(ARM, [path])
+    mapping = {"joints": {n: {"position": {"column": f"{n}_position", "unit": "deg"}} for n in JOINTS}}
+    notes = ident.read_log(path, ARM, mapping, gaps=True).notes
+    assert {note for note in notes if "have gaps" in note or "whole turn" in note} <= set(belief.log.summary())
+    assert belief.log.has_gaps and len(notes) >= 2

@@ -111,6 +111,15 @@ def test_a_body_that_is_likely_comes_first_only_if_it_is_near():
         assert diagnosis.check_contact(TREE, STATES[0], residual, likely, near=near).body == TREE.names[2]
 
 
+def test_a_frame_without_mass_carries_nobody():
+    bodies = [
+        Body(name, k - 1, np.eye(4), np.zeros(6), massless=name == "frame")
+        for k, name in enumerate(("a", "frame", "b"))
+    ]
+    tree = Tree(tuple(bodies))
+    assert [diagnosis._carrier(tree, i) for i in range(3)] == [-1, 0, 0]
+
+
 def test_correlation_time_of_white_and_slow_noise():
     white = RNG.normal(size=5000)
     slow = np.convolve(white, np.exp(-np.arange(500) / 100), mode="same")

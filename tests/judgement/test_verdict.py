@@ -15,7 +15,7 @@ import ident
 import sim
 from ident.estimation.preparation import LeftOut, Part
 from ident.judgement.finding import Finding
-from ident.judgement.fit_findings import course_findings, prior_findings, slow_residual_findings
+from ident.judgement.fit_findings import prior_findings
 from ident.judgement.torque_findings import bound_findings
 from ident.judgement.verdict import Outcome, Verdict
 from ident.judgement.wrench_findings import unmeasured_findings
@@ -235,29 +235,6 @@ def test_a_prior_that_the_data_do_not_need_is_not_blamed_on_the_motion(estimate)
     )
     (needed,) = prior_findings(poor.evidence)
     assert needed.code == "prior_needed"
-
-
-def test_rounds_are_counted_in_english(estimate):
-    joint = estimate.trajectory
-    for trace, words in (([1.0], "after 1 round."), ([1.0, 1.0], "after 2 rounds.")):
-        stuck = joint.with_fit(replace(joint.fit, status="stuck", trace=tuple(trace)))
-        (finding,) = course_findings(replace(estimate, trajectory=stuck).evidence)
-        assert finding.values == {"status": "stuck", "rounds": len(trace)} and words in finding.text
-
-
-def test_what_is_left_beyond_fast_noise_is_listed_unless_it_is_everywhere(estimate):
-    fit = estimate.trajectory.fit
-
-    def slow(*factors):
-        noise = replace(fit.noises[0], channels=fit.noises[0].channels * factors)
-        trajectory = estimate.trajectory.with_fit(replace(fit, noises=[noise]))
-        (finding,) = slow_residual_findings(replace(estimate, trajectory=trajectory).evidence)
-        return finding
-
-    one, all_ = slow(1, 10, 1, 1, 1, 1), slow(*6 * [1e4])
-    assert one.values["factors"].keys() == {"Fy"} and not one.values["all_channels"]
-    assert all_.values["all_channels"] and min(all_.values["factors"].values()) > 100
-    assert "sensors, over 100 times." in all_.text
 
 
 def test_spans_of_several_logs_say_which_log(estimate):

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, by_mujoco, closed, opened, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, opened, text
 
 import ident
 import sim
@@ -114,7 +114,28 @@ def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
     assert estimate.verdict().usable and abs(distance).max() < 4
 
 
-@pytest.mark.parametrize("estimator", ["ordinary", "trajectory"])
+@pytest.mark.slow
+def test_a_parallel_gripper_is_weighed_from_a_wrist():
+    arm, rng, t = read(WRIST), np.random.default_rng(0), np.arange(800) / 100
+    waves = {"lift": (0.8, 0.3), "bend": (0.9, 0.3), "roll": (1.2, 0.4), "left_driver": (0.35, 0.12)}
+    own = {name: list(swings(t + k, a, [1.1 + k / 3, 2.9 + k / 3])) for k, (name, a) in enumerate(waves.items())}
+    part = arm.beyond("palm")
+    moving = part.following(part.mimics).closed(["left_finger", "left_link", "right_finger", "right_link"])
+    base = moving.carrier.motion(*(np.hstack([own[name][k] for name in moving.carrier.joints]) for k in range(3)))
+    phi = part.known.reshape(-1, 10).copy()
+    # Heavier fingers than in the model.
+    phi[[part.bodies.index("left_finger"), part.bodies.index("right_finger")]] *= 1.6
+    Y = base_wrench_regressor(moving.tree, *own["left_driver"], gravity=part.gravity, base=base)
+    wrench = Y @ phi.ravel() + rng.normal(size=(len(t), 6)) * [0.05, 0.05, 0.05, 0.003, 0.003, 0.003]
+    log = {"time": t} | {f"{name}_position": x[0][:, 0] + 2e-4 * rng.normal(size=len(t)) for name, x in own.items()}
+    log |= dict(zip([f"ground_{letter}{x}" for letter in "fm" for x in "xyz"], wrench.T, strict=True))
+    estimate = ident.identify(part, ident.read_log(log, arm))
+    distance = (estimate.psi - estimate.base.regroup(phi.ravel())) / estimate.std_setup
+    assert estimate.verdict().usable and abs(distance).max() < 4
+    assert abs(estimate["m1"].value - phi[:, 0].sum()) < 0.02 * phi[:, 0].sum()
+
+
+@pytest.mark.parametrize("estimator", ["ordinary", pytest.param("trajectory", marks=pytest.mark.slow)])
 def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimator):
     arm, t = closed("driven"), np.arange(500) / 100
     q, dq, ddq = swings(t, [1.2, 0.5, 0.2], [1.5, 4.3, 7.9])
@@ -149,7 +170,11 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimato
             log_of([SWING, SWING], ("crank", "rod")),
             "The loops of 'far' cannot be closed in the model's posture: ",
         ),
-        (FOUR_BAR, log_of([SWING], more={"rod_torque": SWING}), "Loops make 'rod' depend on crank, driven as well"),
+        (
+            FOUR_BAR,
+            log_of([SWING], more={"rod_torque": SWING}),
+            "Loops make 'rod' depend on crank: its torque or command cannot be used. Log its",
+        ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
         (
             FOUR_BAR.replace('name="rod" axis="0 1 0"', 'name="rod" type="ball"'),
@@ -179,6 +204,23 @@ def test_a_column_of_a_dependent_joint_is_compared_with_the_loops():
 def test_loops_are_not_excited():
     with pytest.raises(ModelError, match=r"joints of a tree; crank, rod, rocker are coupled by pin\. Name others"):
         problem(read(FOUR_BAR), None, sensors="torque")
+
+
+def test_a_joint_that_a_weld_locks_rests():
+    arm = read(text(CRANK, '<weld name="glue" body1="crank" body2="rod"/>'))
+    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
+    assert ready.mechanism.tree.dependent == ("rod",) and ready.equations.parameters.rank == 3
+    welded = arm.fixed({"rod": [0.0]})
+    states = np.random.default_rng(0).normal(size=(3, 7, 1))
+    Y, expected = (base_wrench_regressor(each.tree, *states, gravity=arm.gravity) for each in (ready.mechanism, welded))
+    np.testing.assert_allclose(Y, expected, atol=1e-12)
+
+
+def test_parts_have_their_own_loops():
+    arm = read(WRIST)
+    assert arm.beyond("palm").in_loops == arm.in_loops
+    with pytest.raises(ModelError, match="constraint 'left_pin' is between a body of this part and one outside it"):
+        arm.beyond("left_driver")
 
 
 def test_joints_that_follow_from_those_with_a_column_are_determined():

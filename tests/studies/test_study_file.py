@@ -134,12 +134,6 @@ figures = { figure_a = { kind = "wrenches" } }
     assert drawn == {"True": "true", "a_b": "a_b", "a b": "a b", "Other": "other"}
 
 
-@pytest.mark.parametrize("name", ["misaligned", "multicontact"])
-def test_the_papers_studies_are_stated_in_thirty_lines(name):
-    text = files("experiments.studies").joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 30
-
-
 def test_options_go_before_the_file():
     file = study_entries.packaged("multicontact", contact="handle", seed=4)
     assert (file.seed, dict(file.scene.contacts)) == (4, {"handle": "contact"})
