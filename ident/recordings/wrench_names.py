@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-from ident.files.table import short
+from ident.files.table import listed, short
 
 _WHOSE = r"([\W_\d]*|(?:[\W_]+[a-z\d]+)+?[\W_]+)"
 _NUMBER, _AXIS = r"([\W_\d]*)", r"[\W_]*([xyz])(?![a-z])"
@@ -48,9 +48,6 @@ ALIKE = 0.85
 
 PLACE = "in a file for --columns or by columns= in Python"
 """Place of a mapping, for messages."""
-
-SHOWN = 40
-"""Number of columns that are listed at most."""
 
 
 def wrench_groups(names: Sequence[str]) -> dict[str, dict[Component, str]]:
@@ -98,10 +95,8 @@ def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
     """
     names = [name for name in columns if name == name.strip() and name.isprintable()]
     lines = _ground(names) or _torques(names, [joint for joint in joints if joint.isprintable()])
-    listed = ", ".join(" ".join(short(name).split()) for name in columns[:SHOWN]) + (
-        ", ..." if len(columns) > SHOWN else ""
-    )
-    there = f"Besides times and joint states it has {f'the columns {listed}' if columns else 'no columns'}"
+    plain = [" ".join(name.split()) for name in columns]
+    there = f"Besides times and joint states it has {f'the columns {listed(plain)}' if columns else 'no columns'}"
     if not lines:
         return f"{there}; none is named like a wrench or a torque: map what is one, {PLACE}."
     return "\n".join([f"{there}; these lines, {PLACE}, would use those that look like it:", *lines])
