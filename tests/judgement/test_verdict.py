@@ -51,9 +51,8 @@ def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.
 @pytest.mark.slow
 def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
     """Errors of a motion smoothed from its angles alone correlate with it, but a fit's own residuals do not."""
-    for seed in (15, 16):
-        estimate = ident.identify(PENDULUM, sines(seed, rate=500), held_out=sines(1000 + seed, rate=500))
-        assert (estimate.held_out.ratio[1:] > 0.01).any() and not coded(estimate, "residual_follows_motion")
+    estimate = ident.identify(PENDULUM, sines(15, rate=500), held_out=sines(1015, rate=500))
+    assert (estimate.held_out.ratio[1:] > 0.01).any() and not coded(estimate, "residual_follows_motion")
 
 
 def test_a_wrong_model_s_residuals_do():
@@ -262,7 +261,7 @@ def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
 def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
     """A hand that the model lacks moves first moments of its arm, and the masses could drift with them."""
     bare = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=NO_HAND)))
-    estimate = ident.identify(bare, log(seconds=8))
+    estimate = ident.identify(bare, log(seconds=5))
     full = estimate.consistent()
     assert full.attainable and (abs(np.log(full.phi[::10] / bare.known[::10]))[:7] < np.log(1.35)).all()
     assert not any(finding.doubt for finding in coded(estimate, "masses_shown", "masses_hardly_shown"))

@@ -264,7 +264,6 @@ def both_passes(samples, parameters=BASE):
     ("correlation", "weighted", "one_pass", "two_passes"),
     [
         (0, False, (0.93, 0.97), (0.93, 0.97)),
-        (0.5, False, (0, 0.85), (0.92, 0.985)),
         (0.9, False, (0, 0.5), (0.92, 0.985)),
         (0.9, True, (0, 0.5), (0.92, 0.985)),
     ],

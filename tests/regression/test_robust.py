@@ -35,7 +35,7 @@ class Columns:
 
     straight = False
     residual = Equations.residual
-    axes = Axes((), (), np.zeros((0, 0)))
+    axes = Axes((), (), np.zeros((0, 0)), (), np.zeros((0, 0)))
 
     @property
     def parameters(self):

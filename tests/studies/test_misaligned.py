@@ -96,8 +96,7 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 3])
-def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(seed, monkeypatch):
+def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(monkeypatch):
     estimates = []
 
     def kept(*args, **options):
@@ -105,7 +104,7 @@ def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(seed, monke
         return estimates[-1]
 
     monkeypatch.setattr(fitting, "identified", kept)
-    study_of("misaligned", seed=seed).trajectory("simplified")
+    study_of("misaligned", seed=0).trajectory("simplified")
     (estimate,) = estimates
     assert estimate.trajectory.fit.status == "converged"
 

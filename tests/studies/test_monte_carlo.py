@@ -81,14 +81,6 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
 
 
 @pytest.mark.slow
-def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
-    source = draw(tmp_path, "--redraw", "all")
-    one = run(source, 20, tmp_path)
-    assert one.shape == (20, 1, 2, 13)
-    np.testing.assert_array_equal(run(source, 20, tmp_path, given=workers.Workers(2)), one)
-
-
-@pytest.mark.slow
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 40, tmp_path, file="whole.npz")

@@ -241,15 +241,6 @@ def test_pieces_may_be_worked_on_elsewhere():
     np.testing.assert_array_equal(here.psi, there.psi)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_command_says_the_same_with_workers(tmp_path):
-    recording = shortened(faulty(), 400)
-    alone, shared = (by_command(tmp_path, [recording], "--workers", number) for number in "12")
-    np.testing.assert_allclose(shared["values"], alone["values"], rtol=1e-9)
-    assert "workers" not in json.dumps(shared)
-
-
 def arm_log(seed=0):
     """An arm like the Panda, with friction and rotors in link-side torques: 21 s of a slow motion."""
     rng, t = np.random.default_rng(seed), np.arange(2100) / 100
