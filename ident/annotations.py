@@ -58,6 +58,7 @@ Positive = Annotated[float, Needs("a number above 0", lambda x: x > 0)]
 NotNegative = Annotated[float, Needs("a number of at least 0", lambda x: x >= 0)]
 Point = tuple[float, float, float]
 Vector = Annotated[np.ndarray, Needs("a list of 3 numbers", lambda x: np.shape(x) == (3,))]
+"""Numbers, and three of them as a tuple or an array."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -138,7 +138,7 @@ def test_least_squares_takes_commands_as_well():
         ("kp = 60.0", "kp = -60.0", "joints.turn.kp needs a number above 0, got -60.0"),
         ("kp = 60.0", 'kp = "stiff"', "joints.turn.kp needs a number above 0, got stiff"),
         ("kv = 4.0", "kv = -4.0", "joints.turn.kv needs a number of at least 0, got -4.0"),
-        ("kp = 60.0\n", "", "joints.turn states kv; a servo needs its kp as well"),
+        ("kp = 60.0\n", "", "joints.turn. needs kp; it has kv"),
         ('command = "u0"\n', "", "joints.turn states kp, kv of a servo; that needs its command as well"),
         ("kp = 60.0", "kp = 60.0\nkp_std = 1.5", "joints.turn.kp_std needs a number above 0 and at most 1, got 1.5"),
         ("kp = 60.0", "kp = 60.0\nkp_std = 0", "joints.turn.kp_std needs a number above 0 and at most 1, got 0"),

@@ -210,25 +210,11 @@ def _set_gains(belief: Belief, log: Prepared) -> None:
             gains[joint] = _gain(log.samples.measured[whole, column], predicted[joint][whole], *rates)
             share = f"beside friction and rotor the model explains {100 * gains[joint].alike:.0f} % of it"
             torques[joint].why.append(share)
-    for joint in [joint for joint in gains if torques[joint].is_current]:
-        _set_motor_constant(torques[joint], gains.pop(joint))
     _set_units_of_torques(belief, {joint: torques[joint] for joint in gains}, gains)
 
 
-def _set_motor_constant(torque: Quantity, by_model: Gain) -> None:
-    """Sets the factor from current to torque, if the current explains the torque."""
-    if by_model.alike <= ALIKE:
-        torque.sure = DOUBTFUL
-        return
-    torque.gain = float(f"{by_model.gain:.4g}")
-    torque.why.append(
-        f"{by_model.gain:.4g} ± {by_model.deviation:.1g} N m/A by the model's torque, so that identified "
-        "masses are no more accurate than it: better put the data sheet's here"
-    )
-
-
 def _set_units_of_torques(belief: Belief, torques: Mapping[str, Quantity], gains: Mapping[str, Gain]) -> None:
-    """Sets units and signs of torques, and gains where the unit is unknown and no torque has the model's size.
+    """Sets units and signs of torques, and gains of currents and of torques without a unit, none of the model's size.
 
     The log was read in N m, unless the unit was known. A program writes all torques in one unit: if some have the
     model's size, one that has not is due to another body.
@@ -236,12 +222,13 @@ def _set_units_of_torques(belief: Belief, torques: Mapping[str, Quantity], gains
     log, ratios, stated = belief.log, dict[str, float](), dict[str, str]()
     for joint, x in torques.items():
         units = UNITS[f"{belief.kinds[joint]} torque"]
-        stated[joint] = belief.stated(x) or log.units.get(x.column, "")
-        x.unit = "" if x.column in log.units else stated[joint] or next(iter(units))
+        stated[joint] = x.unit if x.is_current else belief.stated(x) or log.units.get(x.column, "")
+        x.unit = "" if x.column in log.units and not x.is_current else stated[joint] or next(iter(units))
         if gains[joint].alike > ALIKE:
             ratios[joint] = gains[joint].gain / units.get(x.unit, 1.0)
         else:
             x.why.append("sign and gain cannot be determined")
+            x.sure = DOUBTFUL if x.is_current else x.sure
     free = [abs(ratio) for joint, ratio in ratios.items() if not stated[joint]]
     in_newton = any(map(_is_near, free))
     in_millimetres = bool(free) and not in_newton and all(_is_near(1e3 * ratio) for ratio in free)
@@ -249,7 +236,10 @@ def _set_units_of_torques(belief: Belief, torques: Mapping[str, Quantity], gains
         x, times = torques[joint], f"± {abs(gains[joint].deviation * ratio / gains[joint].gain):.1g}"
         x.gain = float(np.sign(ratio))
         larger = f"the model's torque is {abs(ratio):.3g} {times} times as large"
-        if not stated[joint] and in_millimetres and belief.kinds[joint] == "hinge":
+        if x.is_current:
+            data_sheet = "so that identified masses are no more accurate than it: better put the data sheet's here"
+            x.gain, reason = float(f"{ratio:.4g}"), f"{ratio:.4g} {times} N m/A by the model's torque, {data_sheet}"
+        elif not stated[joint] and in_millimetres and belief.kinds[joint] == "hinge":
             x.unit, reason = "N mm", "N mm by its size"
         elif _is_near(abs(ratio)):
             reason = larger

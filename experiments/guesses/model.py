@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.guesses.belief import Belief
-from experiments.guesses.names import assigned
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.recorded_motion import joint_states
@@ -25,10 +24,6 @@ STILL = 1e-6
 
 States = Mapping[str, np.ndarray]
 """Position and both derivatives by joint (3, M)."""
-
-
-Matches = dict[str, tuple[str, float]]
-"""Column and squared correlation by channel; "" and zero for none."""
 
 
 class Left(NamedTuple):
@@ -124,16 +119,14 @@ class Model:
         zero = np.zeros(len(next(iter(self.levels.values()))))
         return np.stack([self.levels.get(name, zero) for name in names], axis=1)
 
-    def matched(self, names: Sequence[str], predicted: Mapping[str, np.ndarray], wanted: Iterable[str]) -> Matches:
-        """Columns by predicted channel that changes, each with its own, by the largest sum of squared correlations."""
+    def likeness(self, names: Sequence[str], predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[str]]:
+        """Squared correlations of columns with the predicted channels that change, and these channels' names."""
         largest = max(float(np.ptp(x)) for x in predicted.values())
-        moving = [channel for channel in wanted if np.ptp(predicted[channel]) > STILL * largest]
-        if not moving:
-            return {}
-        x = [*(self.levels[name] for name in names), *(predicted[channel] for channel in moving)]
-        like = np.nan_to_num(np.atleast_2d(np.corrcoef(np.array(x)))[: len(names), len(names) :]) ** 2
-        pairs = {moving[k]: (names[i], float(like[i, k])) for i, k in assigned(like)[1]}
-        return {channel: pairs.get(channel, ("", 0.0)) for channel in moving}
+        moving = {name: x for name, x in predicted.items() if np.ptp(x) > STILL * largest}
+        if not names or not moving:
+            return np.zeros((len(names), len(moving))), list(moving)
+        both = np.corrcoef(np.array([*(self.levels[name] for name in names), *moving.values()]))
+        return np.nan_to_num(both[: len(names), len(names) :]) ** 2, list(moving)
 
     def wrenches(self, states: States) -> dict[str, np.ndarray]:
         """Wrench that each joint's child exchanges with its parent, in the child's frame, by the body's name (M, 6)."""

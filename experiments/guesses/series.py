@@ -100,12 +100,12 @@ class Search:
         """Orders of a family's columns as positions, with possible torques of some kinds, and what they leave."""
         for label, joints, columns in self._orders(family):
             order = Order(label, dict(zip(joints, columns, strict=True)), family)
-            yield from self._judged(order, self._torques(order, kinds))
+            yield from self._judged(order, self._torques(order, kinds), self.belief.free)
 
-    def any_order(self, names: Sequence[str]) -> Iterator[Order]:
-        """All assignments of columns, each with the share of the measurements, or of other columns, that it leaves."""
+    def any_order(self, names: Sequence[str], others: Sequence[str]) -> Iterator[Order]:
+        """All assignments of columns, each with the share of the measurements, or of all others, that it leaves."""
         for chosen in permutations(names, len(self.joints)):
-            yield from self._judged(Order(ANY, dict(zip(self.joints, chosen, strict=True))), [{}])
+            yield from self._judged(Order(ANY, dict(zip(self.joints, chosen, strict=True))), [{}], others)
 
     def _orders(self, family: Family) -> Iterator[tuple[str, Sequence[str], Sequence[str]]]:
         """Name of the order, joints in this order, and as many consecutive columns of a family."""
@@ -139,11 +139,11 @@ class Search:
                 return [dict(zip(order.positions, names, strict=True)) for names in options]
         return [{}]
 
-    def _judged(self, order: Order, options: Sequence[dict[str, str]]) -> Iterator[Order]:
-        """The same order with each family of torques, or with other columns as a wrench, and its unexplained share."""
-        model, columns = self.model, order.positions.values()
-        free = [name for name in self.belief.free if name in model.levels and name not in columns]
-        for scale in self.scales(list(columns)):
+    def _judged(self, order: Order, options: Sequence[dict[str, str]], others: Sequence[str]) -> Iterator[Order]:
+        """The same order with each family of torques, or with other columns as measured, and its unexplained share."""
+        model, belief, is_any = self.model, self.belief, order.label == ANY
+        free = [name for name in others if name in model.levels and name not in order.positions.values()]
+        for scale in self.scales(list(order.positions.values())):
             states = model.states_of(order.positions, scale)
             predicted = model.predicted(states)
             known = [share.somehow for share in model.shares(states, predicted)]
@@ -151,10 +151,12 @@ class Search:
             for torques in options:
                 every = known + [float(shares[joint][free.index(name)]) for joint, name in torques.items()]
                 judged.append(replace(order, torques=torques, share=float(np.mean(every)) if every else None))
-            if not (known or order.family.kind or self.belief.groups):
-                wanted = [COMPONENTS] * self.belief.held + [tuple(states)] * (order.label == ANY)
-                pairs = [[share for _, share in model.matched(free, predicted, those).values()] for those in wanted]
-                judged += [replace(order, share=1 - sum(shares) / max(len(shares), 1)) for shares in pairs]
+            if not (known or order.family.kind or belief.groups) and (is_any or (belief.held and len(free) > 5)):
+                # Others may be the ground's wrench, or without any series whatever the model predicts.
+                like, channels = model.likeness(free, predicted)
+                like = like if is_any else like[:, [channel in COMPONENTS for channel in channels]]
+                best = like.max(axis=int(is_any), initial=0)
+                judged.append(replace(order, share=1 - float(best.mean()) if best.size else 1.0))
             # Among columns without names, the best-fitting ones were measured.
             yield from judged if order.family.kind else [min(judged, key=lambda each: each.left)]
 
@@ -276,12 +278,12 @@ def add_any(belief: Belief) -> None:
     positions, log = belief.of("position"), belief.log
     lacking = tuple(joint for joint in belief.mechanism.joints if joint not in positions)
     still = any(x.column not in log.columns for x in positions.values())
-    names = _candidates(belief, len(lacking))
+    names, others = _candidates(belief, len(lacking))
     if not belief.can_predict or still or belief.undecided or not lacking or len(names) < len(lacking):
         return
     if perm(len(names), len(lacking)) <= MOST:
         search = Search(Model.of(belief, names), lacking)
-        search.add_best(list(search.any_order(names)))
+        search.add_best(list(search.any_order(names, others)))
     else:
         several = f"any of {len(names)} columns, too many to compare all of them with the model"
         belief.ask(f"The positions of {_listed(lacking)} may be {several}.")
@@ -292,13 +294,19 @@ def add_measured(belief: Belief) -> None:
     positions, log, joints = belief.of("position"), belief.log, belief.mechanism.joints
     moving = all(joint in positions and positions[joint].column in log.columns for joint in joints)
     known = belief.torques_undecided or belief.undecided or belief.groups or belief.of("torque")
-    names = _candidates(belief)
+    _, names = _candidates(belief)
     if known or not moving or not names or not joints or not belief.can_predict:
         return
     model = Model.of(belief)
-    predicted = model.predicted(model.states_of({}))
-    matched = model.matched(names, predicted, COMPONENTS if belief.held else ())
-    wrench = {component: pair for component, pair in matched.items() if pair[1] > AGREES}
+    like, channels = model.likeness(names, model.predicted(model.states_of({})))
+
+    def matched(wanted: Sequence[str]) -> dict[str, tuple[str, float]]:
+        """Columns by channel with the largest sum of squared correlations, each with its own."""
+        those = [k for k, channel in enumerate(channels) if channel in wanted]
+        pairs = {channels[those[k]]: (names[i], float(like[i, those[k]])) for i, k in assigned(like[:, those])[1]}
+        return {channel: pair for channel, pair in pairs.items() if pair[1] > AGREES}
+
+    wrench = matched(COMPONENTS) if belief.held else {}
     if len(wrench.keys() & set(COMPONENTS[:3])) > 1:
         columns = {component: column for component, (column, _) in wrench.items()}
         least = explained(1 - min(share for _, share in wrench.values()))
@@ -307,7 +315,7 @@ def add_measured(belief: Belief) -> None:
             entry = Entry([columns.get(c, "") for c in part], f"the model explains {least} of its variance or more")
             belief.groups.setdefault(GROUND, Group(GROUND, {})).entries[key] = entry
         return
-    torques = {joint: pair for joint, pair in model.matched(names, predicted, joints).items() if pair[1] > AGREES}
+    torques = matched(joints)
     for joint, (column, share) in torques.items() if 2 * len(torques) >= len(joints) else ():
         belief.add(joint, "torque", column, f"the model explains {explained(1 - share)} of its variance")
 
@@ -324,14 +332,14 @@ def _fill(columns: dict[str, str], part: Sequence[str], belief: Belief) -> None:
                 belief.notes.append(f"Column '{name}' is taken for {component} {place}.")
 
 
-def _candidates(belief: Belief, number: int = 0) -> list[str]:
-    """Columns that may be positions of some number of joints; of none, all that are no derivatives of others."""
+def _candidates(belief: Belief, number: int = 0) -> tuple[list[str], list[str]]:
+    """Columns that may be positions of some number of joints, and all that are no derivatives of others."""
     free = [name for name in belief.free if name in belief.log.columns and words(name).measured]
     rates = {b: a for a in free for b in free if a != b and is_rate(belief.log, a, b)}
     others = [name for name in free if name not in rates]
     # A column with a derivative is a position; without any such pair all columns may be.
-    roots = [name for name in others if name in rates.values()]
-    return roots if roots and len(roots) >= number > 0 else others
+    roots = [name for name in others if name in rates.values()] or free
+    return (roots if len(roots) >= number else others), others
 
 
 def _is_stated(name: str) -> bool:

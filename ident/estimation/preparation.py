@@ -31,8 +31,8 @@ from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
 from ident.recordings.runs import runs
 from ident.recordings.smoothing import low_pass, settling
-from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import GROUND
+from ident.recordings.wrench_names import suggested_mapping
 
 Chosen = TypeVar("Chosen", bound=slice | np.ndarray, covariant=True)
 """A span of samples, or their indices."""

@@ -34,7 +34,7 @@ def made(kind: Any, where: str, entry: Any, **known: Any) -> Any:
     check_keys(title, table(where or title, entry), [each.name for each in own])
     needed = [each.name for each in own if each.default is MISSING and each.default_factory is MISSING]
     if missing := [name for name in needed if name not in entry]:
-        raise LogError(f"{title} needs {', '.join(missing)}.")
+        raise LogError(f"{title} needs {', '.join(missing)}; it has {', '.join(map(short, entry)) or 'none'}.")
     values = {key: value_of(f"{where}.{key}".lstrip("."), x, hints[key]) for key, x in entry.items()}
     try:
         return kind(**known, **values)

@@ -22,6 +22,7 @@ COUNT = "(number of the sample)"
 """Name of the column of sample counts from zero; no file has it."""
 
 Rate = Annotated[float, Needs("a number of samples per second, in Hz", lambda x: x >= 1e-3)]
+"""Rate of a log without times; a slower one is a unit that is wrong."""
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,9 @@ from ident.recordings.sampled import Sampled
 from ident.recordings.several_clocks import mapping_of, read_streams
 from ident.recordings.several_files import check_number, files_of, read_files
 from ident.recordings.standing import placed
-from ident.recordings.suggestion import misspelt
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 from ident.recordings.wrench import GROUND
+from ident.recordings.wrench_names import misspelt
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""

@@ -8,7 +8,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.selection import selected
-from ident.files.table import Table, short
+from ident.files.table import Table, listed, short
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
@@ -63,10 +63,10 @@ def read_streams(
         channels = read_channels(table, part, notes, gaps=gaps is not False)
         streams |= streams_of(table, clock, channels, notes, gaps=gaps)
     if not streams:
-        columns = list(dict.fromkeys(short(name) for table in tables for name in table.cells if name != TIME))
+        columns = dict.fromkeys(name for table in tables for name in table.cells if name != TIME)
         raise LogError(
             "a log needs columns of joints or wrenches, and none is named or mapped as one; the file has "
-            f"{', '.join(columns[:40]) or 'no columns'}{', ...' if len(columns) > 40 else ''}."
+            f"{listed(columns)}."
         )
     joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))

@@ -74,7 +74,7 @@ def test_entries_become_what_the_annotations_say():
         ({"middle": [1, 2, "x"]}, "cart.middle needs a list of 3 numbers, got [1, 2, 'x']."),
         ({"matrix": [[1, 2], [3]]}, "cart.matrix needs an array of real numbers, got [[1, 2], [3]]."),
         ({"matrix": [[float("nan")]]}, "cart.matrix needs an array of real numbers, got [[nan]]."),
-        ({"wheels": [{}]}, "[cart.wheels 1] needs radius."),
+        ({"wheels": [{}]}, "[cart.wheels 1] needs radius; it has none."),
         ({"wheels": [3]}, "cart.wheels 1 needs a table of entries, got 3."),
         ({"wheels": {"radius": 1}}, "cart.wheels needs a list of "),
         ({"wheels": [{"radius": 0}]}, "cart.wheels 1.radius needs a number above 0, got 0."),
@@ -90,7 +90,7 @@ def test_what_does_not_fit_is_one_sentence(change, message):
 
 
 def test_what_is_needed_is_named():
-    with pytest.raises(LogError, match=r"^the file needs name\.$"):
-        made(Cart, "", {})
+    with pytest.raises(LogError, match=r"^the file needs name; it has seats\.$"):
+        made(Cart, "", {"seats": 3})
     with pytest.raises(LogError, match=r"^the file needs a table of entries, got 3\.$"):
         made(Cart, "", 3)

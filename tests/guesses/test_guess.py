@@ -123,6 +123,15 @@ def test_numbers_without_a_header_and_too_few_to_tell_stay_open(tmp_path):
     assert belief.unused == ["2", "3", "4", "5"] and "header = false" in columns.read_text()
 
 
+@pytest.mark.parametrize("lost", [6, 7])
+def test_positions_without_a_header_are_known_if_a_moment_is_missing(tmp_path, lost):
+    rows = [line.split(",") for line in headless()[0].splitlines()]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(",".join(row[:lost] + row[lost + 1 :]) for row in rows))
+    belief, _ = guessed(path)
+    assert {joint: x.column for joint, x in belief.of("position").items()} == {"joint1": "3", "joint2": "2"}
+
+
 def test_headless_places_are_said_to_be_guesses(tmp_path):
     belief, _ = guessed(write(tmp_path, headless)[0])
     assert any("taken for Fx by its place alone" in note for note in belief.notes)

@@ -33,7 +33,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.recording import Recording
-from ident.recordings.suggestion import suggested_mapping
+from ident.recordings.wrench_names import suggested_mapping
 
 
 def mechanism(joints=JOINTS, *, slides=(), weight=None):

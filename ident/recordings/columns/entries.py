@@ -26,8 +26,8 @@ OWNERS = ("motors", "joints")
 """Owners that friction and rotors of coupled motors may have; the first is the default."""
 
 Factor = Annotated[float, Needs("a number other than 0", bool)]
-
 Row = Annotated[Mapping[str, Factor], Needs("a number for each joint", bool)]
+"""Row of a coupling, by joint, and a number in it."""
 
 
 def single(where: str, entry: Any, quantity: str) -> Columns:

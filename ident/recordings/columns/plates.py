@@ -115,7 +115,7 @@ def pose_of_corners(where: str, corners: np.ndarray) -> np.ndarray:
 
 
 def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple[str, ...]:
-    where, on, choices = f"wrenches.{name}", entry.get("on"), ", ".join(bodies)
+    where, on = f"wrenches.{name}", entry.get("on")
     if "body" in entry:
         raise LogError(f"[{where}] rests in the world: the body that touches it is stated by 'on', not by 'body'.")
     if "among" in entry and on != AUTO:
@@ -125,15 +125,11 @@ def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple
             raise LogError(f"[{where}] needs no 'on': the ground acts at the base; got {short(on)}.")
         return ()
     if on != AUTO:
-        if on not in bodies:
-            raise LogError(f'{where}.on needs the body on it, one of {choices}, or "{AUTO}"; got {short(on)}.')
-        return (str(on),)
+        return (schema.choice(f"{where}.on", on, (*bodies, AUTO)),)
     among = entry.get("among")
     if not isinstance(among, list) or len(among) < 2 or any(among.count(body) > 1 for body in among):
         raise LogError(f"{where}.among needs a list of the two bodies or more that may be on it, got {short(among)}.")
-    if unknown := [body for body in among if body not in bodies]:
-        raise LogError(f"{where}.among needs bodies out of {choices}; got {short(unknown[0])}.")
-    return tuple(among)
+    return tuple(schema.choice(f"{where}.among", body, bodies) for body in among)
 
 
 def _point(where: str, entry: Mapping[str, Any]) -> np.ndarray | None:
