@@ -143,11 +143,12 @@ def test_a_fault_of_the_program_is_a_row_as_well(folder, capsys, monkeypatch, he
         return plain(task, out)
 
     monkeypatch.setattr(identify, "identified_from", faulty)
-    assert batch.main(["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
+    assert batch.main(["arm.xml", "run0.csv", "bad.csv", "--out", "out", *OPTIONS]) == 2
     shown = capsys.readouterr().err
-    assert "Traceback" in shown and "error: 1 of 2 logs failed: run0.csv." in shown
+    assert "Traceback" in shown and "error: 2 of 2 logs failed: run0.csv, bad.csv." in shown
     first, second = logs()
-    assert first["error"] == "This is a fault of multicontact: LinAlgError: singular" and second["folder"] == "run1"
+    assert first["error"] == "This is a fault of multicontact: LinAlgError: singular"
+    assert second["error"].startswith("bad.csv: a log needs at least")
 
 
 def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch, here):
