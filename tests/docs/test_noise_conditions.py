@@ -146,16 +146,6 @@ def test_servos_and_channels_are_misstated_as_their_recordings_say():
     assert 0 < np.abs(ratio[0] - 1).max() < 0.04 and gains.recording.setup == {"gain": 0.01}
 
 
-def test_an_arm_that_rubs_sticks_where_it_reverses():
-    recording = with_rates(0, "trapezoids")
-    dq = np.column_stack([recording[f"{joint}_velocity"] for joint in ARM.mechanism.tree.joints])
-    # Servos work against breakaway friction: moves end, and joints rest.
-    assert (np.abs(dq) < 1e-3).mean() > 0.03 and np.abs(dq).max() > 1
-    torque = noisy_recording(CONDITIONS["rubs_trapezoids_100"], 0, 0)
-    error = torque["turn_torque"] - torque.true["turn_torque"]
-    assert error.std() == pytest.approx(0.015, rel=0.1)
-
-
 def test_bodies_are_drawn_as_they_are_known():
     arm, rng = SUBJECTS["pendulum"].mechanism, np.random.default_rng(0)
     off = np.array([drawn_bodies(arm, rng) for _ in range(1500)])[:, 20:] - arm.known[20:]
@@ -220,12 +210,10 @@ def test_tables_count_what_was_answered():
 @pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_some_conditions_may_be_chosen(tmp_path, capsys):
-    command = ["--recordings", "2", "--conditions", "short", "bodies_drawn_x10", "--out", str(tmp_path)]
+    command = ["--recordings", "2", "--out", str(tmp_path), "--conditions", "short"]
     assert noise.main(command) == 0
     rows = list(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
-    assert list(dict.fromkeys(row["noise"] for row in rows)) == ["180 samples", "bodies drawn, ×10, 1.5 s"]
+    assert {row["noise"] for row in rows} == {"180 samples"}
     # A run is resumed with the same conditions only.
-    assert noise.main([*command, "--resume"]) == 0
-    others = ["--recordings", "2", "--conditions", "short", "--resume", "--out", str(tmp_path)]
-    assert "conditions differ" in refusal(noise.main, others, capsys)
+    assert "conditions differ" in refusal(noise.main, [*command, "flicker", "--resume"], capsys)
     assert "Conditions are pendulum_x1, pendulum_x3" in refusal(noise.main, ["--conditions", "long"], capsys)

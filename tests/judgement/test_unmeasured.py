@@ -14,6 +14,7 @@ import ident
 import sim
 from ident.estimation.preparation import prepared
 from ident.judgement import unmeasured
+from ident.judgement.diagnosis import ContactCheck
 from ident.judgement.unmeasured import unmeasured_contacts
 
 FORCE = 10, 0, 60
@@ -79,6 +80,12 @@ def test_the_limit_is_above_what_scatters_and_what_is_in_excess():
     assert unmeasured._limit(excess, 1.0) == 5 * unmeasured.ONE_SIDED
     noisy = np.abs(rng.normal(size=400))
     assert unmeasured._limit(noisy, 2.0) == pytest.approx(max(2.0, unmeasured.SPREAD * noisy[noisy < 2].std()))
+
+
+@pytest.mark.parametrize(("explained", "beside", "named"), [(0.85, 2.0, True), (0.5, 0.9, True), (0.75, 1.1, False)])
+def test_a_body_is_named_that_a_force_on_it_explains_or_passes_near(explained, beside, named):
+    at = ContactCheck("hand", np.zeros(3), explained, beside * unmeasured.NEAR)
+    assert unmeasured.Unmeasured(1.0, 2.0, 0.3, at).body == ("hand" if named else None)
 
 
 def test_a_body_whose_plate_is_unloaded_mostly_may_stand_beside_it():

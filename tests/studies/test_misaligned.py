@@ -17,7 +17,7 @@ from experiments import misaligned
 from experiments.data import fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
 from experiments.document.styles import WIDTHS
-from experiments.reports import study_figures, study_tables
+from experiments.reports import study_figures
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
@@ -156,20 +156,6 @@ def test_summary_is_for_scripts(results, study):
     assert summary["trajectory"]["largest_error_full_on_table"] == abs(study.trajectory("full_on_table").error).max()
 
 
-def test_errors_of_the_wrench_are_told_channel_by_channel(results, study):
-    summary = json.loads((results / "summary.json").read_text())["wrench_errors"]
-    true = study.recording.noise_free.wrench("ground").values
-    assert list(summary) == ["Fx", "Fy", "Fz", "τx", "τy", "τz"]
-    for k, channel in enumerate(summary.values()):
-        assert channel["true_std"] == pytest.approx(true[:, k].std())
-        for name, model in (("simplified", study.fit("simplified")), ("full", study.fit("full"))):
-            rms = np.sqrt(((model.predicted - true)[:, k] ** 2).mean())
-            assert channel[f"rms_{name}"] == pytest.approx(rms)
-            assert channel[f"ratio_{name}"] == pytest.approx(rms / true[:, k].std())
-    rows = list(csv.DictReader((results / "table_wrench_errors.csv").read_text(encoding="utf-8").splitlines()))
-    assert {row["channel"]: float(row["rms_full"]) for row in rows} == {c: x["rms_full"] for c, x in summary.items()}
-
-
 def test_provenance_says_how_to_run_it_again(results):
     origin = json.loads((results / "provenance.json").read_text())
     assert origin["options"] == {
@@ -195,20 +181,6 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
     assert {file.suffix for file in files} == {".csv", ".md", ".tex", ".png", ".json", ".npz"}
     for file in files:
         assert (results / file.name).read_bytes() == file.read_bytes(), file.name
-
-
-def test_sums_that_parameters_stand_for_are_in_a_note_of_every_form(results, study):
-    sums = study.fit("simplified").base.expressions()
-    page = re.sub(r"<[^>]+>|\s", "", (results / "report.html").read_text(encoding="utf-8"))
-    assert "Regroupedsums,simplified:m1+m2+m3,m1rx,1+m2rx,2+m3rx,3,m2rz,2+0.425m3," in page
-    assert r"Regrouped sums, simplified: $m_{1}$ + $m_{2}$ + $m_{3}$, " in (results / "table_3.tex").read_text()
-    table = study_tables.table(study, "table_3")
-    for text in (table.text(), table.markdown()):
-        assert "m1† of base" in text and "† Regrouped sums, simplified: m1 + m2 + m3, m1rx1 + m2rx2 + m3rx3, " in text
-        assert all(each in " ".join(text.split()) for each in sums if " " in each)
-    assert "†" not in table.csv()
-    own = study_tables.table(study, "table_3_full").text()
-    assert "m1† of base" in own and "† Regrouped with other parameters: the sum is in the column of regroupings." in own
 
 
 @pytest.mark.slow
