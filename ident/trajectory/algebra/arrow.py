@@ -1,6 +1,6 @@
-"""Normal equations of a trajectory and of θ: block tridiagonal in time, with a border.
+"""Normal equations of a trajectory and of θ: banded in time, with a border.
 
-    [A  B ] [δc]   [b]           A = Jᵀ W J + λP = L Lᵀ block tridiagonal
+    [A  B ] [δc]   [b]           A = Jᵀ W J + λP = Uᵀ U banded
     [Bᵀ D ] [δθ] = [d]           δc = A⁻¹ b - F δθ,      F = A⁻¹ B
 
 The trajectory minimises misfit plus penalty at every θ, and θ the misfit alone along these trajectories (generalised
@@ -15,13 +15,12 @@ Each row depends on a window of seven spline functions, so that A and B are sums
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from math import prod
 from typing import NamedTuple
 
 import numpy as np
 
-from ident.trajectory.algebra.block_tridiagonal import WINDOW, BlockTridiagonal, Factor
+from ident.trajectory.algebra.banded import WINDOW, Banded, Factor, runs
 from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.spline import LOCAL, Spline
 
@@ -52,11 +51,10 @@ class Eliminated(NamedTuple):
         n, k = sum(len(coordinates) for coordinates, _ in self.factors), right.shape[1]
         right, out = right.reshape(-1, n, k), np.empty((len(right) // n, n, k))
         for coordinates, factor in self.factors:
-            blocks = len(factor.diagonal)
-            padded = np.zeros((blocks * LOCAL, len(coordinates), k))
-            padded[1 : len(right) + 1] = right[:, coordinates]
-            solution = factor.solve(padded.reshape(blocks, -1, k)).reshape(*padded.shape)
-            out[:, coordinates] = solution[1 : len(right) + 1]
+            # The first interval's window begins with a function that does not exist.
+            padded = np.zeros((len(right) + 1, len(coordinates), k))
+            padded[1:] = right[:, coordinates]
+            out[:, coordinates] = factor.solve(padded.reshape(-1, k)).reshape(*padded.shape)[1:]
         return out.reshape(-1, k)
 
 
@@ -147,12 +145,13 @@ class Arrow:
         spline: Spline space of the trajectory, of S intervals.
     """
 
-    def __init__(self, spline: Spline, coordinates: int, parameters: int) -> None:
+    def __init__(self, spline: Spline, coordinates: int, parameters: int, *, linked: bool = True) -> None:
+        """Begins without rows; `linked` ones depend on the sample before as well."""
         intervals, n, p = spline.intervals, coordinates, parameters
-        self.spline = spline
-        self._normal = np.zeros((intervals, WINDOW, n, WINDOW, n))
+        self.spline, self._first = spline, 0 if linked else 1
+        self._normal = Banded(intervals + LOCAL, n, WINDOW - self._first)
         self._border = np.zeros((intervals + LOCAL, n, p))
-        self._right = np.zeros((intervals, WINDOW, n))
+        self._right = np.zeros((intervals + LOCAL, n))
         self._corner, self._below = np.zeros((p, p)), np.zeros(p)
 
     def add(
@@ -173,25 +172,22 @@ class Arrow:
             group: The coordinates and entries of θ.
         """
         (J, T), (WJ, WT), (coordinates, columns, _) = rows, weighed, group
-        Jt, border = transposed(J), self._border[some.start : some.stop + LOCAL]
+        k, c, first = len(J), len(coordinates), some.start + self._first
+        J, WJ = J[..., self._first * c :], WJ[..., self._first * c :]
+        Jt, functions = transposed(J), slice(first, some.stop + LOCAL)
+        border, own_right = self._border[functions], np.zeros((functions.stop - first, c))
         # BLAS computes half of a product of a matrix with its transpose.
-        self._add_normal(some, Jt @ WJ, coordinates)
-        if border.shape[1:] == (len(coordinates), len(columns)):
+        self._normal.add(first, (Jt @ WJ).reshape(k, -1, c, WINDOW - self._first, c), coordinates)
+        if border.shape[1:] == (c, len(columns)):
             add_windows(border, Jt @ WT)
         else:
-            own = np.zeros((len(border), len(coordinates), len(columns)))
+            own = np.zeros((len(border), c, len(columns)))
             add_windows(own, Jt @ WT)
             border[:, coordinates[:, None], columns] += own
-        self._right[some][:, :, coordinates] += (Jt @ right[..., None]).reshape(len(J), WINDOW, -1)
+        add_windows(own_right, (Jt @ right[..., None])[..., 0])
+        self._right[functions, coordinates] += own_right
         self._corner[columns[:, None], columns] += stacked(T).T @ stacked(WT)
         self._below[columns] += stacked(T).T @ right.ravel()
-
-    def _add_normal(self, some: slice, windows: np.ndarray, coordinates: np.ndarray) -> None:
-        """Adds products of the functions of some intervals' windows, of some coordinates (k, 7 c, 7 c)."""
-        normal = windows.reshape(len(windows), WINDOW, len(coordinates), WINDOW, len(coordinates))
-        for own, at in runs(coordinates):
-            for others, at_others in runs(coordinates):
-                self._normal[some, :, at, :, at_others] += normal[:, :, own, :, others]
 
     def add_separate(self, J: np.ndarray, T: np.ndarray, right: np.ndarray, columns: Mapping[int, int]) -> None:
         """Adds rows of streams that depend on one coordinate each, in order, and some of them on one entry of θ.
@@ -202,16 +198,14 @@ class Arrow:
             right: Right sides (S, m, n).
             columns: Index of the entry in θ by coordinate.
         """
-        for j in range(J.shape[2]):
-            own, y = J[:, :, j], right[:, :, j]
-            Jt = transposed(own)
-            self._normal[:, :, j, :, j] += Jt @ own
-            self._right[:, :, j] += (Jt @ y[..., None])[..., 0]
-            if j in columns:
-                at, t = columns[j], T[:, :, j]
-                self._border[:, j, at] += _summed(Jt @ t[..., None])[..., 0]
-                self._corner[at, at] += (t**2).sum()
-                self._below[at] += (t * y).sum()
+        J, functions = J.transpose(0, 2, 3, 1)[:, :, self._first :], slice(self._first, None)
+        self._normal.add_separate(self._first, (J @ transposed(J)).transpose(0, 2, 3, 1))
+        y, t = (x.transpose(0, 2, 1)[..., None] for x in (right, T))
+        add_windows(self._right[functions], (J @ y)[..., 0].swapaxes(1, 2))
+        for j, at in columns.items():
+            add_windows(self._border[functions, j, at], (J[:, j] @ t[:, j])[..., 0])
+            self._corner[at, at] += (T[:, :, j] ** 2).sum()
+            self._below[at] += (T[:, :, j] * right[:, :, j]).sum()
 
     def eliminated(self, jerk: np.ndarray, coefficients: np.ndarray) -> Eliminated:
         """Normal equations of θ with the trajectory eliminated.
@@ -223,19 +217,15 @@ class Arrow:
         Raises:
             numpy.linalg.LinAlgError: Rows and penalty together do not determine the trajectory.
         """
-        intervals, _, n = self._right.shape
-        for j, weight in enumerate(jerk):
-            self._normal[:, 1:, j, 1:, j] += weight * self.spline.penalty
-        factor = BlockTridiagonal.of_windows(self._normal.reshape(intervals, WINDOW * n, WINDOW * n)).factored()
-        blocks = len(factor.diagonal)
-        right = np.zeros((blocks * LOCAL, n, self._border.shape[2] + 1))
-        right[: len(self._border), :, :-1], right[: len(self._border), :, -1] = self._border, _summed(self._right)
-        right[1 : len(self._border), :, -1] -= self.spline.penalised(coefficients.reshape(-1, 1), jerk).reshape(-1, n)
-        right = right.reshape(blocks, LOCAL * n, -1)
-        half = factor.solve_lower(right)
-        gram = stacked(half).T @ stacked(half)
-        # The first function and those that pad the last block belong to no window.
-        whole = stacked(factor.solve_transposed(half))[n : n + self.spline.size * n]
+        n = self._right.shape[1]
+        self._normal.add_separate(1, (self.spline.penalty[..., None] * jerk)[None])
+        factor = self._normal.factored()
+        self._right[1:] -= self.spline.penalised(coefficients.reshape(-1, 1), jerk).reshape(-1, n)
+        half = factor.solve_lower(
+            np.concatenate([self._border, self._right[..., None]], axis=2).reshape(self._right.size, -1)
+        )
+        gram = half.T @ half
+        whole = factor.solve_upper(half)[n:]
         step, by_theta = whole[:, -1].copy(), whole[:, :-1]
         # Squares of jerks: products with P would lose all digits where a resting coordinate's λ is large.
         bent = self.spline.bent(np.column_stack([by_theta, coefficients.ravel() + step]), jerk)
@@ -270,25 +260,9 @@ def sliding(x: np.ndarray, width: int, step: int = 1) -> np.ndarray:
     return np.lib.stride_tricks.as_strided(x, windows, strides, writeable=False)
 
 
-def runs(indices: np.ndarray) -> list[tuple[slice, slice]]:
-    """Runs of adjacent ones among ascending indices: their positions, and the indices."""
-    if len(indices) and indices[-1] - indices[0] < len(indices):
-        return [(slice(0, len(indices)), slice(int(indices[0]), int(indices[-1]) + 1))]
-    ends = [0, *(np.flatnonzero(np.diff(indices) > 1) + 1).tolist(), len(indices)]
-    first = indices.tolist()
-    return [(slice(a, b), slice(first[a], first[b - 1] + 1)) for a, b in pairwise(ends) if b > a]
-
-
 def add_windows(total: np.ndarray, windows: np.ndarray) -> None:
-    """Adds overlapping windows (k, 7 c, …) to the functions from the first window's on (≥ k + 6, c, …)."""
-    k, width, *rest = windows.shape
-    windows = windows.reshape(k, WINDOW, width // WINDOW, *rest)
-    for u in range(WINDOW):
+    """Adds overlapping windows (k, w, …) or (k, w c, …) to the functions from the first window's on (k + w - 1, …)."""
+    k, rest = len(windows), total.shape[1:]
+    windows = windows.reshape(k, -1, *rest)
+    for u in range(windows.shape[1]):
         total[u : u + k] += windows[:, u]
-
-
-def _summed(windows: np.ndarray) -> np.ndarray:
-    """Sums over overlapping windows (S, 7, …): (S + 6, …)."""
-    out = np.zeros((len(windows) + LOCAL, 1, *windows.shape[2:]))
-    add_windows(out, windows)
-    return out[:, 0]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.trajectory.algebra.block_tridiagonal import WINDOW
+from ident.trajectory.algebra.banded import WINDOW
 from ident.trajectory.algebra.spline import LOCAL
 
 MOVED = 20

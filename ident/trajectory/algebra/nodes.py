@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from ident.trajectory.algebra.arrow import Arrow, Posterior, transposed
-from ident.trajectory.algebra.block_tridiagonal import WINDOW
+from ident.trajectory.algebra.banded import WINDOW
 from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.rows import TOGETHER, Factors
 from ident.trajectory.algebra.sampling import Sampling

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from ident.trajectory.algebra.arrow import Arrow, Posterior, stacked
-from ident.trajectory.algebra.block_tridiagonal import WINDOW
+from ident.trajectory.algebra.banded import WINDOW
 from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.sampling import Intervals, Sampling
 from ident.trajectory.algebra.whitening import Innovations

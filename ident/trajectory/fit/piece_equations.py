@@ -236,11 +236,10 @@ def normal_equations(
             for of_group in each.rows(component, of_states, of_theta)
         ]
         state_rows = {kind: _state_rows(piece, new, kind, component, zeros) for kind, new in states.items()}
-        arrow = Arrow(piece.spline, len(coordinates), len(own))
-        for _, of_group in rows:
-            of_group.add_to(arrow)
-        for of_kind in state_rows.values():
-            of_kind.add_to(arrow)
+        every = [*(of_group for _, of_group in rows), *state_rows.values()]
+        arrow = Arrow(piece.spline, len(coordinates), len(own), linked=not all(each.factors.white for each in every))
+        for each in every:
+            each.add_to(arrow)
         eliminated = arrow.eliminated(noise.jerk[coordinates], coefficients[:, coordinates])
         parts.append(ComponentEquations(component, eliminated, rows, state_rows))
     whole = joined([(*part.component[:2], part.eliminated) for part in parts], coefficients.shape[1], len(columns))

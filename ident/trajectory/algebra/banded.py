@@ -1,0 +1,151 @@
+"""Symmetric matrices that are banded in time: Cholesky factor, solutions, and the inverse near the diagonal.
+
+    A = Uᵀ U:     solved from block to block of a few functions, U_k their own block, C_k those that follow beside it
+    Σ = A⁻¹:      Σ_k,rest = -G_k Σ_rest,rest,     Σ_kk = (U_kᵀ U_k)⁻¹ + G_k Σ_rest,rest G_kᵀ,     G_k = U_k⁻¹ C_k
+
+The second is the recursion of Takahashi, Fagan and Chen (1973); see Erisman and Tinney, Commun. ACM 18 (1975),
+doi:10.1145/360680.360704. Rows that are local in time give such matrices: they depend on windows of spline functions,
+of n coordinates each. Time and memory are linear in the number of functions.
+
+BLAS and LAPACK are column-major and numpy is row-major: they are given transposes, which need no copy.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import blas, lapack
+
+from ident.trajectory.algebra.spline import LOCAL
+
+WINDOW = LOCAL + 1
+"""Spline functions that one sample and the one before it depend on."""
+
+WIDE = 36
+"""Least rows of a block that is solved at once, of six functions at most: smaller ones take longer to call than to
+compute, larger ones compute with zeros."""
+
+
+class Banded:
+    """A symmetric matrix to which windows are added.
+
+    Attributes:
+        rows: Products of each function and of those that follow within a window (functions, n, w, n).
+    """
+
+    def __init__(self, functions: int, coordinates: int, width: int) -> None:
+        """Begins with zeros; windows are of `width` functions."""
+        self.rows = np.zeros((functions, coordinates, width, coordinates))
+
+    def add(self, first: int, windows: np.ndarray, coordinates: np.ndarray) -> None:
+        """Adds products of some coordinates (k, w, c, w, c), of windows that begin at adjacent functions."""
+        k, width = windows.shape[:2]
+        for u in range(width):
+            total = self.rows[first + u : first + u + k]
+            for own, at in runs(coordinates):
+                for others, at_others in runs(coordinates):
+                    total[:, at, : width - u, at_others] += windows[:, u, own, u:, others]
+
+    def add_separate(self, first: int, windows: np.ndarray) -> None:
+        """Adds products within every coordinate (k, v, v, n), or (1, v, v, n) for as many windows as there are."""
+        own, size = np.einsum("kjwj->kwj", self.rows), windows.shape[1]
+        k = len(own) - first - size + 1
+        for u in range(size):
+            own[first + u : first + u + k, : size - u] += windows[:, u, u:]
+
+    def factored(self) -> "Factor":
+        """The Cholesky factor; functions in no window get ones on the diagonal.
+
+        Raises:
+            numpy.linalg.LinAlgError: The matrix is not positive definite.
+        """
+        functions, n, width, _ = self.rows.shape
+        together, reach, rows = min(max(-(-WIDE // n), 1), LOCAL), width * n, self.rows.reshape(functions, n, -1)
+        blocks = -(-functions // together)
+        band = np.zeros((blocks * together, n, reach))
+        for i in range(n):
+            band[:functions, i, : reach - i] = rows[:, i, i:]
+        band[:, :, 0][band[:, :, 0] == 0] = 1
+        factor, failed = lapack.dpbtrf(band.reshape(-1, reach).T, lower=1, overwrite_ab=1)
+        if failed:
+            raise np.linalg.LinAlgError("The matrix is not positive definite.")
+        band = factor.T.reshape(band.shape)
+        upper = np.zeros((blocks, together * n, (together - 1) * n + reach))
+        for u in range(together):
+            for i in range(n):
+                upper[:, u * n + i, u * n + i : u * n + reach] = band[u::together, i, : reach - i]
+        size = together * n
+        return Factor(upper[:, :, :size].copy(), upper[:, :, size:].copy(), functions, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """A Cholesky factor.
+
+    Attributes:
+        own: Upper triangular blocks U_k (K, b, b).
+        beside: Blocks C_k of the functions that follow (K, b, m).
+        functions: Number of functions; blocks may have some more.
+        coordinates: Number n of coordinates.
+    """
+
+    own: np.ndarray
+    beside: np.ndarray
+    functions: int
+    coordinates: int
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """`A⁻¹ right` for right sides (functions n, p)."""
+        return self.solve_upper(self.solve_lower(right))
+
+    def solve_lower(self, right: np.ndarray) -> np.ndarray:
+        """`U⁻ᵀ right` for right sides (functions n, p)."""
+        x, b = self._extended(right), self.own.shape[1]
+        for k, (own, beside) in enumerate(zip(self.own, self.beside, strict=True)):
+            here = x[k * b : (k + 1) * b]
+            here[:] = blas.dtrsm(1, own.T, here.T, side=1, lower=1, trans_a=1).T
+            x[(k + 1) * b : (k + 1) * b + beside.shape[1]] -= beside.T @ here
+        return x[: len(right)]
+
+    def solve_upper(self, right: np.ndarray) -> np.ndarray:
+        """`U⁻¹ right` for right sides (functions n, p)."""
+        x, b = self._extended(right), self.own.shape[1]
+        for k in reversed(range(len(self.own))):
+            rest = x[k * b : (k + 1) * b] - self.beside[k] @ x[(k + 1) * b : (k + 1) * b + self.beside.shape[2]]
+            x[k * b : (k + 1) * b] = blas.dtrsm(1, self.own[k].T, rest.T, side=1, lower=1, overwrite_b=1).T
+        return x[: len(right)]
+
+    def _extended(self, right: np.ndarray) -> np.ndarray:
+        """Right sides with zeros for all that the last block has beside it."""
+        blocks, b, m = self.beside.shape
+        out = np.zeros((blocks * b + m, right.shape[1]))
+        out[: len(right)] = right
+        return out
+
+    def inverse_windows(self, number: int) -> np.ndarray:
+        """Blocks of the inverse for windows of seven functions (number, 7 n, 7 n), zero where the band is narrower."""
+        (blocks, b, m), n = self.beside.shape, self.coordinates
+        windows, inverse = np.zeros((number, WINDOW * n, WINDOW * n)), np.zeros((m, m))
+        first = WINDOW - 1 - m // n
+        inside, below = slice(first * n, None), np.tri(b, k=-1, dtype=bool)
+        for k in reversed(range(blocks)):
+            own = lapack.dpotri(self.own[k].T, lower=1)[0].T
+            np.copyto(own, own.T, where=below)
+            G = blas.dtrsm(1, self.own[k].T, self.beside[k].T, side=1, lower=1).T
+            across, whole = G @ inverse, np.empty((b + m, b + m))
+            whole[:b, :b] = own + across @ G.T
+            whole[:b, b:], whole[b:, :b], whole[b:, b:] = -across, -across.T, inverse
+            for u in range(b // n):
+                if 0 <= (at := k * (b // n) + u - first) < number:
+                    windows[at, inside, inside] = whole[u * n : u * n + m + n, u * n : u * n + m + n]
+            inverse = whole[:m, :m]
+        return windows
+
+
+def runs(indices: np.ndarray) -> list[tuple[slice, slice]]:
+    """Runs of adjacent ones among ascending indices: their positions, and the indices."""
+    if len(indices) and indices[-1] - indices[0] < len(indices):
+        return [(slice(0, len(indices)), slice(int(indices[0]), int(indices[-1]) + 1))]
+    ends = [0, *(np.flatnonzero(np.diff(indices) > 1) + 1).tolist(), len(indices)]
+    first = indices.tolist()
+    return [(slice(a, b), slice(first[a], first[b - 1] + 1)) for a, b in pairwise(ends) if b > a]

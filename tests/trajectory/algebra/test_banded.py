@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from ident.trajectory.algebra.banded import WINDOW, Banded
+
+
+def problem(seed, width=WINDOW):
+    """A matrix of some windows, and the dense one, with ones on the diagonal where no window is."""
+    rng = np.random.default_rng(seed)
+    number, n = int(rng.integers(1, 40)), int(rng.choice([1, 2, 3, 15, 30, 40]))
+    functions, first = number + WINDOW - 1, WINDOW - width
+    matrix, dense = Banded(functions, n, width), np.zeros((functions * n,) * 2)
+    coordinates = np.sort(rng.choice(n, rng.integers(1, n + 1), replace=False))
+    for own in (np.arange(n), coordinates):
+        roots = rng.normal(size=(number, width * len(own), width * len(own)))
+        windows = (roots @ roots.swapaxes(1, 2)).reshape(number, width, len(own), width, len(own))
+        matrix.add(first, windows, own)
+        for k, window in enumerate(windows):
+            at = ((first + k + np.arange(width)[:, None]) * n + own).ravel()
+            dense[at[:, None], at] += window.reshape(len(at), -1)
+    alone = np.eye(width) + rng.random((1, n, 1, 1))
+    matrix.add_separate(first, alone.transpose(0, 2, 3, 1))
+    for k in range(number):
+        for j in range(n):
+            at = (first + k + np.arange(width)) * n + j
+            dense[at[:, None], at] += alone[0, j]
+    dense[np.diag(dense) == 0] = np.eye(len(dense))[np.diag(dense) == 0]
+    return matrix, dense, number, n, rng
+
+
+@pytest.mark.parametrize("width", [WINDOW - 1, WINDOW])
+@pytest.mark.parametrize("seed", range(20))
+def test_solutions_and_inverse_are_those_of_the_dense_matrix(seed, width):
+    matrix, dense, number, n, rng = problem(seed, width)
+    factor = matrix.factored()
+    right = rng.normal(size=(len(dense), 3))
+    inverse = np.linalg.inv(dense)
+    expected = inverse @ right
+    np.testing.assert_allclose(factor.solve(right), expected, atol=1e-9 * abs(expected).max())
+    half = factor.solve_lower(right)
+    np.testing.assert_allclose(half.T @ half, right.T @ expected, atol=1e-9 * abs(right.T @ expected).max())
+    for k, window in enumerate(factor.inverse_windows(number)):
+        own = slice((k + WINDOW - width) * n, (k + WINDOW) * n)
+        np.testing.assert_allclose(
+            window[-width * n :, -width * n :], inverse[own, own], atol=1e-9 * abs(inverse).max()
+        )
+
+
+def test_an_indefinite_matrix_has_no_factor():
+    matrix = Banded(WINDOW, 1, WINDOW)
+    matrix.add(0, -np.ones((1, WINDOW, 1, WINDOW, 1)), np.arange(1))
+    with pytest.raises(np.linalg.LinAlgError):
+        matrix.factored()
