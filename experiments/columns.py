@@ -11,10 +11,9 @@ from ident.errors import InputError
 def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
     from experiments.document.terminal import wrapped
-    from experiments.guesses.guess import believed, write_mapping
-    from experiments.guesses.markers import TRIAL
-    from experiments.guesses.wrenches import is_doubtful
-    from experiments.guesses.written import table
+    from experiments.guesses.guess import believed
+    from experiments.guesses.log_contents import TRIAL
+    from experiments.guesses.written import table, write_mapping
     from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_files import files_of
     from sim.models.mechanism import mechanism
@@ -24,14 +23,14 @@ def run(args: argparse.Namespace) -> None:
     if out.resolve() in {path.resolve() for path in (args.model, *files)}:
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
     arm = mechanism(args.model, **options.of_model(args))
-    log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)
-    write_mapping(out, log, belief, arm.joints, force=args.force)
-    lines = [*log.summary(), "", *table(log, belief)]
+    belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)
+    write_mapping(out, belief, force=args.force)
+    log, lines = belief.log, [*belief.log.summary(), "", *table(belief)]
     lines += [""] * bool(belief.open or belief.notes)
     lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
     lines += [f"Columns that are not used: {', '.join(belief.unused)}."] if belief.unused else []
     print(wrapped("\n".join(lines)))
-    carried = next((group for group in belief.groups.values() if group.is_inner and not is_doubtful(group)), None)
+    carried = next((group for group in belief.groups.values() if group.is_inner and not group.is_doubtful), None)
     command, given, end = "identify", [*map(str, args.logs), "--columns", str(out)], list[str]()
     then = f"Correct {out}; {'then' if belief.complete else 'then, when every joint has a position'}"
     if log.markers and not belief.complete:
@@ -57,7 +56,7 @@ def _model(args: argparse.Namespace, command: str) -> list[str]:
 
 def _rate(text: str) -> float:
     """Type of an option: samples per second."""
-    from ident.files.counted import clock_of_rate
+    from ident.files.selection import clock_of_rate
 
     try:
         value = float(text)

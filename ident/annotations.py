@@ -2,10 +2,11 @@
 
 import types
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from functools import wraps
 from inspect import Parameter, signature
 from numbers import Integral, Real
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
@@ -33,6 +34,31 @@ WORDS: Mapping[str, str] = {
     "MjSpec": 'an MjSpec, such as mc.scenes.load("double_pendulum")',
 }
 """Types in words, by their names."""
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Condition on a value in its annotation, `Annotated[float, Needs("a number above 0", lambda x: x > 0)]`.
+
+    Attributes:
+        words: What is needed, for messages.
+        holds: True if a value of the annotated type does.
+    """
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+def one_of(choices: Collection[str]) -> Needs:
+    """Condition that a text is one of the choices."""
+    return Needs(f"one of {', '.join(choices) or 'none'}", lambda x: x in choices)
+
+
+Positive = Annotated[float, Needs("a number above 0", lambda x: x > 0)]
+NotNegative = Annotated[float, Needs("a number of at least 0", lambda x: x >= 0)]
+Point = tuple[float, float, float]
+Vector = Annotated[np.ndarray, Needs("a list of 3 numbers", lambda x: np.shape(x) == (3,))]
+"""Numbers, and three of them as a tuple or an array."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -96,6 +122,8 @@ def fits(value: Any, hint: Any, *, exact: bool = True) -> bool:
         return any(fits(value, each, exact=exact) for each in args)
     if origin is Literal:
         return value in args
+    if origin is Annotated:
+        return fits(value, args[0], exact=exact) and args[1].holds(value)
     if origin in _SCALARS:
         return _SCALARS[origin](value)
     if origin is np.ndarray:
@@ -161,6 +189,8 @@ def in_words(hint: Any, *, several: bool = False) -> str:
     origin, args = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(in_words(each, several=several) for each in args))
+    if origin is Annotated:
+        return str(args[1].words)
     if origin is tuple and args and args[-1] is not Ellipsis:
         return f"{'tuples' if several else 'a tuple'} ({', '.join(map(in_words, args))})"
     name = getattr(origin, "__name__", str(origin))

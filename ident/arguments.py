@@ -57,7 +57,7 @@ def described(value: Any) -> str:
     if shape := getattr(value, "shape", ()):
         return f"an array {tuple(shape)} of {getattr(value, 'dtype', 'no numbers')}"
     plain = isinstance(value, str | PathLike | Real | list | tuple | dict | None)
-    text = _short(repr(value)) if plain else f"an object of type {type(value).__name__}"
+    text = short(repr(value)) if plain else f"an object of type {type(value).__name__}"
     return " ".join(text.split())
 
 
@@ -85,12 +85,12 @@ def checked_deviations(
     """
     names = tuple(choices)
     if not isinstance(given, Mapping):
-        raise error(f"{where} needs standard deviations by name, out of {', '.join(names)}; got {_short(given)}.")
+        raise error(f"{where} needs standard deviations by name, out of {', '.join(names)}; got {short(given)}.")
     for name, value in given.items():
         if name not in names:
-            raise error(f"{where} has no entry '{_short(name)}'; valid are {', '.join(names)}.")
+            raise error(f"{where} has no entry '{short(name)}'; valid are {', '.join(names)}.")
         if value is not False and not (is_number(value) and 0 <= value < HUGE):
-            raise error(f"{where}.{name} needs a standard deviation, zero or false, got {_short(value)}.")
+            raise error(f"{where}.{name} needs a standard deviation, zero or false, got {short(value)}.")
     return {name: float(value) if value >= LEAST else 0.0 for name, value in given.items()}
 
 
@@ -110,7 +110,7 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
         [given] if isinstance(given, str) or not isinstance(given, Iterable) else [x for x in given if x not in names]
     )
     if wrong:
-        raise InputError(f"{where} needs a list out of {', '.join(names)}; got {', '.join(map(_short, wrong))}.")
+        raise InputError(f"{where} needs a list out of {', '.join(names)}; got {', '.join(map(short, wrong))}.")
     return tuple(dict.fromkeys(given))
 
 
@@ -122,7 +122,7 @@ def checked_rpy(where: str, given: Any, error: type[InputError] = InputError) ->
     """
     numbers = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else []
     if len(numbers) != 3 or not all(is_number(x) and abs(x) < HUGE for x in numbers):
-        raise error(f"{where} needs roll, pitch and yaw in degrees, three numbers; got {_short(given)}.")
+        raise error(f"{where} needs roll, pitch and yaw in degrees, three numbers; got {short(given)}.")
     return tuple(map(float, numbers))
 
 
@@ -154,7 +154,7 @@ def checked_coordinates(where: str, given: Any) -> dict[str, list[float]]:
 def check_holdout(value: Any) -> None:
     """Raises an InputError unless a fraction to hold out is a number from 0 to less than 1."""
     if not (is_number(value) and 0 <= value < 1):
-        raise InputError(f"holdout needs a fraction of the recording, from 0 to less than 1, got {_short(value)}.")
+        raise InputError(f"holdout needs a fraction of the recording, from 0 to less than 1, got {short(value)}.")
 
 
 def is_number(value: Any) -> bool:
@@ -162,7 +162,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _short(value: Any) -> str:
-    """Text of a value, cut to fit a message."""
+def short(value: Any) -> str:
+    """The value as text, cut to fit a message."""
     text = str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -22,12 +22,9 @@ PEOPLE = (
 
 FIRST = (
     *PEOPLE,
-    *(
-        f"studies/test_{name}.py"
-        for name in ("monte_carlo", "trajectory_identification", "identify", "gait", "misaligned")
-    ),
+    *(f"studies/test_{name}.py" for name in ("monte_carlo", "trajectory_identification", "identify", "misaligned")),
     "tests/test_against_mujoco.py",
-    *(f"studies/test_{name}.py" for name in ("multicontact", "chair", "laboratory_arms")),
+    *(f"studies/test_{name}.py" for name in ("multicontact", "chair")),
 )
 """The slowest files, which start first so that none is left alone at the end."""
 

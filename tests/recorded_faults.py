@@ -1,6 +1,7 @@
 """Recordings of the paper's pendulum with laboratory errors: angles and a ground wrench, with small set-up errors."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -39,6 +40,7 @@ def leaning(spans, force, body="link2", point=(0, 0, 0.1), **faults):
     return angles_and_wrench(t, q, wrench_of(recording) - carried)
 
 
+@cache
 def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gains=(1,) * 6, zero=(0, 0), gravity=0.0):
     """A recording of 943 samples at 100 Hz with the scene's noise.
 
@@ -60,6 +62,12 @@ def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gai
     q = recording.of_joints(JOINTS, "position") + np.radians(zero)
     known = slice(round(100 * delay), None)  # Before the first sample there are no data that could be delayed.
     return angles_and_wrench(t[known], q[known], wrench[known])
+
+
+@cache
+def estimated(seed=0, **faults):
+    """Trajectory estimate of such a recording, once for all tests of a worker."""
+    return ident.identify(PENDULUM, faulty(seed, **faults))
 
 
 def wrench_of(recording):

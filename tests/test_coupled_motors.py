@@ -84,7 +84,7 @@ def test_rotors_and_friction_of_coupled_motors_are_identified():
 @pytest.mark.slow
 def test_intervals_hold_the_motors_drives_as_often_as_they_say():
     z = []
-    for seed in range(6):
+    for seed in range(4):
         fit = ident.identify(mechanism(), columns(seed), columns=mapping()).fit
         own = dict(zip(fit.names, zip(fit.values, fit.std, strict=True), strict=True))
         z.append([(own[name][0] - true) / own[name][1] for name, true in TRUE.items()])

@@ -6,7 +6,7 @@ from functools import cache
 
 import driven_arm
 import numpy as np
-from recorded_faults import PENDULUM, faulty
+from recorded_faults import PENDULUM, estimated, faulty
 
 import ident
 from ident.judgement.residuals import correlation_time
@@ -21,7 +21,7 @@ def ordinary():
 
 def test_what_is_open_of_the_setup_adds_to_the_variance_of_every_combination():
     """Also if the set-up makes errors of parameters anticorrelated."""
-    estimate = ident.identify(PENDULUM, faulty())
+    estimate = estimated()
     noise, both = (
         x[: estimate.base.rank, : estimate.base.rank] for x in (estimate.fit.covariance, estimate.covariance_setup)
     )

@@ -97,7 +97,16 @@ def test_no_load_is_a_doubt(arm, logs):
     assert not load.verdict().usable
 
 
-def test_the_command_weighs_a_load(tmp_path, logs, capsys):
+def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatch):
+    """The same recordings as the estimate's, which takes the place of another one."""
+
+    def identified(robot, without, loaded, *, body, mass, **_):
+        assert (robot.bodies, body, mass) == (arm.bodies, "tool", None)
+        for (read,), log in ((without, logs[0]), (loaded, logs[1])):
+            np.testing.assert_array_equal(read["turn_torque"], log["turn_torque"])
+        return load
+
+    monkeypatch.setattr("ident.payload.load.identify_load", identified)
     for name, log in zip(("empty", "full"), logs, strict=True):
         log.save(tmp_path / f"{name}.npz")
     files = [str(MODEL), str(tmp_path / "empty.npz"), "--loaded", str(tmp_path / "full.npz"), "--base", "base"]

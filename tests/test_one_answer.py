@@ -38,8 +38,7 @@ def assert_the_same(answers):
 
 
 @pytest.mark.usefixtures("undrawn", "here")
-@pytest.mark.parametrize("offsets", [True, False])
-@pytest.mark.parametrize("other", [True, False])
+@pytest.mark.parametrize(("offsets", "other"), [(True, False), (False, True)])
 def test_commands_and_python_agree(tmp_path, files, offsets, other):
     log, model, held_out = tmp_path / "run.csv", tmp_path / "arm.xml", tmp_path / "other.csv"
     files += ["--offsets" if offsets else "--no-offsets", *(["--held-out", str(held_out)] if other else [])]

@@ -15,7 +15,7 @@ from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from ident.regression.ordinary import Fit
 from sim.markers.lengths import Scaling
-from sim.markers.swaps import Swap
+from sim.markers.recording import Swap
 from sim.markers.trial_fit import Postures
 from sim.motion.excitation_design import Limits
 

@@ -1,32 +1,39 @@
 """The contents of a log before any mapping: layout of text, numeric columns at common times, and irregularities."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from experiments.guesses.clock import ROWS, Clock, clock_of
 from ident.errors import LogError
-from ident.files.counted import counted
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
 from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
+from ident.files.selection import counted, taken
 from ident.files.table import TRUE, Table, is_number
 from ident.recordings.columns.mapping import ColumnMapping
+from ident.recordings.plausibility import with_continuous_angles
 from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times
+from ident.recordings.several_clocks import TIME, streams_of
 from ident.recordings.several_files import files_of, name_of, read_files
-from ident.recordings.turns import unwrapped
+from ident.recordings.times import LEAST_SAMPLES
 
-OWN_TIMES = Clock("time", "s", "the file knows its times")
-"""Placeholder for the clock of a file that has several, beside other files."""
+OWN_TIMES = Clock({"column": TIME, "unit": "s"}, "the file knows its times")
+"""Clock of a file that has several."""
 
 WHOLE_TURNS = (2 * np.pi, 360.0)
 """Jumps of wrapped angles, which are taken out as `read_log` does."""
 
 PREAMBLE = 40
 """Largest number of lines before a table."""
+
+TRIAL = ".trc"
+"""Suffix of files that hold only markers."""
+
+FEW = 3
+"""Smallest number of markers that show the pose of a body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,33 +47,26 @@ class LogContents:
         time: Common times of the columns, uniform, s (N,).
         columns: Columns of numbers that change, at these times (N,).
         constant: Values of columns that never change.
-        missing: Share of missing numbers in each column that has some.
         unread: Errors of columns without numbers, by name.
         units: Units stated by the file, by column.
-        holes: Number of time steps that are gaps.
+        has_gaps: True if cells or rows are missing, in files with one clock.
         labels: Words of columns that hold one word throughout.
         markers: Labels of markers, whose columns are left out.
-        jumps: Number of jumps by a whole turn that were taken out, by column.
+        notes: Sentences on what was repaired.
     """
 
     path: Path
-    layouts: tuple[Layout, ...]
-    clocks: tuple[Clock, ...]
-    time: np.ndarray
-    columns: dict[str, np.ndarray]
+    layouts: tuple[Layout, ...] = (Layout(),)
+    clocks: tuple[Clock, ...] = ()
+    time: np.ndarray = field(default_factory=lambda: np.empty(0))
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
     constant: dict[str, float] = field(default_factory=dict)
-    missing: dict[str, float] = field(default_factory=dict)
     unread: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
-    holes: int = 0
+    has_gaps: bool = False
     labels: dict[str, str] = field(default_factory=dict)
     markers: tuple[str, ...] = ()
-    jumps: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def has_gaps(self) -> bool:
-        """True if cells or rows are missing, in files with one clock."""
-        return bool(self.clocks) and bool(self.missing or self.holes)
+    notes: tuple[str, ...] = ()
 
     @property
     def rate(self) -> float:
@@ -78,32 +78,62 @@ class LogContents:
         """Columns with numbers, including constant ones."""
         return [*self.columns, *self.constant]
 
+    @property
+    def times(self) -> set[str]:
+        """Columns of times."""
+        return {clock.entry["column"] for clock in self.clocks if "column" in clock.entry}
+
+    def largest(self, name: str) -> float:
+        """Largest size of a column."""
+        return float(np.abs(self.columns[name]).max()) if name in self.columns else abs(self.constant.get(name, 0.0))
+
+    def states_unit(self, names: Collection[str]) -> bool:
+        """True if the file states the unit of one of some columns."""
+        return not self.units.keys().isdisjoint(names)
+
+    def table(self, names: Sequence[str]) -> np.ndarray:
+        """Columns side by side, zeros for those that are not in the log (N, k)."""
+        zero = np.zeros(len(self.time))
+        return np.stack([self.columns.get(name, zero + self.constant.get(name, 0.0)) for name in names], axis=1)
+
     def summary(self) -> list[str]:
         """Lines on the file and each of its columns."""
         size = max((len(name) for name in self.columns), default=0)
+        headed = "" if all(each.header for each in self.layouts) else "; no header, so columns go by their numbers"
         lines = [
             f"{self.path}: {len(self.names)} columns of numbers, {self.time[-1] - self.time[0]:.4g} s at "
-            f"{self.rate:.4g} Hz"
-            + ("" if all(each.header for each in self.layouts) else "; no header, so columns go by their numbers")
-            + "."
+            f"{self.rate:.4g} Hz{headed}."
         ]
-        lines += [f"Its times have {self.holes} gaps."] if self.holes else []
         lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
+        lines += self.notes
         for name, x in self.columns.items():
-            lost = f", {100 * self.missing[name]:.2g} % missing" if name in self.missing else ""
-            wraps = f", without {self.jumps[name]} jumps by a whole turn" if name in self.jumps else ""
-            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}{wraps}")
+            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}")
         if self.markers:
             lines.append(f"  positions of {len(self.markers)} markers: {', '.join(self.markers)}")
         if self.constant:
-            lines.append(
-                f"  never changing: {', '.join(f'{name} ({value:g})' for name, value in self.constant.items())}"
-            )
+            never = ", ".join(f"{name} ({value:g})" for name, value in self.constant.items())
+            lines.append(f"  never changing: {never}")
         return lines + [f"  not read: {why}" for why in self.unread.values()]
+
+    def without_markers(self, sites: Collection[str]) -> "LogContents":
+        """The contents without positions of markers: of a file that holds markers, or named like sites of the model."""
+        of_markers = any(file.suffix.lower() == TRIAL for file in files_of(self.path))
+        axes: dict[str, list[str]] = {}
+        for name in self.names:
+            label, _, axis = name.rpartition(".")
+            if label and axis.lower() in "xyz" and (of_markers or label.rpartition(":")[2] in sites):
+                axes.setdefault(label, []).append(name)
+        markers = {label: names for label, names in axes.items() if len(names) == 3}
+        if len(markers) < FEW:
+            return self
+        gone = {name for names in markers.values() for name in names}
+        columns = {name: x for name, x in self.columns.items() if name not in gone}
+        constant = {name: x for name, x in self.constant.items() if name not in gone}
+        return replace(self, columns=columns, constant=constant, markers=tuple(markers))
 
 
 def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogContents:
-    """Reads a log, or the first `ROWS` samples of a long one.
+    """Reads a log, or the first `ROWS` samples of a long one, with times, gaps and turns as `read_log` reads them.
 
     Args:
         path: The log.
@@ -117,39 +147,36 @@ def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogConten
     try:
         files = files_of(path)
         if len(files) == 1 and has_several_clocks(path):
-            return _at_common_times(path, None, read_clocks(path, limit=limit))
-        parts = [_file(file, limit, rate, alone=len(files) == 1) for file in files]
-        layouts, clocks = tuple(layout for layout, _, _ in parts), tuple(clock for _, clock, _ in parts)
-        tables, clock = [table for _, _, table in parts if table], clocks[0] if len(files) == 1 else None
+            return _at_common_times(LogContents(path), read_clocks(path, limit=limit))
+        layouts, clocks, tables = zip(*(_opened(file, limit, rate, len(files) == 1) for file in files), strict=True)
         if len(files) > 1:
             mapping = ColumnMapping(layouts=layouts, clocks=tuple(each.columns for each in clocks))
-            tables = read_files(files, mapping, limit)
-        return replace(_at_common_times(path, clock, tables), layouts=layouts, clocks=clocks)
+            tables = tuple(read_files(files, mapping, limit))
+        return _at_common_times(LogContents(path, layouts, clocks), tables)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _file(path: Path, limit: int, rate: float, *, alone: bool) -> tuple[Layout, Clock, Table | None]:
+def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, Clock, Table]:
     """Layout of a file, its column of times, and its first `ROWS` samples."""
-    if has_several_clocks(path):
-        return Layout(), OWN_TIMES, None
     try:
+        if has_several_clocks(path):
+            return Layout(), OWN_TIMES, Table({}, (), "")
         layout = _layout(path, limit)
         table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
         if table is None:
             raise LogError("it has no rows of numbers.")
-        clock = clock_of(_numbers(table, {}), rate)
+        clock = clock_of(_numbers(table)[0], rate)
+        return layout, clock, next(counted([table], clock.columns))
     except (LogError, OSError) as error:
         raise error if alone else LogError(f"{path.name}: {error}") from None
-    (table,) = counted([table], clock.columns)
-    return layout, clock, table
 
 
 def _layout(path: Path, limit: int) -> Layout:
     """Layout of a text file: the first with which it can be read."""
     if not path.name.lower().endswith(TEXT) or not path.is_file():
         return Layout()
-    first: LogError | None = None
+    errors = [LogError("a log needs a table with two columns of numbers or more.")]
     for skip in range(PREAMBLE):
         try:
             row = next(read_tables(path, 1, limit=limit, layout=Layout(False, skip)), None)
@@ -157,74 +184,61 @@ def _layout(path: Path, limit: int) -> Layout:
                 break
             cells = [str(cell[0]) for cell in row.cells.values()]
             layout = Layout(not all(is_number(cell) for cell in cells if cell), skip)
-            several = [_numbers(table, {}) for table in islice(read_tables(path, 50, limit=limit, layout=layout), 1)]
+            table = next(read_tables(path, 50, limit=limit, layout=layout), None)
+            if table and len(_numbers(table)[0]) > 1:
+                return layout
         except LogError as error:
-            first = first if skip else error
-            continue
-        if several and len(several[0]) > 1:
-            return layout
-    raise first or LogError("a log needs a table with two columns of numbers or more.")
+            errors += [error] if not skip else []
+    raise errors[-1]
 
 
-def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
-    """Columns with numbers, NaN where missing (N,); errors of the others are put into `unread`."""
-    numbers = {}
-    for name in table.cells:
-        if name.startswith(TRUE):
-            continue
+def _numbers(table: Table) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Columns with numbers, NaN where missing (N,), and errors of the others."""
+    numbers, unread = dict[str, np.ndarray](), dict[str, str]()
+    for name in (name for name in table.cells if not name.startswith(TRUE)):
         try:
             if not name.isprintable() or name != name.strip():
                 raise LogError(f"column {name!r} has a name that a mapping cannot hold.")
             x = table.column(name, gaps=True)
+            if not np.isfinite(x).any():
+                raise LogError(f"column '{name}' is empty.")
+            numbers[name] = x
         except LogError as error:
             unread[name] = str(error)
-            continue
-        if np.isfinite(x).any():
-            numbers[name] = x
-        else:
-            unread[name] = f"column '{name}' is empty."
-    return numbers
+    return numbers, unread
 
 
-def _labels(table: Table, names: Iterable[str]) -> dict[str, str]:
-    """Words of columns that hold one word throughout, such as joint names in a ROS message."""
-    there = {name: {str(cell).strip() for cell in table.cells[name]} for name in names if name in table.cells}
-    return {name: next(iter(texts)) for name, texts in there.items() if len(texts) == 1}
-
-
-def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -> LogContents:
-    """Columns of all tables, interpolated at uniform times that all of them cover."""
-    unread: dict[str, str] = {}
-    sampled: dict[str, Sampled] = {}
-    units, labels, jumps = dict[str, str](), dict[str, str](), dict[str, int]()
-    holes = 0
+def _at_common_times(log: LogContents, tables: Sequence[Table]) -> LogContents:
+    """The log with columns of all tables at uniform times that all of them cover."""
+    clock = log.clocks[0].columns if len(log.clocks) == 1 else OWN_TIMES.columns
+    streams, notes = dict[str, Sampled](), list[str]()
     for table in tables:
-        numbers = _numbers(table, unread)
-        labels |= _labels(table, unread)
-        own = numbers.pop(clock.column if clock else "time", np.empty(0)) * (clock.columns.factor if clock else 1.0)
-        if len(own) < 10:
-            raise LogError(f"a log needs at least 10 samples, it has {len(own)}.")
+        own = table.column(clock.names[0])
         # If times repeat or go back, the first ones are kept.
-        kept = np.flatnonzero(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
-        for name, x in numbers.items():
-            x, number = unwrapped(x[kept], WHOLE_TURNS)
-            sampled[name] = Sampled(own[kept] - (own[0] if clock else 0), x)
-            jumps |= {name: number} if number else {}
-        units |= table.units
-        steps = np.diff(own[kept])
-        holes += int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum())
-    if not sampled:
+        table = taken(table, own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
+        table = with_continuous_angles(table, dict.fromkeys({*table.cells} - {*clock.names}, WHOLE_TURNS), notes)
+        numbers, errors = _numbers(table)
+        channels = {name: x[:, None] for name, x in numbers.items() if name not in clock.names}
+        streams |= streams_of(table, clock, channels, notes, gaps=bool(log.clocks) or None)
+        texts = {name: {str(cell).strip() for cell in table.cells[name]} for name in errors}
+        log.labels.update({name: next(iter(own)) for name, own in texts.items() if len(own) == 1})
+        log.unread.update(errors)
+        log.units.update(table.units)
+    if not streams:
         raise LogError("it has times, but no other column of numbers.")
-    time = uniform_times(sampled, max(map(rate_of, sampled.values())))[:ROWS]
-    if len(time) < 10:
-        raise LogError("a log needs at least 10 samples that all columns cover.")
-    missing = {name: float(np.isnan(x.values).mean()) for name, x in sampled.items() if np.isnan(x.values).any()}
-    changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
-    columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
-    constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
-    return LogContents(
-        path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels, jumps=jumps
-    )
+    time = uniform_times(streams, max(map(rate_of, streams.values())))[:ROWS]
+    if len(time) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover.")
+    for name, stream in streams.items():
+        missing, steps, x = np.isnan(stream.values).mean(), np.diff(stream.time), interpolated(stream, time)[:, 0]
+        notes += [f"Column '{name}' lacks {100 * missing:.2g} % of its samples."] if missing else []
+        gaps = bool(log.clocks) and (missing > 0 or (steps > GAP * np.median(steps) * (1 + 1e-6)).any())
+        log = replace(log, has_gaps=log.has_gaps or bool(gaps))
+        if np.ptp(x) > 0:
+            log.columns[name] = x
+        else:
+            log.constant[name] = float(x[0])
+    return replace(log, time=time, notes=tuple(notes))
 
 
 def check_same_columns(
@@ -237,7 +251,7 @@ def check_same_columns(
     """
     for path in others:
         another = log_contents(path, limit, rate)
-        if lacking := sorted(used - {*another.names, *(clock.column for clock in another.clocks)}):
+        if lacking := sorted(used - {*another.names, *another.times}):
             raise LogError(
                 f"{path}: one mapping serves logs of the same columns, and here is no {', '.join(lacking)} as in "
                 f"{name_of(first.path)}; map it by a run of its own."

@@ -1,13 +1,12 @@
 """Columns of joints by name: scores of all pairs, and the assignment with the largest sum."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, Quantity
-from experiments.guesses.families import Family, families, is_shifted
-from experiments.guesses.log_contents import LogContents
+from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief
+from experiments.guesses.families import Family, families
 from experiments.guesses.words import LIKE, NEAR, Words, likeness, shares_numbers_alone, unit_of, without_prefix, words
 from ident.files.column import COMMAND, KINDS
 
@@ -17,10 +16,14 @@ FITTING = {"position": ("position", ""), "torque": ("torque", "current", "force"
 FOLLOWS = 0.8
 """Smallest correlation of a joint's commanded position with its position."""
 
+ALONE = 0.7
+"""Score of the only column of a quantity, for the only joint."""
 
-def add_named(
-    belief: Belief, contents: LogContents, joints: Sequence[str], taken: Sequence[str] = (), *, numbered: bool = False
-) -> None:
+Scores = dict[tuple[str, str], float]
+"""Scores of columns for joints."""
+
+
+def add_named(belief: Belief, *, numbered: bool = False) -> None:
     """Adds the columns that are named like joints, if unambiguous.
 
     Numbers alone are ambiguous, since they may start at zero or one: whole series of them are compared with the model,
@@ -28,70 +31,72 @@ def add_named(
 
     Args:
         belief: The belief to extend.
-        contents: The log.
-        joints: The joints in question.
-        taken: Columns that hold something else.
-        numbered: True for columns outside series that share numbers alone.
+        numbered: True for columns outside series that share numbers alone, and for the only ones of the only joint.
     """
-    own, series = _of_joints(joints), families(contents.names)
+    log, joints, series = belief.log, belief.axes, families(belief.log.names)
+    own, alone = _of_joints(joints), numbered and len(belief.kinds) == len(joints) == 1
     beside = {name for each in series if len(each.names) > 1 for name in each.names}
     beside = beside if numbered else _shifted(series, joints)
-    sides = set[str]().union(*(words(joint).sides for joint in joints))
     for kind, patterns in KINDS.items():
-        # All columns of a quantity may begin with the robot's name, unless it is that of the other side.
-        those = [name for name in contents.names if _fits(words(name), kind) and words(name).kind]
-        others = sides - set[str]().union(*(words(name).sides for name in those))
-        bare = {} if others else dict(zip(those, without_prefix([words(name) for name in those]), strict=True))
+        about, scores, positions = _about(belief, kind), Scores(), belief.of("position")
         exact = {} if numbered else {pattern.format(joint): joint for joint in joints for pattern in patterns}
-        scores, positions = dict[tuple[str, str], float](), belief.of("position")
-        for name in (name for name in contents.names if name not in (*taken, *beside, *belief.columns)):
-            about, changes = bare.get(name, words(name)), name in contents.columns
-            for joint in (joint for joint in joints if joint not in belief.of(kind) and joint not in belief.undecided):
-                score = 1.01 if exact.get(name) == joint else likeness(about, own[joint]) * _fits(about, kind)
-                like = exact.get(name) == joint or shares_numbers_alone(about, own[joint]) == numbered
-                if numbered:
-                    same = joint not in positions or words(positions[joint].column).numbers == about.numbers
-                    like = like and same and about.measured and set(own[joint].core) <= set(about.core)
+        names = [name for name in belief.free if name not in beside]
+        lone = [n for n in names if n in log.columns and _is_bare(about[n], kind)]
+        for joint in (joint for joint in joints if joint not in belief.of(kind) and joint not in belief.undecided):
+            for name in names:
+                column, is_exact = about[name], exact.get(name) == joint
+                score = 1.01 if is_exact else likeness(column, own[joint]) * _fits(column, kind)
+                like = is_exact or shares_numbers_alone(column, own[joint]) == numbered
+                if numbered and lone == [name] and alone:
+                    like, score = True, max(score, ALONE)
+                elif numbered:
+                    same = joint not in positions or positions[joint].about.numbers == column.numbers
+                    like = like and same and column.measured and set(own[joint].core) <= set(column.core)
                 # A constant column is accepted by its exact name only.
-                if like and (changes or (score >= 0.99 and not numbered)):
+                if like and (name in log.columns or (score >= 0.99 and not numbered)):
                     scores[name, joint] = score
-        _add_best(belief, scores, kind, contents.constant)
+        add_assigned(belief, scores, kind)
 
 
-def add_only(belief: Belief, contents: LogContents, joint: str, taken: Sequence[str]) -> None:
-    """Adds the only column of a quantity, whose name states nothing else, for the only joint."""
-    for kind in KINDS:
-        names = [name for name in contents.columns if name not in (*taken, *belief.columns)]
-        about = {name: words(name) for name in names}
-        those = [n for n in names if about[n].kind == kind and about[n].measured and not about[n].numbers]
-        if joint not in belief.of(kind) and joint not in belief.undecided and len(those) == 1:
-            belief.add(Quantity(joint, kind, those[0], LIKELY, [f"the only {kind}, of the only joint"]))
+def _is_bare(about: Words, kind: str) -> bool:
+    """True where a name states a measured quantity and no number."""
+    return about.kind == kind and about.measured and not about.numbers
 
 
-def add_commands(belief: Belief, contents: LogContents, joints: Sequence[str]) -> None:
+def _about(belief: Belief, kind: str) -> dict[str, Words]:
+    """Words of all columns, without a robot's name before those of a quantity, unless it is that of the other side."""
+    about = {name: words(name) for name in belief.log.names}
+    those = {name: each for name, each in about.items() if each.kind and _fits(each, kind)}
+    sides, stated = (
+        {side for each in names for side in each.sides} for names in (map(words, belief.axes), those.values())
+    )
+    bare = {} if sides - stated else dict(zip(those, without_prefix(list(those.values())), strict=True))
+    return about | bare
+
+
+def add_commands(belief: Belief) -> None:
     """Adds commanded positions of joints without a torque: by name or number like the position, which follows them."""
-    positions = {j: x for j, x in belief.of("position").items() if j in joints and x.column in contents.columns}
-    free = {name: words(name) for name in contents.columns if name not in belief.columns}
-    free = {n: about for n, about in free.items() if about.commanded or "u" in about.core}
+    log, own = belief.log, _of_joints(belief.axes)
+    positions = {j: x for j, x in belief.of("position").items() if j in belief.axes and x.column in log.columns}
+    free = {name: words(name) for name in belief.free if name in log.columns}
     free = {n: about for n, about in free.items() if about.kind in ("position", "")}
-    own, measured = _of_joints(joints), {joint: words(x.column) for joint, x in positions.items()}
-    scores = dict[tuple[str, str], float]()
-    for joint, x in positions.items():
-        for name, about in free.items() if joint not in belief.of("torque") else ():
+    free, scores = {n: about for n, about in free.items() if about.commanded or "u" in about.core}, Scores()
+    for joint in (joint for joint in positions if joint not in belief.of("torque")):
+        q = log.columns[positions[joint].column]
+        for name, about in free.items():
+            u, numbers = log.columns[name], positions[joint].about.numbers
             like = max(likeness(about, own[joint]) * (not shares_numbers_alone(about, own[joint])), 0.0)
-            same = about.numbers == measured[joint].numbers and bool(about.numbers)
-            score = 1.01 if name == COMMAND.format(joint) else min(1.0, max(like, 0.7 * same) + 0.2)
-            score = max(score, 0.7 * (len(joints) == 1))
-            u, q = contents.columns[name], contents.columns[x.column]
+            like = max(like, ALONE * (about.numbers == numbers and bool(numbers)))
+            score = 1.01 if name == COMMAND.format(joint) else min(1.0, like + 0.2)
             # Controllers call torques u as well.
             alike = about.commanded or 0.5 < np.std(u) / np.std(q) < 2
             if alike and abs(np.corrcoef(u, q)[0, 1]) > FOLLOWS:
-                scores[name, joint] = score
-    _add_best(belief, {pair: score for pair, score in scores.items() if score > 0.2}, "command", {})
+                scores[name, joint] = max(score, ALONE * (len(belief.axes) == 1))
+    add_assigned(belief, scores, "command")
     for joint, x in belief.of("command").items():
-        stated = (unit_of(f"{kind} position", words(x.column).unit) for kind in ("hinge", "slide"))
+        stated = (unit_of(f"{kind} position", x.about.unit) for kind in ("hinge", "slide"))
         x.unit = next(filter(None, stated), "") or positions[joint].unit
-        u, q = contents.columns[x.column], contents.columns[positions[joint].column]
+        u, q = log.columns[x.column], log.columns[positions[joint].column]
         x.gain = positions[joint].gain * float(np.sign(np.corrcoef(u, q)[0, 1]))
         x.why.append("the position follows it; without a position actuator in the model it needs kp beside it")
         if any(not group.is_inner for group in belief.groups.values()):
@@ -111,15 +116,21 @@ def _of_joints(joints: Sequence[str]) -> dict[str, Words]:
     return dict(zip(joints, without_prefix(about), strict=True))
 
 
+def exact_names(joints: Iterable[str]) -> dict[str, str]:
+    """Joints by the names of columns that `read_log` knows."""
+    return {pattern.format(joint): joint for joint in joints for patterns in KINDS.values() for pattern in patterns}
+
+
 def _shifted(series: Sequence[Family], joints: Sequence[str]) -> set[str]:
-    """Columns of families that are named exactly like joints, but whose numbers start elsewhere."""
-    place = {joint: (each, number) for each in families(joints) for number, joint in each.members}
-    exact = {pattern.format(joint): joint for joint in place for those in KINDS.values() for pattern in those}
-    out = set[str]()
-    for each in series:
-        hit = {place[exact[name]][0].template: place[exact[name]][0] for name in each.names if name in exact}
-        if any(is_shifted(each.numbers, own.numbers) for own in hit.values()):
-            out |= set(each.names)
+    """Columns of families that are named exactly like joints, but whose numbers start elsewhere.
+
+    Columns and joints each have numbers that the other lacks.
+    """
+    numbers, out = {joint: {*each.numbers} for each in families(joints) for joint in each.names}, set[str]()
+    for name, joint in exact_names(numbers).items():
+        for own in (each for each in series if name in each.names):
+            if {*own.numbers} - numbers[joint] and numbers[joint] - {*own.numbers}:
+                out |= {*own.names}
     return out
 
 
@@ -131,40 +142,42 @@ def is_named_after(name: str, joints: Mapping[str, str]) -> bool:
     return (about.kind == "position" and any(like > LIKE for like in likes.values())) or any(x > 0.9 for x in slides)
 
 
-def _add_best(belief: Belief, scores: dict[tuple[str, str], float], kind: str, constant: Collection[str]) -> None:
-    """Assigns columns to joints by the largest sum of scores; none where another assignment is as good."""
+def add_assigned(belief: Belief, scores: Scores, kind: str) -> None:
+    """Adds the columns of a quantity with the largest sum of scores; asks where another assignment is as good."""
+    for name, joint, score, columns, joints in decisions(scores):
+        if columns or joints:
+            may_be = f"The {kind} of '{joint}' may be in {' or in '.join(columns)}."
+            may_be = may_be if columns else f"Column '{name}' may be the {kind} of {' or of '.join(joints)}."
+            belief.ask(may_be, (joints or [joint]) if kind == "position" else ())
+            continue
+        sure, why = (SURE, "named so") if score >= 0.99 else (LIKELY, f"named alike ({100 * score:.0f} %)")
+        still = name in belief.log.constant and kind != "position"
+        belief.add(joint, kind, "" if still else name, f"'{name}' never changes" if still else why, sure)
+
+
+def decisions(scores: Scores) -> Iterator[tuple[str, str, float, list[str], list[str]]]:
+    """Columns and joints with the largest sum of scores, with the score of each pair.
+
+    Yields also the columns, or else the joints, that may be meant as well; neither where no other sum is as large.
+    """
     scores = {pair: score for pair, score in scores.items() if score >= LIKE}
-    if not scores:
-        return
     columns, joints = (list(dict.fromkeys(pair[k] for pair in scores)) for k in (0, 1))
     matrix = np.array([[scores.get((column, joint), 0.0) for joint in joints] for column in columns])
-    for i, k in _pairs(matrix):
-        name, joint, score = columns[i], joints[k], matrix[i, k]
-        forbidden = matrix.copy()
+    best, pairs = assigned(matrix) if scores else (0.0, [])
+    for i, k in pairs:
+        score, forbidden = matrix[i, k], matrix.copy()
         forbidden[i, k] = 0.0
-        other = _pairs(forbidden)
-        is_tie = score <= 1 and _sum(matrix) - _sum(forbidden) < NEAR
+        next_best, other = assigned(forbidden)
         others = [c for c, to in other if to == k]
-        near = [columns[c] for c in sorted({*np.flatnonzero(matrix[:, k] > score - NEAR).tolist(), *others})]
-        if is_tie and others:
-            belief.open.append(f"The {kind} of '{joint}' may be in {' or in '.join(near)}.")
-            belief.undecided |= {joint} if kind == "position" else set()
-        elif is_tie:
-            likely = [joints[j] for j in np.flatnonzero(matrix[i] > score - NEAR)]
-            belief.open.append(f"Column '{name}' may be the {kind} of {' or of '.join(likely)}.")
-            belief.undecided |= set(likely) if kind == "position" else set()
-        else:
-            sure, why = (SURE, "named so") if score >= 0.99 else (LIKELY, f"named alike ({100 * score:.0f} %)")
-            quantity = Quantity(joint, kind, name, sure, [why])
-            if name in constant and kind != "position":
-                quantity = Quantity(joint, kind, "", SURE, [f"'{name}' never changes"])
-            belief.add(quantity)
+        near, owners = list[str](), list[str]()
+        if score <= 1 and best - next_best < NEAR and others:
+            near = [columns[c] for c in sorted({*np.flatnonzero(matrix[:, k] > score - NEAR).tolist(), *others})]
+        elif score <= 1 and best - next_best < NEAR:
+            owners = [joints[j] for j in np.flatnonzero(matrix[i] > score - NEAR)]
+        yield columns[i], joints[k], score, near, owners
 
 
-def _pairs(scores: np.ndarray) -> list[tuple[int, int]]:
-    """Assignment of rows to columns with the largest sum, without pairs of score zero."""
-    return [(int(i), int(k)) for i, k in zip(*linear_sum_assignment(-scores), strict=True) if scores[i, k] > 0]
-
-
-def _sum(scores: np.ndarray) -> float:
-    return float(sum(scores[pair] for pair in _pairs(scores)))
+def assigned(scores: np.ndarray) -> tuple[float, list[tuple[int, int]]]:
+    """Largest sum of scores, and the pairs of rows and columns that have it, without those of score zero."""
+    pairs = [(int(i), int(k)) for i, k in zip(*linear_sum_assignment(-scores), strict=True) if scores[i, k] > 0]
+    return float(sum(scores[pair] for pair in pairs)), pairs

@@ -1,7 +1,7 @@
 """Words of a column's name: the quantity, its unit, and the joint or body that it belongs to."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 
@@ -10,26 +10,27 @@ from ident.files.column import CURRENT, UNITS
 PARTS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+")
 """Words and numbers in a name."""
 
+
+def _set(text: str) -> set[str]:
+    """Words of a text."""
+    return set(text.split())
+
+
 KINDS = {
-    "position": {
-        *("q", "pos", "position", "positions", "angle", "angles", "ang", "theta", "value", "encoder", "coordinate"),
-        *("winkel", "lage", "phi"),
-    },
-    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "velocities", "speed", "omega", "rate", "geschwindigkeit"},
-    "acceleration": {"ddq", "qdd", "qddot", "acc", "accel", "acceleration", "accelerations", "beschleunigung"},
-    "torque": {"tau", "torque", "torques", "trq", "effort", "efforts", "moment", "drehmoment"},
-    "force": {"force", "forces", "kraft"},
-    "current": {"current", "currents", "cur", "amps", "i", "strom"},
-    "time": {"time", "t", "timestamp", "stamp", "clock"},
+    "position": _set("q pos position positions angle angles ang theta value encoder coordinate winkel lage phi"),
+    "velocity": _set("dq qd qdot vel velocity velocities speed omega rate geschwindigkeit"),
+    "acceleration": _set("ddq qdd qddot acc accel acceleration accelerations beschleunigung"),
+    "torque": _set("tau torque torques trq effort efforts moment drehmoment"),
+    "force": _set("force forces kraft"),
+    "current": _set("current currents cur amps i strom"),
+    "time": _set("time t timestamp stamp clock"),
 }
 """Words of names by the quantity that the column holds."""
 
-COMMANDED = {
-    *("ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal", "action", "soll"),
-}
+COMMANDED = _set("ref cmd des desired target command commanded setpoint goal action soll")
 """Words of quantities that were commanded."""
 
-ESTIMATED = {"ext", "external", "dtau", "residual", "computed", "calculated", "calc", "estimated", "est", "predicted"}
+ESTIMATED = _set("ext external dtau residual computed calculated calc estimated est predicted")
 """Words of quantities that were computed, or that act from outside, rather than measured at a joint."""
 
 MEASURED = {"meas", "measured", "msr", "actual", "act", "fb", "feedback", "ist"}
@@ -45,21 +46,21 @@ GLUED = re.compile(rf"(joint|axis|motor)({'|'.join(w for those in KINDS.values()
 
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
-SPELLED = {
-    **dict.fromkeys(("deg", "degs", "degree", "degrees", "°", "dps"), "deg"),
-    **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
-    **{unit: unit for unit in ("rpm", "mm", "cm", "ms", "us", "ns")},
-    "kn": "kN",
-    "mn": "mN",
-    "nm": "N m",
-    "knm": "kN m",
-    "ma": "mA",
-    "amp": "A",
-    "secs": "s",
-    **dict.fromkeys(("nmm", "mnm"), "N mm"),
-    **dict.fromkeys(("percent", "pct"), "%"),
-    **{f"{unit}ec": unit for unit in ("s", "ms", "us", "ns")},
+_SPELLINGS = {
+    "deg": "deg degs degree degrees ° dps",
+    "rad": "rad rads radian radians",
+    "N m": "nm",
+    "N mm": "nmm mnm",
+    "kN m": "knm",
+    "%": "percent pct",
+    "A": "amp",
+    "s": "secs sec",
+    "ms": "ms msec",
+    "us": "us usec",
+    "ns": "ns nsec",
+    **{unit: unit.lower() for unit in ("rpm", "mm", "cm", "kN", "mN", "mA")},
 }
+SPELLED = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 """Units by their spelling in names, in lower case."""
 
 ANGLES = {spelling for spelling, unit in SPELLED.items() if unit in ("deg", "rad") and spelling.isalpha()}
@@ -103,19 +104,14 @@ class Words:
         kind: One of `KINDS`, or "".
         unit: One of the units of `SPELLED` and `BRACKETED`, without `/s`, or "".
         commanded: True if the quantity was commanded.
-        estimated: True if it was estimated, or acts from outside.
+        measured: True if it was neither commanded nor estimated, and does not act from outside.
     """
 
     core: tuple[str, ...]
     kind: str = ""
     unit: str = ""
     commanded: bool = False
-    estimated: bool = False
-
-    @property
-    def measured(self) -> bool:
-        """True if it was neither commanded nor estimated."""
-        return not (self.commanded or self.estimated)
+    measured: bool = True
 
     @property
     def numbers(self) -> set[str]:
@@ -143,8 +139,8 @@ def words(name: str) -> Words:
     after = {k for k, part in enumerate(split) if part == "d" and k and split[k - 1] in SPOKEN}
     spoken = SPOKEN | COMMANDED | ESTIMATED
     core = tuple(SIDES.get(part, part) for k, part in enumerate(split) if part not in spoken and k not in after)
-    commanded, estimated = bool(after) or not COMMANDED.isdisjoint(split), not ESTIMATED.isdisjoint(split)
-    return Words(core, kind, unit, commanded, estimated)
+    commanded = bool(after) or not COMMANDED.isdisjoint(split)
+    return Words(core, kind, unit, commanded, not commanded and ESTIMATED.isdisjoint(split))
 
 
 def without_unit(name: str) -> tuple[str, str, str]:
@@ -182,6 +178,13 @@ def likeness(column: Words, joint: Words) -> float:
     else:
         like = 0.85 * SequenceMatcher(None, "".join(column.core), "".join(joint.core)).ratio()
     return like - (0.0 if column.measured else 0.2)
+
+
+def most_alike(name: str, others: Iterable[str], least: float = LIKE) -> dict[str, float]:
+    """Likenesses of those names that are most like another one, several where the choice is open."""
+    likes = {other: likeness(words(name), words(other)) for other in others}
+    best = max(likes.values(), default=0.0)
+    return {other: like for other, like in likes.items() if like >= least and like > best - NEAR}
 
 
 def shares_numbers_alone(column: Words, joint: Words) -> bool:

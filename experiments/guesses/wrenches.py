@@ -1,18 +1,19 @@
-"""Columns of wrenches: groups by name, reference points of moments, and the bodies that wrenches may act on."""
+"""Columns of wrenches: groups by name, reference points of moments, units, axes, and bodies they may act on."""
 
 import re
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
 from experiments.guesses.families import families
-from experiments.guesses.log_contents import LogContents
-from experiments.guesses.names import is_named_after
-from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
+from experiments.guesses.names import exact_names, is_named_after
+from experiments.guesses.words import most_alike, unit_of, words
+from ident.estimation.equations import COMPONENTS
+from ident.estimation.preparation import Prepared
 from ident.files.column import CURRENT
-from ident.mechanism.mechanism import Mechanism
-from ident.recordings.columns.mapping import joint_kinds
+from ident.judgement.checks import wrench_checks
 from ident.recordings.columns.plates import AUTO
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import Component, wrench_groups
@@ -26,151 +27,155 @@ GROUNDS = re.compile(r"ground|base|plate|floor", re.IGNORECASE)
 SAME = 0.999
 """Correlation of the sizes of two forces above which they are the same force."""
 
-Parts = dict[Component, str]
-"""Columns by component."""
-
 ABOUT_ORIGIN = 0.05
 """Share of a moment's variance not explained by p × F, up to which it is about the origin rather than the point."""
 
+FAR_POINT = 10.0
+"""Median distance of a point of application above which it is in mm."""
 
-def add_wrenches(belief: Belief, contents: LogContents, mechanism: Mechanism, held: bool, flies: bool) -> None:
-    """Adds the columns that are named like wrenches.
+FAR_OFF = 0.3
+"""Relative error of a wrench against the model's prediction above which a note says so."""
 
-    Args:
-        belief: The belief to extend.
-        contents: The log.
-        mechanism: The mechanism, with the bodies that wrenches may act on.
-        held: True if something holds the base.
-        flies: True if the joints move a held base freely in a plane.
-    """
-    kinds = {joint: kind for joint, kind in joint_kinds(mechanism.tree).items() if kind != "ball"}
-    names = [name for name in contents.names if name not in belief.columns and not is_named_after(name, kinds)]
-    bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and words(n).measured}
-    wrenches: list[tuple[str, Parts]] = []
-    arrays = {len(each.names) for each in families(names) if each.kind == "position" and each.template.endswith(".#")}
-    for rest, components in wrench_groups(list(bare)).items():
-        parts = {key: bare[name] for key, name in components.items()}
-        changes = any(name in contents.columns for name in parts.values())
-        # Three torques beside three positions are an array of joints.
-        of_joints = {kind for kind, _ in parts} == {"torque"} and {3} == arrays & {len(kinds)}
-        if sum(kind != "point" for kind, _ in parts) < 2 or not changes or of_joints:
-            continue
+SNAPPED = 3.0
+"""Deviation from right angles, degrees, up to which a sensor's axes are taken to be at right angles."""
+
+HALF_WAY = np.sqrt(1000)
+"""Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
+
+OF_SIZE = {
+    "force": ("unit", {"N": 1.0, "mN": 1e3, "kN": 1e-3}),
+    "torque": ("torque_unit", {"N m": 1.0, "N mm": 1e3, "kN m": 1e-3}),
+}
+"""Key of the unit of forces and of moments, and the size of a column in each unit over that in the SI unit."""
+
+Parts = dict[Component, str]
+"""Columns by component."""
+
+
+def add_wrenches(belief: Belief) -> None:
+    """Adds the columns that are named like wrenches."""
+    wrenches = dict[str, Parts]()
+    for rest, parts in _named(belief):
         own = re.sub(r"\W+", "_", rest).strip("_")
-        if same := next((other for other, those in wrenches if _is_same(contents, parts, those)), None):
-            belief.open.append(f"The wrench '{own}' has the same force as '{same}', and is left out.")
-            continue
-        wrenches.append((own, parts))
-    for k, (rest, parts) in enumerate(wrenches):
-        site = _site(rest, mechanism)
-        grounds = [j for j, (other, _) in enumerate(wrenches) if GROUNDS.search(other)]
-        is_ground = held and not site and (len(wrenches) == 1 or grounds == [k])
-        group = Group(GROUND if is_ground else site or (rest if rest not in ("", GROUND) else f"wrench{k + 1}"), {})
-        group.entries, group.is_open = _entries(contents, parts), is_ground and grounds != [k]
-        group.own_name = rest or "sensor"
+        if same := next((other for other, those in wrenches.items() if _is_same(belief, parts, those)), None):
+            belief.ask(f"The wrench '{own}' has the same force as '{same}', and is left out.")
+        else:
+            wrenches[own] = parts
+    grounds = [own for own in wrenches if GROUNDS.search(own)]
+    for k, (own, parts) in enumerate(wrenches.items(), start=1):
+        site = _site(own, belief)
+        is_ground = belief.held and not site and (len(wrenches) == 1 or grounds == [own])
+        name = GROUND if is_ground else site or (own if own not in ("", GROUND) else f"wrench{k}")
+        group = Group(name, _entries(belief, parts), is_ground and grounds != [own], own_name=own or "sensor")
         if site:
-            _mount(group, mechanism)
+            _mount(group, belief)
         elif not is_ground:
-            _place(belief, group, mechanism, held and not flies)
+            _place(belief, group)
         elif "point" in group.entries:
             group.entries["frame"] = Entry("world", "a point of application rests in the world")
-        belief.groups[group.name] = group
+        belief.groups[name] = group
 
 
-def _is_same(contents: LogContents, one: Parts, other: Parts) -> bool:
+def _named(belief: Belief) -> Iterable[tuple[str, Parts]]:
+    """Names and columns of wrenches: two components or more, of which one changes."""
+    kinds = {joint: belief.kinds[joint] for joint in belief.axes}
+    usual = exact_names(belief.kinds)
+    names = [name for name in belief.free if name not in usual and not is_named_after(name, kinds)]
+    names = [name for name in names if words(name).kind not in ("velocity", "acceleration")]
+    arrays = {len(each.names) for each in families(names) if each.kind == "position" and each.template.endswith(".#")}
+    # Letters of a unit would be mistaken for a component.
+    bare = {re.sub(r"\s*[\[(][^\])\d]*[\])]\s*$|[\W_]+(m?k?Nm?m?)$", "", name): name for name in names}
+    measured = [b for b, n in bare.items() if words(n).unit not in CURRENT and words(n).measured]
+    for rest, components in wrench_groups(measured).items():
+        parts = {key: bare[name] for key, name in components.items()}
+        changes = not belief.log.columns.keys().isdisjoint(parts.values())
+        # Three torques beside three positions are an array of joints.
+        of_joints = {kind for kind, _ in parts} == {"torque"} and {3} == arrays & {len(kinds)}
+        if sum(kind != "point" for kind, _ in parts) > 1 and changes and not of_joints:
+            yield rest, parts
+
+
+def _listed(parts: Parts, kind: str) -> list[str]:
+    return [parts.get((kind, axis), "") for axis in "xyz"]
+
+
+def _is_same(belief: Belief, one: Parts, other: Parts) -> bool:
     """True where two wrenches have forces of the same size throughout, and so are one that is written twice."""
-    sizes = []
-    for parts in (one, other):
-        forces = [name for (kind, _), name in parts.items() if kind == "force" and name in contents.columns]
-        sizes.append(np.linalg.norm([contents.columns[name] for name in forces] or [0 * contents.time], axis=0))
+    sizes = [np.linalg.norm(belief.log.table(_listed(parts, "force")), axis=1) for parts in (one, other)]
     return bool(all(np.ptp(size) > 0 for size in sizes) and np.corrcoef(sizes)[0, 1] > SAME)
 
 
-def _site(rest: str, mechanism: Mechanism) -> str:
+def _site(rest: str, belief: Belief) -> str:
     """The site on a moving body that a wrench is named after; "" if there is none."""
-    own, tree = words(rest), mechanism.tree
+    tree, sites = belief.mechanism.tree, belief.mechanism.sites.items()
     moving = {tree.names[k] for i in tree.moving for k in tree.carried(i)}
-    named = [s for s, (body, _) in mechanism.sites.items() if body in moving and likeness(own, words(s)) >= 0.99]
+    named = list(most_alike(rest, [site for site, (body, _) in sites if body in moving], 0.99))
     return named[0] if len(named) == 1 else ""
 
 
-def _mount(group: Group, mechanism: Mechanism) -> None:
+def _mount(group: Group, belief: Belief) -> None:
     """Adds the pose of the site that a wrench is named after."""
-    body, pose = mechanism.site(group.name)
+    body, pose = belief.mechanism.site(group.name)
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
     group.entries["body"] = Entry(body, "the model has a site of that name on it")
     group.entries["position"] = Entry(pose[:3, 3].round(9).tolist(), "of that site")
     group.entries["rpy_deg"] = Entry((angles.round(7) + 0.0).tolist(), "of that site")
 
 
-def _bare(name: str) -> str:
-    """A name without its unit, whose letters would be mistaken for a component."""
-    return re.sub(r"\s*[\[(][^\])\d]*[\])]\s*$|[\W_]+(m?k?Nm?m?)$", "", name)
-
-
-def _entries(contents: LogContents, parts: Parts) -> dict[str, Entry]:
+def _entries(belief: Belief, parts: Parts) -> dict[str, Entry]:
     """Lines on the columns of a wrench and their units."""
-
-    def listed(kind: str) -> list[str]:
-        return [parts.get((kind, axis), "") for axis in "xyz"]
-
-    there = {kind for kind, _ in parts}
-    entries = {"force": Entry(listed("force"), "named so", SURE)} if "force" in there else {}
+    log, there = belief.log, {kind for kind, _ in parts}
+    entries = {"force": Entry(_listed(parts, "force"), "named so", SURE)} if "force" in there else {}
     moment, about = "torque", "about the origin"
-    if {"point", "force", "torque"} <= there and not _is_about_origin(contents, parts):
+    if {"point", "force", "torque"} <= there and not _is_about_origin(belief, parts):
         moment, about = "free_moment", "about the point, since p × F does not explain it"
-        entries["point"] = Entry([name or 0.0 for name in listed("point")], "named so; what has no column is 0 m")
+        point = [name or 0.0 for name in _listed(parts, "point")]
+        entries["point"] = Entry(point, "named so; what has no column is 0 m")
     if "torque" in there:
-        entries[moment] = Entry(listed("torque"), f"named so; {about}")
-    quantities = (("unit", "force", "force"), ("torque_unit", "torque", "torque"), ("point_unit", "point", "length"))
-    for key, kind, quantity in quantities:
-        if key == "point_unit" and "point" not in entries:
+        entries[moment] = Entry(_listed(parts, "torque"), f"named so; {about}")
+    for key, kind in (("unit", "force"), ("torque_unit", "torque"), ("point_unit", "point")):
+        columns = [name for name in _listed(parts, kind) if name]
+        units = {unit_of(kind.replace("point", "length"), words(name).unit) for name in columns} - {""}
+        if log.states_unit(columns) or (kind == "point" and "point" not in entries):
             continue
-        columns = [name for name in listed(kind) if name]
-        units = {unit_of(quantity, words(name).unit) for name in columns} - {""}
-        if len(units) == 1 and not any(name in contents.units for name in columns):
+        if len(units) == 1:
             entries[key] = Entry(units.pop(), "by the names")
-        elif key == "point_unit" and not any(name in contents.units for name in columns):
+        elif kind == "point":
             # The point is meaningless while nobody stands on the plate; the median assumes contact half of the time.
-            size = max(float(np.median(np.abs(contents.columns[name]))) for name in columns if name in contents.columns)
-            if size > 10:
+            size = float(np.median(np.abs(log.table(columns)), axis=0).max())
+            if size > FAR_POINT:
                 entries[key] = Entry("mm", f"half of the time it is {size:.3g} or more away")
     return entries
 
 
-def _is_about_origin(contents: LogContents, parts: Parts) -> bool:
+def _is_about_origin(belief: Belief, parts: Parts) -> bool:
     """True where moments are those of the force at the point of application, about the origin."""
-
-    def of(kind: str) -> np.ndarray:
-        columns = [contents.columns.get(parts.get((kind, axis), ""), np.zeros(len(contents.time))) for axis in "xyz"]
-        return np.stack(columns, axis=1)
-
-    force, moment, arm = of("force"), of("torque"), np.cross(of("point"), of("force"))
+    force, moment, point = (belief.log.table(_listed(parts, kind)) for kind in ("force", "torque", "point"))
+    arm = np.cross(point, force)
     pairs = [k for k in range(3) if np.ptp(moment[:, k]) > 0 and np.ptp(arm[:, k]) > 0 and np.ptp(force) > 0]
-    left = [1 - np.corrcoef(moment[:, k], arm[:, k])[0, 1] ** 2 for k in pairs]
     # About the point there is at most one component, along the plate's normal.
-    return len([x for x in left if x < ABOUT_ORIGIN]) > 1
+    return sum(1 - np.corrcoef(moment[:, k], arm[:, k])[0, 1] ** 2 < ABOUT_ORIGIN for k in pairs) > 1
 
 
-def _place(belief: Belief, group: Group, mechanism: Mechanism, held: bool) -> None:
+def _place(belief: Belief, group: Group) -> None:
     """Adds the body that a wrench other than the ground's acts on; if that is open, the wrench stays a remark."""
-    if "point" in group.entries or not held:
-        group.entries["frame"] = Entry("world", "a point of application rests in the world" if held else "plates rest")
-        _stand(belief, group, mechanism)
+    names, entries = belief.mechanism.tree.names, group.entries
+    if "point" in entries or not belief.held or belief.flies:
+        at_rest = "a point of application rests in the world" if belief.held and not belief.flies else "plates rest"
+        entries["frame"] = Entry("world", at_rest)
+        _stand(belief, group)
         return
-    own = words(group.name)
-    likes = {body: likeness(own, words(body)) for body in mechanism.tree.names}
-    best = max(likes, key=lambda body: likes[body])
-    near = [body for body in likes if likes[body] > likes[best] - NEAR]
-    if likes[best] >= LIKE and len(near) == 1:
-        group.entries["body"] = Entry(best, f"named alike ({100 * likes[best]:.0f} %)")
-    else:
-        group.entries["body"] = Entry("?", f"one of {', '.join(mechanism.tree.names)}", DOUBTFUL)
-        belief.open.append(f"The name of the wrench '{group.name}' does not state the body that it acts on.")
+    if len(named := most_alike(group.name, names)) == 1:
+        ((body, like),) = named.items()
+        entries["body"] = Entry(body, f"named alike ({100 * like:.0f} %)")
+        return
+    entries["body"] = Entry("?", f"one of {', '.join(names)}", DOUBTFUL)
+    belief.ask(f"The name of the wrench '{group.name}' does not state the body that it acts on.")
 
 
-def _stand(belief: Belief, group: Group, mechanism: Mechanism) -> None:
+def _stand(belief: Belief, group: Group) -> None:
     """Adds the bodies that may stand on a plate."""
-    tree = mechanism.tree
+    tree = belief.mechanism.tree
     carrying = {tree.names[body.parent] for body in tree.bodies if body.parent >= 0}
     feet = [name for name in tree.names if FEET.search(name)]
     among = feet or [name for name in tree.names if name not in carrying]
@@ -184,11 +189,89 @@ def _stand(belief: Belief, group: Group, mechanism: Mechanism) -> None:
         group.entries["among"] = Entry(among, what)
     else:
         group.entries["on"] = Entry("?", f"one of {', '.join(tree.names)}", DOUBTFUL)
-        belief.open.append(f"It is open which body stands on '{group.name}'.")
+        belief.ask(f"It is open which body stands on '{group.name}'.")
 
 
-def is_doubtful(group: Group) -> bool:
-    """True where a line of a wrench is doubtful, or force and torque are both missing; it is written as a remark."""
-    return any(entry.sure == DOUBTFUL for entry in group.entries.values()) or not (
-        {"force", "torque"} & group.entries.keys()
-    )
+def size_ratio(measured: np.ndarray, predicted: np.ndarray) -> float:
+    """Size of columns over that of the prediction."""
+    return max(float(np.linalg.norm(measured)) / max(float(np.linalg.norm(predicted)), 1e-12), 1e-12)
+
+
+def set_unit(belief: Belief, groups: Iterable[Group], kind: str, ratio: float) -> bool:
+    """Sets the unit of forces or moments by their size, unless it is known, and returns True if it is not the SI unit.
+
+    Args:
+        belief: The belief, for a note on a size that no unit explains.
+        groups: The wrenches.
+        kind: `force` or `torque`.
+        ratio: Size of the columns over what the model predicts in SI units.
+    """
+    key, choices = OF_SIZE[kind]
+    sizes = {unit: ratio / choice for unit, choice in choices.items()}
+    unit = min(sizes, key=lambda unit: abs(np.log(sizes[unit])))
+    if not 1 / HALF_WAY < sizes[unit] < HALF_WAY:
+        belief.notes.append(
+            f"The {kind}s have {ratio:.2g} times the size in {next(iter(choices))} that the model predicts, "
+            "which no other unit explains."
+        )
+        return False
+    changed = False
+    for entries in (group.entries for group in groups):
+        columns = [name for k in (kind, "free_moment") if k in entries for name in entries[k].value]
+        if key not in entries and any(columns) and not belief.log.states_unit(columns):
+            entries[key] = Entry(unit, f"in {unit} it has {sizes[unit]:.2g} times the size that the model predicts")
+            changed = changed or choices[unit] != 1
+    return changed
+
+
+def set_axes(belief: Belief, log: Prepared) -> None:
+    """Sets signs and right-angled turns of wrenches with which they are far closer to the predictions."""
+    checks, base = wrench_checks(log)
+    if base is not None and base.suspicious:
+        belief.notes.append(
+            f"The ground's wrench fits far better in the frame of '{base.body}' (--base {base.body}): an error of "
+            f"{100 * base.error_there:.0f} % rather than {100 * base.error:.0f} % of what the model predicts."
+        )
+        return
+    for name, check in checks.items():
+        entries = belief.groups[name].entries if name in belief.groups else {}
+        off = f"{100 * check.error:.0f} %"
+        if check.mirrored and entries:
+            _mirror(entries, check.mirrored)
+        elif entries and check.suspicious:
+            why = f"{100 * check.error_turned:.0f} % of the prediction is off then, as it stands {off}"
+            frame = "base" if name == GROUND else "body"
+            set_turn(belief.groups[name], check.rotation, frame, why, opposite=check.sign < 0)
+        elif entries and check.error > FAR_OFF:
+            belief.notes.append(
+                f"The wrench '{name}' is off by {off} of what the model predicts, and no other sign or right-angled "
+                "turn is far better; see where its sensor is, and what else acts."
+            )
+        elif first := entries.get("force") or entries.get("torque"):
+            first.why += f"; sign and axes as the model has them ({off} off)"
+
+
+def _mirror(entries: dict[str, Entry], components: Iterable[str]) -> None:
+    """Gives columns of components that have the opposite sign alone a gain of -1."""
+    for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:]), ("free_moment", COMPONENTS[3:])):
+        wrong = [component for component in part if component in components]
+        if key in entries and wrong:
+            names = zip(entries[key].value, part, strict=True)
+            mirrored = [{"column": name, "gain": -1.0} if own in wrong and name else name for name, own in names]
+            why = f"{', '.join(wrong)} mirrored, as the model predicts the opposite sign"
+            entries[key] = Entry(mirrored, f"{entries[key].why}; {why}")
+
+
+def set_turn(group: Group, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
+    """Sets the sign and the axes of a wrench, at right angles if they nearly are."""
+    if opposite:
+        group.entries["applied_to_link"] = Entry(False, f"the opposite sign: {why}")
+    if not np.array_equal(rotation, np.eye(3)):
+        angles = Rotation.from_matrix(rotation).as_euler("xyz", degrees=True)
+        near = 90 * np.round(angles / 90)
+        angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
+        group.entries["rpy_deg"] = Entry(angles.tolist(), f"its axes in those of the {frame}: {why}")
+        # A frame that is not turned states no angles.
+        if "frame" in group.entries:
+            group.entries["frame"] = Entry("plate", "axes other than the world's")
+            group.entries["position"] = Entry([0, 0, 0], "the world's origin")

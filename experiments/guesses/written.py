@@ -2,13 +2,14 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
-from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Quantity
+from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, Entry, Quantity
 from experiments.guesses.log_contents import LogContents
-from experiments.guesses.orientations import BASE
-from experiments.guesses.wrenches import is_doubtful
+from ident.errors import InputError
+from ident.files.atomic import replacing
 from ident.files.csv_file import Layout
 from ident.recordings.several_files import name_of
 
@@ -19,76 +20,69 @@ ORDER = (
 """Order of the lines of a wrench."""
 
 
-def toml_text(contents: LogContents, belief: Belief, joints: Sequence[str]) -> str:
-    """The mapping file, with doubtful, missing and unused columns in remarks.
-
-    Args:
-        contents: The log.
-        belief: The belief about it.
-        joints: The mechanism's joints.
-    """
-    name = _printable(name_of(contents.path))
+def toml_text(belief: Belief) -> str:
+    """The mapping file, with doubtful, missing and unused columns in remarks."""
+    name = _printable(name_of(belief.log.path))
     lines = [f"# Columns of {name}, guessed: correct what is wrong. Lines marked ? are guesses."]
     lines += [f"# Open: {_printable(sentence)}" for sentence in belief.open]
     lines += [f"# Note: {_printable(sentence)}" for sentence in belief.notes]
-    lines += [*_times(contents), *_layouts(contents)]
-    for joint in (joint for joint in joints if f"joints.{joint}" not in belief.poses):
-        lines += _joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
-    for group in belief.poses.values():
-        lines.append(f"[{BASE}]" if group.name == BASE else f"[joints.{_key(group.name)}]")
-        lines += [_entry(key, entry) for key, entry in group.entries.items()]
-    for group in belief.groups.values():
-        mark = "# " if is_doubtful(group) else ""
-        lines.append(f"{mark}[wrenches.{_key(group.name)}]")
-        there = [(key, group.entries[key]) for key in ORDER if key in group.entries]
-        lines += [mark + _entry(key, entry) for key, entry in there]
+    lines += _of_files(belief.log)
+    for joint in (joint for joint in belief.mechanism.joints if f"joints.{joint}" not in belief.poses):
+        lines += _of_joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
+    wrenches = {f"wrenches.{name}": group for name, group in belief.groups.items()}
+    for table, group in {**belief.poses, **wrenches}.items():
+        (room, _, name), mark = table.partition("."), "# " if table in wrenches and group.is_doubtful else ""
+        lines.append(f"{mark}[{room}{'.' * bool(name)}{_key(name) if name else ''}]")
+        lines += [mark + _line(key, each.value, each.why, each.sure) for key, each in _in_order(group.entries)]
     if belief.unused:
         lines.append(f"# Columns that are not assigned: {', '.join(belief.unused)}")
     return "\n".join(lines) + "\n"
 
 
-def _times(contents: LogContents) -> list[str]:
-    """The line on the columns of times, one for all files or one for each."""
-    entries = [clock.entry for clock in contents.clocks]
-    if not entries:
-        return []
-    alike = all(each == entries[0] for each in entries)
-    why = "; ".join(dict.fromkeys(clock.why for clock in contents.clocks))
-    if alike and "rate" in entries[0]:
-        return [_line("rate", entries[0]["rate"], why)]
-    return [_line("time", entries[0] if alike else entries, why, guess=True)]
+def write_mapping(path: Path, belief: Belief, *, force: bool = False) -> None:
+    """Writes the mapping.
+
+    Raises:
+        InputError: The file exists, and `force` is false.
+    """
+    if path.exists() and not force:
+        raise InputError(f"'{path}' is there already; --force replaces it, --out NAME writes another.")
+    with replacing(path) as temporary:
+        temporary.write_text(toml_text(belief), encoding="utf-8")
 
 
-def _layouts(contents: LogContents) -> list[str]:
-    """Lines on the layout of text, empty if all layouts are the default."""
-    several = len(contents.layouts) > 1
-    lines = []
-    for layout in contents.layouts if any(layout != Layout() for layout in contents.layouts) else ():
-        lines += ["[[file]]" if several else "[file]"]
-        lines += [_line("header", layout.header, "the first row has numbers" * (not layout.header))]
+def _in_order(entries: dict[str, Entry]) -> Iterator[tuple[str, Entry]]:
+    """Lines of a wrench in their order."""
+    return ((key, entries[key]) for key in ORDER if key in entries)
+
+
+def _of_files(log: LogContents) -> list[str]:
+    """Lines on the columns of times, one for all files or one for each, and on layouts that are not the default."""
+    lines, several = list[str](), len(log.layouts) > 1
+    if entries := [clock.entry for clock in log.clocks]:
+        why = "; ".join(dict.fromkeys(clock.why for clock in log.clocks))
+        lines.append(_line("time", entries if len(entries) > 1 else entries[0], why, LIKELY))
+    for layout in log.layouts if any(layout != Layout() for layout in log.layouts) else ():
+        header = _line("header", layout.header, "the first row has numbers" * (not layout.header))
+        lines += ["[[file]]" if several else "[file]", header]
         lines += [_line("skip", layout.skip, "lines before the table")] if layout.skip else []
     return lines
 
 
-def _joint(joint: str, quantities: Sequence[Quantity]) -> list[str]:
+def _of_joint(joint: str, quantities: list[Quantity]) -> list[str]:
     """Lines on a joint, only remarks if none of its columns is believed."""
     believed = any(x.sure != DOUBTFUL for x in quantities)
     lines = [f"{'' if believed else '# '}[joints.{_key(joint)}]"]
     if not any(x.kind == "position" for x in quantities):
         lines.append('# position = "?"    # no column')
     for x in quantities:
-        mark = "# " if x.sure == DOUBTFUL else ""
-        lines.append(mark + _line(x.kind, x.value, "; ".join(x.why), guess=x.sure != SURE or len(x.why) > 1))
+        mark, sure = "# " if x.sure == DOUBTFUL else "", x.sure if len(x.why) == 1 else LIKELY
+        lines.append(mark + _line(x.kind, x.value, "; ".join(x.why), sure))
     return lines
 
 
-def _entry(key: str, entry: Entry) -> str:
-    return _line(key, entry.value, entry.why, guess=entry.sure != SURE)
-
-
-def _line(key: str, value: Any, why: str, *, guess: bool = False) -> str:
-    mark = "? " if guess else ""
-    return f"{key} = {_toml(value)}" + (f"    # {mark}{_printable(why)}" if why else "")
+def _line(key: str, value: Any, why: str, sure: str = SURE) -> str:
+    return f"{key} = {_toml(value)}" + (f"    # {'? ' * (sure != SURE)}{_printable(why)}" if why else "")
 
 
 def _toml(value: Any) -> str:
@@ -109,15 +103,15 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text)
 
 
-def table(contents: LogContents, belief: Belief) -> list[str]:
+def table(belief: Belief) -> list[str]:
     """Lines of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
-    rows = [("time", clock.column, clock.unit, "likely", clock.why) for clock in dict.fromkeys(contents.clocks)]
+    clocks = [(clock.entry, clock.why) for clock in belief.log.clocks]
+    rows = [("time", own.get("column", "counted"), own.get("unit", ""), LIKELY, why) for own, why in clocks]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
-        rows.append((x.key.removeprefix("joints."), x.column or "left out", unit, x.sure, "; ".join(x.why)))
+        rows.append((f"{x.joint}.{x.kind}", x.column or "left out", unit, x.sure, "; ".join(x.why)))
     for group in (*belief.poses.values(), *belief.groups.values()):
-        for key in (key for key in ORDER if key in group.entries):
-            entry = group.entries[key]
+        for key, entry in _in_order(group.entries):
             values = entry.value if isinstance(entry.value, list) else [entry.value]
             scaled = (f"{x['gain']:g} × {x['column']}" if isinstance(x, dict) else x for x in values)
             listed = ", ".join(str(each) if each != "" else "-" for each in scaled)

@@ -9,14 +9,13 @@ import numpy as np
 
 from experiments.data.outcomes import Angles
 from ident.errors import InputError
-from ident.files.marker_files import read_markers
 from ident.files.markers import Markers
+from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
 from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions
-from sim.markers.recording import recording
+from sim.markers.recording import recording, swaps
 from sim.markers.settings import Settings, read_settings
-from sim.markers.swaps import swaps
 from sim.markers.trial_fit import check_fit, fit_trial
 from sim.models.opensim.mechanism import is_opensim
 
@@ -88,7 +87,7 @@ def _marked(
 ) -> tuple[Markers, MarkedModel, Sequence[str], np.ndarray]:
     """Markers of a trial, the model with their places, labels without a place, and the markers' positions."""
     markers = read_markers(trial, settings.unit)
-    marked, unmatched = marked_model(model, markers.labels, settings.places, fix)
+    marked, unmatched = marked_model(model, markers.labels, settings.markers, fix)
     return markers, marked, unmatched, marked_positions(markers, unmatched, marked, settings.up)
 
 
@@ -101,7 +100,7 @@ def _wrenches(path: Path) -> Recording:
 
 
 def _scaling(marked: MarkedModel, positions: np.ndarray, settings: Settings, scale: Scale) -> Scaling:
-    groups = grouped(marked.model, settings.groups, alike=scale.symmetric)
+    groups = grouped(marked.model, settings.scale.groups, alike=scale.symmetric)
     total = float(marked.model.body_mass.sum())
     if scale.mass is not None and total == 0:
         raise InputError("--mass needs bodies that have masses; those of this model have none.")

@@ -118,6 +118,12 @@ def problem(
     joints = [joint for joint in mechanism.tree.joints if kinds.get(joint) in ONE_DOF]
     moving = _chosen(joints, mechanism.tree, names)
     check_torques(model, mechanism_bodies(model, base), ignore, moving)
+    if coupled := [joint for joint in moving if joint in mechanism.in_loops]:
+        names = [row.name for row in mechanism.constraints.rows]
+        raise ModelError(
+            f"Motions are designed for joints of a tree; {', '.join(coupled)} are coupled by {', '.join(names)}. Name "
+            f"others with --joints, or leave the constraints out with --ignore {' '.join(names)}."
+        )
     rest = rest_coordinates(model, base)
     locked = mechanism.fixed({name: rest[name] for name in mechanism.tree.joints if name not in moving})
     gravity = mechanism.gravity

@@ -15,7 +15,7 @@ from ident.estimation.preparation import Prepared, prepared
 from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
-from ident.recordings.columns.segments import read_segments
+from ident.recordings.columns.entries import read_segments
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.models.couplings import check_torques
@@ -116,7 +116,7 @@ def prepare(
     felt = [owners[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
         members = mechanism_bodies(arm.source.model, base)
-        check_torques(arm.source.model, members, model.get("ignore", ()), felt, ready.recording.followers)
+        check_torques(arm.source.model, members, model.get("ignore", ()), felt)
     return ready
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ident.errors import InputError, LogError
-from ident.files.marker_files import read_markers
+from ident.files.readers import read_markers
 from ident.recordings.several_files import files_of
 
 MARKERS = ".trc"

@@ -149,9 +149,12 @@ class Reading:
             )
         for joint in tree.joints:
             if f"{joint}_position" not in recording.measured:
+                placed = [name for name in tree.joints if f"{name}_position" in recording.measured]
+                leads = self.equations.mechanism.determined(placed).get(joint)
+                rest = f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 raise LogError(
                     f"the recording has no channel '{joint}_position'; it has {', '.join(sorted(recording.measured))}. "
-                    f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
+                    + (f"`multicontact identify` takes it from {leads}." if leads else rest)
                 )
         if recording.base is not None:
             raise LogError(

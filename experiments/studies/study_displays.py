@@ -2,46 +2,24 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 from experiments.data.study_file import Model, Scene
+from ident.annotations import Needs
 from ident.errors import InputError
+from ident.files.schema import check_keys, choice, table, value_of
 from ident.files.table import short
-from ident.recordings.columns.entries import check_keys, table
-from ident.tolerances import HUGE
-
-
-def choice(where: str, value: Any, choices: Collection[str]) -> str:
-    """The value, if it is one of the choices.
-
-    Raises:
-        InputError: It is not.
-    """
-    if not isinstance(value, str) or value not in choices:
-        raise InputError(f"{where} needs one of {', '.join(choices) or 'none'}, got '{short(value)}'.")
-    return value
 
 
 def several(where: str, value: Any, choices: Collection[str]) -> tuple[str, ...]:
-    """The list as a tuple, if all are different and among the choices; errors as for `choice`."""
+    """The list as a tuple, if all are different and among the choices.
+
+    Raises:
+        InputError: They are not.
+    """
     if not isinstance(value, list) or len({str(x) for x in value}) < len(value):
         raise InputError(f"{where} needs a list of different ones of {', '.join(choices)}, got {short(value)}.")
     return tuple(choice(where, each, choices) for each in value)
-
-
-def number(where: str, value: Any, low: float = 0.0, *, whole: bool = False) -> Any:
-    """The value, if it is a number of at least `low`; errors as for `choice`."""
-    kinds: tuple[type, ...] = (int,) if whole else (int, float)
-    if type(value) not in kinds or not low <= value < HUGE:
-        raise InputError(f"{where} needs a {'whole ' * whole}number of at least {low:g}, got {short(value)}.")
-    return value if whole else float(value)
-
-
-def text_of(where: str, value: Any) -> str:
-    """The value, if it is a text; errors as for `choice`."""
-    if not isinstance(value, str):
-        raise InputError(f"{where} needs a text, got {short(value)}.")
-    return value
 
 
 Entries = Mapping[str, Mapping[str, Any]]
@@ -69,8 +47,13 @@ TABLES = {
 FIGURES = {"wrenches": ("curves",), "wrench errors": ("curves",), "residuals": ("curves",), "contacts": ()}
 """Entries of each kind of figure, beside `kind` and `caption`."""
 
-DIGITS = 12
-"""Largest number of decimals in a table."""
+KINDS: Mapping[str, tuple[Any, Any]] = {
+    "groups": (Annotated[tuple[Mapping[str, Any], ...], Needs("a list of tables", lambda _: True)], []),
+    "marked": (tuple[str, ...], []),
+    "footnote": (str, ""),
+    "decimals": (Annotated[int, Needs("a whole number up to 12", lambda x: 0 <= x <= 12)], 3),
+}
+"""Types of entries, and values that stand for none."""
 
 WRENCHES = ("true", "measured", "ground")
 """Curves of wrenches besides those of models: the true and the measured total, and the ground's."""
@@ -173,22 +156,16 @@ def shown(
             if needed != "decimals" and not entry.get(needed):
                 raise InputError(f"{where} needs {needed}.")
         _check_shown(where, entry, models, WRENCHES if kind == "wrenches" else ())
-        displays[name] = {**entry, "caption": text_of(f"{where}.caption", entry["caption"]), "kind": kind}
+        displays[name] = {**entry, "caption": value_of(f"{where}.caption", entry["caption"], str), "kind": kind}
     return displays
 
 
 def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Model], more: Sequence[str]) -> None:
     """Checks the entries of a table or a figure; curves can be `more` than models."""
-    groups, marked = entry.get("groups", []), entry.get("marked", [])
-    if not isinstance(groups, list) or not isinstance(marked, list):
-        raise InputError(f"{where} needs groups and marked to be lists, got {short(groups)} and {short(marked)}.")
-    for group in groups:
-        _check_group(where, table(f"{where}.groups", group), models)
-    for parameter in marked:
-        text_of(f"{where}.marked", parameter)
-    text_of(f"{where}.footnote", entry.get("footnote", ""))
-    if number(f"{where}.decimals", entry.get("decimals", 3), whole=True) > DIGITS:
-        raise InputError(f"{where}.decimals needs a number up to {DIGITS}, got {entry['decimals']}.")
+    for key, kind in KINDS.items():
+        value_of(f"{where}.{key}", entry.get(key, kind[1]), kind[0])
+    for group in entry.get("groups", []):
+        _check_group(where, group, models)
     several(f"{where}.models", entry.get("models", []), models)
     for label, curve in table(f"{where}.curves", entry.get("curves", {})).items():
         choice(f"{where}.curves.{label}", curve, (*models, *more))
@@ -197,7 +174,7 @@ def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Mode
 def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Model]) -> None:
     check_keys(f"{where}.groups", group, ("model", "as", "show"))
     model = models[choice(f"{where}.groups.model", group.get("model"), models)]
-    text_of(f"{where}.groups.as", group.get("as", ""))
+    value_of(f"{where}.groups.as", group.get("as", ""), str)
     for quantity in several(f"{where}.groups.show", group.get("show", []), QUANTITIES):
         needed = (
             "trajectory"

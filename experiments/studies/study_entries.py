@@ -4,9 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Annotated, Any
 
 import scenes
 from experiments.data import paper
@@ -16,18 +14,15 @@ from experiments.studies.study_displays import (
     FIGURES,
     TABLES,
     WRENCHES,
-    choice,
-    number,
     parameter_tables,
     several,
     shown,
-    text_of,
     usual,
 )
+from ident.annotations import Needs, NotNegative
 from ident.errors import InputError
 from ident.files.limits import toml
-from ident.recordings.columns.entries import check_keys, table
-from ident.tolerances import HUGE
+from ident.files.schema import check_keys, choice, made, table, value_of
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 
 EXCITATIONS = {"double_pendulum": DOUBLE_PENDULUM, "bowing": BOWING}
@@ -35,6 +30,21 @@ EXCITATIONS = {"double_pendulum": DOUBLE_PENDULUM, "bowing": BOWING}
 
 PUBLISHED = {"section_6": paper.SECTION_6, "section_7": paper.SECTION_7}
 """Named sets of the paper's numbers."""
+
+PUBLISHED_KINDS: Mapping[str, Any] = {
+    "true": Mapping[str, float],
+    "error": Mapping[str, Mapping[str, float]],
+    "condition_number": Mapping[str, NotNegative],
+}
+"""Types of the numbers of `[published]`, by parameter or model."""
+
+RECORDED: Mapping[str, Any] = {
+    "samples": Annotated[int, Needs("a whole number of at least 1", lambda x: x >= 1)],
+    "seed": Annotated[int, Needs("a whole number of at least 0", lambda x: x >= 0)],
+    "noise_scale": NotNegative,
+    "noise": Mapping[str, NotNegative],
+}
+"""Entries of `[recording]` and their types."""
 
 PACKAGED = ("misaligned", "multicontact", "several_contacts")
 """Studies in this package, a file each."""
@@ -91,7 +101,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     for name, model in tried.items():
         choice(f"trials.models.{name}", model, models)
     return StudyFile(
-        title=text_of("title", entries.get("title", "A study")),
+        title=value_of("title", entries.get("title", "A study"), str),
         scene=scene,
         excitation=_excitation(entries.get("excitation", "double_pendulum")),
         models=models,
@@ -112,52 +122,39 @@ def _with_tables(entries: Mapping[str, Any], models: Mapping[str, Model]) -> Map
 
 def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
     check_keys("[scene]", entry, [field.name for field in fields(Scene)])
-    name = text_of("scene.model", entry.get("model"))
+    name = value_of("scene.model", entry.get("model"), str)
     own = name.lower().endswith(".xml")
     if not own:
         choice("scene.model, unless it is an MJCF file (.xml),", name, scenes.NAMES)
     model: str | Path = (folder / name).resolve() if own else name
     if isinstance(model, Path) and not model.is_file():
         raise InputError(f"scene.model '{name}' does not exist.")
-    tilt = number("scene.tilt_deg", entry["tilt_deg"]) if "tilt_deg" in entry else None
-    azimuth = number("scene.azimuth_deg", entry.get("azimuth_deg", 0.0), -360.0)
-    base = text_of("scene.base", entry["base"]) if "base" in entry else None if own else scenes.BASES[name]
+    tilt = value_of("scene.tilt_deg", entry.get("tilt_deg"), NotNegative | None)
+    azimuth = value_of("scene.azimuth_deg", entry.get("azimuth_deg", 0.0), float)
+    base = value_of("scene.base", entry.get("base", None if own else scenes.BASES[name]), str | None)
     return Scene(model, base, tilt, azimuth, _contacts(entry.get("contacts", []), own))
 
 
 def _contacts(value: Any, own: bool) -> Mapping[str, str]:
     """Sites of load cells by contact: a table in a user's own file, else a list of the package's contacts."""
     if own and isinstance(value, dict):
-        return {name: text_of(f"scene.contacts.{name}", site) for name, site in value.items()}
+        return dict(value_of("scene.contacts", value, Mapping[str, str]))
     if own and value != []:
         raise InputError("scene.contacts of a model of your own needs a table of sites by the contacts' names.")
     names = several("scene.contacts", value, scenes.CONTACTS)
     return scenes.load_cells(" ".join(names)) if names else {}
 
 
-def _excitation(value: Any) -> Excitation:
+def _excitation(value: Any) -> Any:
     if isinstance(value, str):
         return EXCITATIONS[choice("excitation", value, EXCITATIONS)]
-    entry = table("[excitation]", value)
-    names = [field.name for field in fields(Excitation)]
-    check_keys("[excitation]", entry, names)
-    if missing := [name for name in names[:-1] if name not in entry]:
-        raise InputError(f"[excitation] needs {', '.join(missing)}.")
-    try:
-        arrays = {name: np.array(entry[name], float) for name in names[:-1]}
-    except (TypeError, ValueError):
-        raise InputError("[excitation] needs offset of n and amplitude, frequency, phase of n by k numbers.") from None
-    return Excitation(**arrays, noise=number("excitation.noise", entry.get("noise", 0.0)))
+    return made(Excitation, "excitation", value)
 
 
 def _recording(entry: Mapping[str, Any]) -> dict[str, Any]:
-    check_keys("[recording]", entry, ("samples", "seed", "noise_scale", "noise"))
-    noise = table("[recording.noise]", entry.get("noise", {}))
-    return {
-        "samples": number("recording.samples", entry.get("samples", paper.SAMPLES), 1, whole=True),
-        "seed": number("recording.seed", entry.get("seed", 0), whole=True),
-        "noise_scale": number("recording.noise_scale", entry.get("noise_scale", 1.0)),
-        "noise": {name: number(f"recording.noise.{name}", level) for name, level in noise.items()},
+    check_keys("[recording]", entry, [*RECORDED])
+    return {"samples": paper.SAMPLES} | {
+        key: value_of(f"recording.{key}", x, RECORDED[key]) for key, x in entry.items()
     }
 
 
@@ -172,7 +169,7 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
         check_keys(where, entry, ("title", "axes", "parameters", "ignore", "estimators"))
         given = entry.get("ignore", [])
         models[name] = Model(
-            title=text_of(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model")),
+            title=value_of(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model"), str),
             axes=choice(f"{where}.axes", entry.get("axes", "drawn"), AXES),
             # Only earlier models, so that there are no cycles.
             parameters=choice(f"{where}.parameters", entry["parameters"], models) if "parameters" in entry else None,
@@ -188,13 +185,9 @@ def _published(value: Any, models: Collection[str]) -> Mapping[str, Any]:
     if isinstance(value, str):
         return PUBLISHED[choice("published", value, PUBLISHED)]
     entry = table("[published]", value)
-    check_keys("[published]", entry, ("true", "error", "condition_number"))
-    for name, numbers in table("published.error", entry.get("error", {})).items():
-        choice("published.error", name, models)
-        for parameter, x in table(f"published.error.{name}", numbers).items():
-            number(f"published.error.{name}.{parameter}", x, -HUGE)
-    for parameter, x in table("published.true", entry.get("true", {})).items():
-        number(f"published.true.{parameter}", x, -HUGE)
-    for name, x in table("published.condition_number", entry.get("condition_number", {})).items():
-        number(f"published.condition_number.{choice('published.condition_number', name, models)}", x)
+    check_keys("[published]", entry, [*PUBLISHED_KINDS])
+    for key, kind in PUBLISHED_KINDS.items():
+        for name in value_of(f"published.{key}", entry.get(key, {}), kind):
+            if key != "true":
+                choice(f"published.{key}", name, models)
     return entry

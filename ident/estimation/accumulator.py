@@ -115,7 +115,8 @@ def _compiled_chunks(
         def grams(
             factor: np.ndarray, noise: Memory, part: Samples = part, weights: np.ndarray | None = weights
         ) -> np.ndarray:
-            inputs, triangle = program_inputs(part.motion, equations.mechanism.gravity), inverse_of(factor)
+            arm, triangle = equations.mechanism, inverse_of(factor)
+            inputs = program_inputs(arm.tree, part.motion, arm.gravity)
             given = numbers, inputs, memory, part.measured, weights, triangle, changing(triangle), first, noise
             return program.encoded.grams(*given)
 

@@ -258,7 +258,7 @@ class Equations:
             program.fill(blocks[kind].reshape(-1, size))
         for first in range(0, len(samples), size):
             part = samples[first : first + size]
-            count, inputs = len(part), program_inputs(part.motion, arm.gravity)
+            count, inputs = len(part), program_inputs(arm.tree, part.motion, arm.gravity)
             rows = block[:, :, :count]
             for kind, program in programs.items():
                 program.run(inputs, blocks[kind].reshape(-1, size)[:, :count])
@@ -288,5 +288,10 @@ class Equations:
         tree, axes, torques = self.mechanism.tree, self.axes, list(self.torques)
         signals = drive_signals(tree, axes, samples.motion.states, self.slips, self.mechanism.springrefs)
         places = [(kind, axes.names.index(axis)) for kind, axis in map(column_place, self.drives)]
-        columns = [np.outer(axes.matrix[a, torques], signals[kind][:, a]) for kind, a in places]
+        columns, first = list[np.ndarray](), len(axes.names) - len(axes.dependent)
+        # Axes of dependent joints act by the slopes of the loops.
+        slopes = tree.slopes(samples.motion.q) if any(a >= first for _, a in places) else np.zeros(0)
+        for kind, a in places:
+            shares = axes.matrix[a, torques, None] if a < first else slopes[:, a - first, torques].T
+            columns.append(shares * signals[kind][:, a])
         return np.reshape(columns, (len(places), len(torques), len(samples)))

@@ -77,7 +77,7 @@ def drive_torques(
     axes, at = equations.axes, dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
     signals = drive_signals(equations.mechanism.tree, axes, states, slips, equations.mechanism.springrefs)
     each = [[at.get(f"{DRIVE[kind]}({name})", 0.0) for name in axes.names] * own for kind, own in signals.items()]
-    return np.asarray(axes.matrix.T @ np.sum(each, axis=0))
+    return axes.felt(equations.mechanism.tree, states[0], np.sum(each, axis=0))
 
 
 def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
@@ -90,8 +90,9 @@ def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
         motion: Motion of its joints, checked (N samples).
     """
     tree = mechanism.tree
-    drives = [mechanism.drives.get(freedom, NO_DRIVE) for freedom in tree.freedoms]
-    signals = drive_signals(tree, Axes.of(tree), motion.states, SLIP, mechanism.springrefs)
+    axes, names = Axes.of(tree), (*tree.freedoms, *tree.dependent)
+    drives = [mechanism.drives.get(name, NO_DRIVE) for name in names]
+    signals = drive_signals(tree, axes, motion.states, SLIP, mechanism.springrefs)
     values, at = {kind: np.array([each.value(kind) for each in drives], float) for kind in signals}, 0
     for body, own in zip(tree.bodies, tree.body_coordinates(motion.q), strict=True):
         part = slice(at, at := at + body.freedoms)
@@ -99,7 +100,7 @@ def stated_drive_torques(mechanism: Mechanism, motion: Motion) -> np.ndarray:
             reference = Rotation.from_rotvec(mechanism.springrefs[part])
             turned = reference.inv() * Rotation.from_quat(own, scalar_first=True)
             signals["spring"][:, part] = turned.as_rotvec()
-    return np.sum([values[kind] * signal for kind, signal in signals.items()], axis=0)
+    return axes.felt(tree, motion.q, np.sum([values[kind] * signal for kind, signal in signals.items()], axis=0))
 
 
 def stated_drive_channels(equations: Equations, motion: Motion) -> np.ndarray:
@@ -156,7 +157,15 @@ def usual_drives(mechanism: Mechanism, torques: Sequence[int], axes: Axes | None
     freedoms = [mechanism.tree.freedoms[k] for k in torques]
     hinges = [name for name in freedoms if name in mechanism.tree.joints and name in mechanism.drives]
     springs = [name for name in hinges if mechanism.drives[name].stiffness]
-    return (*drives_of(axes, USUAL_DRIVE, torques), *(f"{DRIVE['spring']}({name})" for name in springs))
+    usual = (*drives_of(axes, USUAL_DRIVE, torques), *(f"{DRIVE['spring']}({name})" for name in springs))
+    return (*usual, *passive_drives(mechanism, axes, (*USUAL_DRIVE, "spring"), torques))
+
+
+def passive_drives(mechanism: Mechanism, axes: Axes, kinds: Sequence[str], torques: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns of drives that the model states of dependent joints, arguments as above."""
+    moved = [name for name in axes.dependent if torques and name in mechanism.drives]
+    pairs = [(kind, name) for kind in kinds for name in moved if mechanism.drives[name].value(kind)]
+    return tuple(f"{DRIVE[kind]}({name})" for kind, name in pairs)
 
 
 def absorbed_note(mechanism: Mechanism, lost: Sequence[str], mixed: Sequence[str] = ()) -> str:

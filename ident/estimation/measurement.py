@@ -125,6 +125,10 @@ class Measurement:
             if body.parent >= 0:
                 out[i] = out[body.parent]
             out[i, own] = body.is_ball or body.turns
+            if body.depends and (closure := self.tree.closure):
+                # At least as fast as one of those that determine it.
+                for lead, others in zip(self.tree.bodies, self._places, strict=True):
+                    out[i, others] |= lead.joint in closure.independent
         return out
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
@@ -176,7 +180,8 @@ class Measurement:
         number: int,
     ) -> np.ndarray:
         """Some results of a program at places among zeros (k, N), those of one sample adjacent in memory."""
-        rows = [*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T]
+        starts = self.tree.started(states[0, :, self.of_base :])[:, self.coordinates - self.of_base :]
+        rows = [*states.swapaxes(1, 2), starts.T, wrenches.reshape(len(wrenches), -1).T]
         constants = np.concatenate([theta, self._slips])
         inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
         out = np.zeros((len(wrenches), number))
@@ -224,16 +229,20 @@ class Measurement:
 
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
         """Tape of the channels, its inputs that are states and θ, and the channels."""
-        n, k, p = self.coordinates, 12 * len(self.contacts), len(self.names)
-        tape = Tape(3 * n + k + p + len(self._slips))
-        states, wrenches, theta, slips = np.split(np.array(tape.inputs), [3 * n, 3 * n + k, 3 * n + k + p])
-        channels = self._channels(states.reshape(3, n), wrenches.reshape(2, -1, 6), theta, slips)
+        n, d, sizes = self.coordinates, len(self.tree.dependent), (12 * len(self.contacts), len(self.names))
+        ends = np.cumsum([3 * n, d, *sizes])
+        tape = Tape(int(ends[-1]) + len(self._slips))
+        states, starts, wrenches, theta, slips = np.split(np.array(tape.inputs), ends)
+        channels = self._channels(states.reshape(3, n), starts, wrenches.reshape(2, -1, 6), theta, slips)
         return tape, [*states, *theta], channels
 
-    def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray) -> list[Value]:
-        """Channels on a tape, from states (3, n), wrenches (2, k, 6), θ (p,) and slips (m,)."""
+    def _channels(
+        self, states: np.ndarray, starts: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray
+    ) -> list[Value]:
+        """Channels on a tape, from states (3, n), starts of dependent joints (d,), wrenches (2, k, 6), θ and slips."""
         equations, tree = self.equations, self.tilted(theta)
         motion = self.motion(states)
+        motion = replace(motion, q=np.concatenate([motion.q, starts]))
         root, base = self._root(motion, theta)
         motions, gains = closed_form.body_motions(tree, root, *motion.states), self.gains(theta)
         drives = np.zeros(len(tree.freedoms))
@@ -308,7 +317,7 @@ class Measurement:
                 v, w = body.twist[:3], body.twist[3:]
                 axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
                 bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
-        return Tree(tuple(bodies))
+        return replace(self.tree, bodies=tuple(bodies))
 
     def motion(self, states: np.ndarray) -> Motion:
         """Motion of coordinates and their derivatives (3, N, n)."""

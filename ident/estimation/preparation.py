@@ -12,7 +12,7 @@ from ident.errors import LogError
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.excitation import separable
-from ident.estimation.loads import absorbed_note, drives_of, predicted_channels, usual_drives
+from ident.estimation.loads import absorbed_note, drives_of, passive_drives, predicted_channels, usual_drives
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
@@ -26,12 +26,13 @@ from ident.model.regressor import drive_kinds
 from ident.model.stated import column_place
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
+from ident.recordings.followers import moving
 from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
 from ident.recordings.runs import runs
 from ident.recordings.smoothing import low_pass, settling
-from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import GROUND
+from ident.recordings.wrench_names import suggested_mapping
 
 Chosen = TypeVar("Chosen", bound=slice | np.ndarray, covariant=True)
 """A span of samples, or their indices."""
@@ -155,7 +156,7 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    mechanism = mechanism.following(recording.followers)
+    mechanism, of_loops = moving(mechanism, recording)
     tree = mechanism.tree
     if mechanism.prior is None:
         mechanism = replace(mechanism, prior=np.zeros(10 * len(mechanism.bodies)))
@@ -165,10 +166,11 @@ def prepared(
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
     steps = repairs.steps(recording, tree)
-    clipped, notes = tuple[Clipped, ...](), list[str]()
+    clipped, notes = tuple[Clipped, ...](), of_loops
     if not recording.still:
         recording, clipped = repairs.without_clipped(recording, mechanism)
-        recording, notes = repairs.without_spikes(recording, mechanism.joints)
+        recording, of_spikes = repairs.without_spikes(recording, mechanism.joints)
+        notes += of_spikes
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
@@ -203,6 +205,7 @@ def prepared(
     stuck = repairs.stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     axes = Axes.of(tree, recording.couplings)
     chosen = drives_of(axes, asked, range(len(tree.freedoms))) if felt else ()
+    chosen += passive_drives(mechanism, axes, asked, felt)
     drives = usual_drives(mechanism, felt, axes) if drive is None else chosen
     samples = Samples(motion, np.column_stack(list(measured.values())))
     equations, sensors = equations_of(mechanism, recording, frame, samples, tuple(measured), drives)

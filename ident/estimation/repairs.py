@@ -11,8 +11,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.files.column import KINDS
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.clipping import limits, moves
-from ident.recordings.despike import despiked
+from ident.recordings.faults import despiked, limits, moves
 from ident.recordings.recording import Recording
 from ident.recordings.resolution import at_rest, quantum
 from ident.recordings.sampled import Sampled

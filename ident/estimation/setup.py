@@ -112,6 +112,8 @@ def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dic
     commanded = [name for k, name in enumerate(equations.channels) if k not in equations.sensed]
     scales = equations.scaled
     hinges = [(body, {"joints": (body.joint,)}) for body in tree.bodies if body.coordinates and body.turns]
+    # A tilted axis would open its loop.
+    loops = tree.closure.part.names if tree.closure else ()
     return {
         "clocks": [Subject(TOGETHER.join(together), (None,), {"wrenches": together})] if together else [],
         "commands": [Subject("", (None,), {})] if not wrench and len(commanded) == len(equations.channels) > 0 else [],
@@ -123,7 +125,9 @@ def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dic
         "scales": [Subject(name, (None,), {"channels": (name,)}, std) for name, std in scales.items()],
         "gravity": [Subject("", across(gravity), {})] if np.any(gravity) else [],
         "angles": [Subject(body.joint, (None,), place) for body, place in hinges],
-        "axes": [Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges],
+        "axes": [
+            Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges if body.name not in loops
+        ],
     }
 
 

@@ -102,17 +102,11 @@ def alone(folder: Path) -> Iterator[None]:
     with ExitStack() as stack:
         # The folder is locked meanwhile, so that no other process removes the file before it is held.
         with _locked(folder):
-            handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
-            stack.callback(os.close, handle)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+            file.touch()
+            if stack.enter_context(_locked(file, wait=False)) is None:
                 raise InputError(
                     f"Another run is writing into '{folder}'; wait until it has ended, or choose another --out."
-                ) from None
-            except OSError:
-                # A file system without locks.
-                pass
+                )
         try:
             yield
         finally:
@@ -121,8 +115,8 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _locked(path: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Locks a file or folder for the duration of a block and yields True if that succeeded."""
+def _locked(path: Path, *, wait: bool = True) -> Iterator[bool | None]:
+    """Locks a file or folder for a block; yields True if that succeeded, None if another process holds it."""
     if fcntl is None:
         yield False
         return
@@ -131,8 +125,8 @@ def _locked(path: Path, *, wait: bool = True) -> Iterator[bool]:
             handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
             stack.callback(os.close, handle)
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except OSError:
-            yield False
+        except OSError as error:
+            yield None if isinstance(error, BlockingIOError) else False
         else:
             yield True
 

@@ -1,22 +1,23 @@
-"""Tables as text: comments, a header row, and a row of numbers for every sample."""
+"""Tables as text: comments, a header row, a row of numbers for every sample; and OpenSim's motion and storage files."""
 
 import csv
 import json
 import re
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from ident.annotations import Needs
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import METADATA, Memory, Table, is_number, short, vector_columns
-from ident.files.text_block import Block
-from ident.files.text_file import Text, opened_text
+from ident.files.text_file import Block, Text, opened_text
 
 DELIMITERS = ";\t,"
 """Delimiters in order of preference: the first that occurs in the header, or else spaces. Decimal commas are accepted
@@ -27,6 +28,9 @@ BLOCK = 4096
 
 Line = tuple[int, str]
 """A line of a file with its number, from 1."""
+
+ANGLES = {"yes": "deg", "no": "SI"}
+"""Units of the columns by the header's `inDegrees`; lengths and forces are in SI units either way."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Layout:
     """
 
     header: bool = True
-    skip: int = 0
+    skip: Annotated[int, Needs("a number of lines", lambda x: x >= 0)] = 0
 
 
 def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
@@ -196,3 +200,40 @@ def _rows(block: Sequence[Line], delimiter: str | None) -> Iterator[list[str]]:
         if any("\n" in cell for cell in row):
             raise LogError(f"row {number} opens a quotation mark that it does not close.")
         yield [cell.strip() for cell in row]
+
+
+def storage_tables(path: Path, limit: int) -> list[Table]:
+    """The table of a motion or storage file.
+
+    Raises:
+        LogError: The header is incomplete, contradicts the table or does not end, or the table is malformed.
+    """
+    with opened_text(path, limit) as text:
+        lines = lines_of(text)
+        header = _entries(lines)
+        pieces = list(tables_of_lines(text, lines, sys.maxsize))
+    if not pieces:
+        raise LogError("the file has no rows after its header, which names the columns.")
+    (table,) = pieces
+    for keys, count, what in (
+        (("nrows", "datarows"), len(table.rows), "rows"),
+        (("ncolumns", "datacolumns"), len(table.cells), "columns"),
+    ):
+        for key in keys:
+            if key in header and header[key] != str(count):
+                raise LogError(f"the header promises {short(header[key])} {what} ({key}), the table has {count}.")
+    degrees = header.get("indegrees")
+    if degrees not in (None, *ANGLES):
+        raise LogError(f"the header's inDegrees needs to be yes or no, got '{short(degrees)}'.")
+    return [replace(table, units={} if degrees is None else dict.fromkeys(table.cells, ANGLES[degrees]))]
+
+
+def _entries(lines: Iterator[Line]) -> dict[str, str]:
+    """Entries of the header in lower case, written as `key=value` or, in older files, `key value`."""
+    entries: dict[str, str] = {}
+    for _, line in lines:
+        if line.strip().lower() == "endheader":
+            return entries
+        key, _, value = line.strip().lower().replace("=", " ").partition(" ")
+        entries[key.strip()] = value.strip()
+    raise LogError("a motion or storage file needs a line 'endheader' before its table; there is none.")

@@ -1,12 +1,17 @@
-"""Limits on what files may take in memory, measured before they are unpacked, and TOML read within them."""
+"""Files of any origin: limits on what they may take in memory, errors for damage and for missing libraries."""
 
 import json
 import re
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ident.errors import InputError, LogError
+from ident.files.column import UNITS
 
 LIMIT = 500_000_000
 """Default of the bytes that arrays may take in memory: a million samples of sixty channels."""
@@ -28,6 +33,9 @@ TOML_DEPTH = 32
 
 _NAME = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _TOO_DEEP = re.compile(rf"(?<![\w-]){_NAME}(?:[ \t]*+\.[ \t]*+{_NAME}){{{TOML_DEPTH}}}")
+
+SI = {unit: factor for units in UNITS.values() for unit, factor in units.items()}
+"""All known units, as factors to SI."""
 
 
 def check_size(path: Path, size: int, limit: int) -> None:
@@ -55,16 +63,15 @@ def parsed_json(text: str) -> Any:
     return json.loads(text)
 
 
-def toml(path: Path, needs: str, error: type[InputError] = InputError) -> dict[str, Any]:
+def toml(path: Path, needs: str) -> dict[str, Any]:
     """Entries of a TOML file.
 
     Args:
         path: The file.
         needs: What needs to be TOML, for messages, as "a study needs".
-        error: Type of the error to raise.
 
     Raises:
-        InputError: It cannot be read, is malformed or beyond the limits.
+        LogError: It cannot be read, is malformed or beyond the limits.
     """
     try:
         with path.open("rb") as file:
@@ -80,7 +87,7 @@ def toml(path: Path, needs: str, error: type[InputError] = InputError) -> dict[s
         return tomllib.loads(text)
     # Not all errors are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
     except (OSError, ValueError, RecursionError) as wrong:
-        raise error(f"{path}: {needs} to be TOML in UTF-8 ({reason(wrong)}).") from None
+        raise LogError(f"{path}: {needs} to be TOML in UTF-8 ({reason(wrong)}).") from None
 
 
 def reason(error: object) -> str:
@@ -89,3 +96,50 @@ def reason(error: object) -> str:
         return "pickled objects are not read"
     line = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
     return line if len(line) <= 200 else f"{line[:197]}..."
+
+
+@contextmanager
+def library(extra: str) -> Iterator[None]:
+    """Turns a failed import in a block into a sentence that names the extra to install.
+
+    Raises:
+        InputError: The import failed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        package = error.name or str(error)
+        raise InputError(
+            f"This log needs the package '{package}', which the extra '{extra}' brings: "
+            f"pip install multicontact[{extra}]."
+        ) from None
+
+
+@contextmanager
+def undamaged(what: str) -> Iterator[None]:
+    """Turns any error that a library raises in a block into one sentence on the damaged file.
+
+    Args:
+        what: Kind of file that is needed, for the message.
+
+    Raises:
+        LogError: The block failed.
+    """
+    try:
+        yield
+    except LogError:
+        raise
+    # Each library has a dozen classes of errors for damage, and a damaged size may ask for any amount of memory.
+    except Exception as error:
+        raise LogError(f"the file needs to be {what} ({reason(error)}).") from error
+
+
+def checked_rate(rate: float, what: str) -> float:
+    """The rate in Hz, checked to be positive and finite.
+
+    Raises:
+        LogError: It is not.
+    """
+    if not (np.isfinite(rate) and rate > 0):
+        raise LogError(f"{what} needs to be positive, the file says {rate:g} Hz.")
+    return float(rate)

@@ -1,19 +1,28 @@
-"""Selection of rows or times of a log."""
+"""Times of logs with a rate instead of a column of times, and selection of rows or times."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 
+from ident.annotations import Needs
 from ident.errors import LogError
 from ident.files.column import Columns
+from ident.files.schema import value_of
 from ident.files.table import Table
 
 EPOCH = 1e6
 """First time above which a clock counts from an epoch, s; such times are counted from the first sample instead."""
 
-Span = tuple[float, float]
+Span = Annotated[tuple[float, float], Needs("two numbers, the first before the last", lambda x: x[0] < x[1])]
 """First and last, both included."""
+
+COUNT = "(number of the sample)"
+"""Name of the column of sample counts from zero; no file has it."""
+
+Rate = Annotated[float, Needs("a number of samples per second, in Hz", lambda x: x >= 1e-3)]
+"""Rate of a log without times; a slower one is a unit that is wrong."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,7 @@ class Selection:
         return taken(table, kept)
 
 
-def counted(seconds: np.ndarray) -> np.ndarray:
+def from_first(seconds: np.ndarray) -> np.ndarray:
     """Times of a recording (N,): counted from the first one if that is beyond `EPOCH`."""
     return seconds - seconds[0] if len(seconds) and abs(seconds[0]) > EPOCH else seconds
 
@@ -77,7 +86,7 @@ def selected(table: Table, selection: Selection, clock: Columns) -> Table:
         return table
     table = selection.of_rows(table)
     (name,) = clock.names
-    return selection.of_times(table, counted(table.column(name) * clock.factor)) if selection.time else table
+    return selection.of_times(table, from_first(table.column(name) * clock.factor)) if selection.time else table
 
 
 def taken(table: Table, kept: np.ndarray) -> Table:
@@ -96,3 +105,34 @@ def _inside(x: np.ndarray, spans: Sequence[Span]) -> np.ndarray:
 
 def _listed(spans: Sequence[Span]) -> str:
     return ", ".join(f"{first:g} to {last:g}" for first, last in spans)
+
+
+def clock_of_rate(where: str, rate: Any) -> Columns:
+    """The column of times of a file that has a rate instead.
+
+    Args:
+        where: Entry of the mapping, for the message.
+        rate: Samples per second, Hz.
+
+    Raises:
+        LogError: The rate is no number or out of range.
+    """
+    return Columns((COUNT,), 1 / value_of(where, rate, Rate), "s")
+
+
+def counted(tables: Iterable[Table], clock: Columns | None, overlap: int = 0) -> Iterator[Table]:
+    """Pieces of a file, with a column of sample counts if the clock is a rate.
+
+    Args:
+        tables: The pieces, in order.
+        clock: The mapping's column of times, None if it has none.
+        overlap: Samples that each piece repeats from the end of the one before.
+    """
+    if clock is None or clock.names != (COUNT,):
+        yield from tables
+        return
+    done = 0
+    for table in tables:
+        first = max(0, done - overlap)
+        done = first + len(table.rows)
+        yield replace(table, cells={**table.cells, COUNT: np.arange(first, done, dtype=float)})

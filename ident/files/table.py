@@ -1,11 +1,12 @@
 """A file of numbers as named columns, of any format, piece by piece."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from ident.arguments import short as short
 from ident.errors import LogError
 from ident.files.column import Sum
 
@@ -25,6 +26,9 @@ METADATA = {
 }
 """Metadata of a file and their JSON types, by name."""
 
+
+LISTED = 40
+"""Names that a message lists at most."""
 
 FAR = 1e100
 """Upper limit of the numbers from which others are computed."""
@@ -83,8 +87,7 @@ class Table:
 
     def available(self) -> str:
         """Names of the file's columns, for messages."""
-        names = list(map(short, self.cells))
-        return f"the {self.origin} has {', '.join(names[:40])}{', ...' if len(names) > 40 else ''}"
+        return f"the {self.origin} has {listed(self.cells)}"
 
     def column(self, name: str, limit: float = np.inf, *, gaps: bool = False) -> np.ndarray:
         """Numbers of a column (N,), all NaN or none unless some may be missing.
@@ -224,7 +227,7 @@ def is_number(cell: str) -> bool:
     return True
 
 
-def short(value: Any) -> str:
-    """The value as text, cut to fit a message."""
-    text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+def listed(names: Collection[str]) -> str:
+    """Names for a message, shortened if there are many."""
+    some = [short(name) for name in names][:LISTED]
+    return ", ".join(some + ["..."] * (len(names) > len(some))) or "none"

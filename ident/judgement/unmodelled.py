@@ -162,7 +162,7 @@ def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion) -> np
     stated = equations.mechanism.tree
     home = stated.bodies[i].home.copy()
     home[:3, 3] *= 1 + STEP
-    longer = Tree((*stated.bodies[:i], replace(stated.bodies[i], home=home), *stated.bodies[i + 1 :]))
+    longer = replace(stated, bodies=(*stated.bodies[:i], replace(stated.bodies[i], home=home), *stated.bodies[i + 1 :]))
     one, other = (_channels(equations, tree, equations.mechanism.gravity, phi, motion) for tree in (stated, longer))
     return np.asarray((other - one)[None] / STEP)
 

@@ -33,6 +33,7 @@ class Body:
         follows: Leading joint and function, for a joint whose coordinate is a function of another's; None for an
             independent joint. A follower has one axis and no name.
         still: Name of the joint that was fixed, for a body that was welded so.
+        depends: Name of the joint that loops make dependent; it has no name among the tree's joints either.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Body:
     massless: bool = False
     follows: Follower | None = None
     still: str = ""
+    depends: str = ""
 
     def __post_init__(self) -> None:
         for key in ("home", "twist"):
@@ -63,7 +65,7 @@ class Body:
     @cached_property
     def _values(self) -> tuple[object, ...]:
         home, twist = self.home.tobytes(), self.twist.tobytes()
-        return self.name, self.parent, home, twist, self.joint, self.massless, self.follows, self.still
+        return self.name, self.parent, home, twist, self.joint, self.massless, self.follows, self.still, self.depends
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Body) and self._values == other._values
@@ -102,13 +104,13 @@ class Body:
 
     @property
     def coordinates(self) -> int:
-        """Number of the joint's entries of q: 1, or 4 for the quaternion `w, x, y, z` of a ball; 0 for a follower."""
+        """Number of the joint's entries of q: 1, or 4 for the quaternion `w, x, y, z` of a ball; 0 if it depends."""
         return 4 if self.is_ball else self.freedoms
 
     @property
     def freedoms(self) -> int:
         """Number of the joint's entries of q̇: 0, 1 or 3."""
-        return 0 if self.follows else self.motions.shape[1]
+        return 0 if self.follows or self.depends else self.motions.shape[1]
 
     def joint_pose(self, q: np.ndarray) -> np.ndarray:
         """Displacement of the body from home by its joint, `exp(ξ̂ q)` for one axis.

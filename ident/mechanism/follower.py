@@ -38,15 +38,15 @@ class Follower:
 
     def value(self, q: Any) -> Any:
         """f(q) for a number, a signal, or an array of any shape."""
-        return _horner(self.coefficients, q)
+        return horner(self.coefficients, q)
 
     def slope(self, q: Any) -> Any:
         """f'(q) for the same types."""
-        return _horner(tuple(Polynomial(self.coefficients).deriv().coef.tolist()), q)
+        return horner(tuple(Polynomial(self.coefficients).deriv().coef.tolist()), q)
 
     def bend(self, q: Any) -> Any:
         """f''(q) for the same types."""
-        return _horner(tuple(Polynomial(self.coefficients).deriv(2).coef.tolist()), q)
+        return horner(tuple(Polynomial(self.coefficients).deriv(2).coef.tolist()), q)
 
     def states(self, q: Any, *rates: Any) -> tuple[Any, ...]:
         """The follower's coordinate, and its velocity and acceleration if the leader's are given."""
@@ -57,7 +57,7 @@ class Follower:
         return tuple(out)
 
 
-def _horner(coefficients: tuple[float, ...], q: Any) -> Any:
+def horner(coefficients: tuple[float, ...], q: Any) -> Any:
     """Value of a polynomial from its coefficients, the constant first."""
     out = q * 0 + coefficients[-1]
     for c in reversed(coefficients[:-1]):

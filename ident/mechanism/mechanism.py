@@ -1,6 +1,6 @@
 """A mechanism with its prior knowledge, before anything is measured."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from ident.mechanism.body import BASE, Body
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
 from ident.mechanism.follower import Follower
+from ident.mechanism.loops import Constraints
 from ident.mechanism.tree import Tree
 
 
@@ -41,6 +42,7 @@ class Mechanism(Brief):
             freedoms: the joints', with `.x`, `.y` and `.z` for a ball.
         loops: Joints whose torques a coupling that the equations leave out changes, by its name.
         base_rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees, if they are others than in the model.
+        constraints: Constraints that close loops of the tree, for `closed`.
     """
 
     tree: Tree
@@ -56,6 +58,7 @@ class Mechanism(Brief):
     mimics: Mapping[str, Follower] = field(default_factory=dict)
     loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
     base_rpy_deg: tuple[float, ...] | None = None
+    constraints: Constraints = field(default_factory=Constraints)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -72,7 +75,7 @@ class Mechanism(Brief):
             raise ModelError(f"prior_known names '{absent[0]}', which is none of {', '.join(self.bodies)}.")
         for name, known in self.prior_known.items():
             checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
-        object.__setattr__(self, "drives", checked_drives(self.drives, self.tree.freedoms))
+        object.__setattr__(self, "drives", checked_drives(self.drives, (*self.tree.freedoms, *self.tree.dependent)))
 
     @classmethod
     def lone_body(cls, name: str = "body", gravity: Sequence[float] = (0, 0, -9.81)) -> "Mechanism":
@@ -81,10 +84,13 @@ class Mechanism(Brief):
 
     @property
     def _in_short(self) -> dict[str, object]:
+        driven = [name for name, drive in self.drives.items() if drive.actuators]
+        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.tree.joints, driven)
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),
-            "joints": listed(self.tree.joints),
+            "joints": listed(joint for joint in self.tree.joints if joint not in depending),
+            "dependent": listed(depending),
             "mass": mass or "none, no prior",
             "gravity": f"{listed(f'{x:.4g}' for x in self.gravity)} m/s²",
             "base": "" if self.base_rpy_deg is None else f"rpy {rpy_text(self.base_rpy_deg)}",
@@ -105,8 +111,9 @@ class Mechanism(Brief):
 
     @property
     def springrefs(self) -> np.ndarray:
-        """Coordinates of the freedoms at which their springs are at rest, rad or m (n,); zero without a drive."""
-        return np.array([self.drives.get(freedom, NO_DRIVE).springref for freedom in self.tree.freedoms])
+        """Coordinates at which springs of freedoms and dependent joints rest, rad or m (n + d,); zero without one."""
+        names = (*self.tree.freedoms, *self.tree.dependent)
+        return np.array([self.drives.get(name, NO_DRIVE).springref for name in names])
 
     @typed()
     def beyond(self, body: str) -> "Mechanism":
@@ -122,14 +129,16 @@ class Mechanism(Brief):
         prior = None if self.prior is None else self.prior.reshape(-1, 10)[rows].ravel()
         sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
         part = Mechanism(tree, self.gravity, prior, sites, **self._of_joints(tree), carrier=carrier)
+        part = replace(part, constraints=self.constraints.within(tree))
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
         return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg)
 
     @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":
         """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
-        tree = self.tree.fixed(coordinates)
-        return replace(self, tree=tree, **self._of_joints(tree))
+        tree, owners = self.tree.fixed(coordinates), {body.joint: body.name for body in self.tree.bodies}
+        held = self.constraints.fixed({owners[joint]: q for joint, q in coordinates.items()}, tree)
+        return replace(self, tree=tree, **self._of_joints(tree), constraints=held)
 
     @property
     def in_world(self) -> np.ndarray:
@@ -164,11 +173,46 @@ class Mechanism(Brief):
         tree = Tree(tuple(bodies))
         return replace(self, tree=tree, **self._of_joints(tree))
 
+    def closed(self, lacking: Collection[str] = (), driven: Collection[str] = ()) -> "Mechanism":
+        """The mechanism with those joints dependent that its loops determine; they keep their drives, by their names.
+
+        Loops stay open if all their joints are measured and none is driven: they change no wrench.
+
+        Args:
+            lacking: Names of the joints whose positions are not measured.
+            driven: Names of the joints with a torque or a command.
+
+        Raises:
+            ModelError: A loop cannot be closed in the model's posture, is singular there, has no motion, or goes
+                through a ball joint.
+        """
+        names = () if self.tree.closure else self.constraints.dependent(self.tree, lacking, driven)
+        if not {*names} & {*lacking} and not (names and {*driven} & {*self.in_loops}):
+            return self
+        tree = self.tree.closed(self.constraints.closure(self.tree, names))
+        return replace(self, tree=tree, **self._of_joints(tree))
+
+    def determined(self, placed: Collection[str]) -> dict[str, str]:
+        """Names of the joints by which each joint without a position is determined, from those of joints with one."""
+        followers = {j: lead for j, lead in self.mimics.items() if j not in placed and lead.joint in placed}
+        rest = self.following(followers)
+        lacking = [joint for joint in rest.tree.joints if joint not in placed]
+        leads = ", ".join(joint for joint in rest.in_loops if joint in placed)
+        depending = {*rest.constraints.dependent(rest.tree, lacking)} & {*lacking}
+        own = {joint: lead.joint for joint, lead in followers.items()}
+        return own | {joint: leads for joint in rest.tree.joints if joint in depending}
+
+    @property
+    def in_loops(self) -> tuple[str, ...]:
+        """Names of the joints that constraints couple, also those that follow another one."""
+        return self.constraints.coupled(self.tree)
+
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
         """Ranges, drives and couplings of the joints that a tree has."""
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
         mimics = {joint: lead for joint, lead in self.mimics.items() if {joint, lead.joint} <= set(tree.joints)}
-        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in tree.freedoms}
+        moved = (*tree.freedoms, *tree.dependent)
+        drives = {freedom: drive for freedom, drive in self.drives.items() if freedom in moved}
         loops = {name: joints for name, joints in self.loops.items() if set(joints) <= set(tree.joints)}
         return {"ranges": ranges, "mimics": mimics, "drives": drives, "loops": loops}
 

@@ -12,6 +12,7 @@ from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.closure import Closure
 
 
 @typed()
@@ -21,10 +22,12 @@ class Tree:
 
     Attributes:
         bodies: The bodies, b of them with a φ. The joints of the moving ones, in this order, make up q and q̇. Only
-            ball joints have more coordinates than velocities; followers have neither.
+            ball joints have more coordinates than velocities; followers and dependent joints have neither.
+        closure: The loops that make some joints dependent, None without.
     """
 
     bodies: tuple[Body, ...]
+    closure: Closure | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", tuple(self.bodies))
@@ -40,7 +43,10 @@ class Tree:
                 raise ModelError(
                     f"Body '{body.name}' (index {i}) needs a parent index from {BASE} to {i - 1}, got {body.parent}."
                 )
+        if self.closure is None and (loose := [body.depends for body in self.bodies if body.depends]):
+            raise ModelError(f"This needs all joints, but loops make '{loose[0]}' dependent. Log its position.")
         single = {body.joint for body in self.bodies if body.coordinates == 1}
+        single |= {body.depends for body in self.bodies if body.depends}
         for body in self.bodies:
             if body.follows and body.follows.joint not in single:
                 raise ModelError(
@@ -110,6 +116,16 @@ class Tree:
         """Indices of the bodies whose joint follows another one."""
         return tuple(i for i, body in enumerate(self.bodies) if body.follows)
 
+    @property
+    def dependent(self) -> tuple[str, ...]:
+        """Names of the joints that loops make dependent."""
+        return self.closure.dependent if self.closure else ()
+
+    @cached_property
+    def size(self) -> int:
+        """Number of coordinates n_q."""
+        return sum(body.coordinates for body in self.bodies)
+
     @cached_property
     def floats(self) -> bool:
         """True if the only body on the base has joints with all six degrees of freedom."""
@@ -131,12 +147,38 @@ class Tree:
     @cached_property
     def generic_poses(self) -> np.ndarray:
         """Poses of the bodies in a generic posture, in which no axes are parallel by chance (b, 4, 4)."""
-        return self.poses(np.linspace(0.3, 0.9, sum(body.coordinates for body in self.bodies)))
+        return self.poses(np.linspace(0.3, 0.9, self.size))
 
     @cached_property
     def screws(self) -> tuple[np.ndarray, ...]:
         """Motion subspaces of the joints in the generic posture, in the base frame, each (6, 0), (6, 1) or (6, 3)."""
         return tuple(se3.Ad(T) @ body.motions for T, body in zip(self.generic_poses, self.bodies, strict=True))
+
+    def chain(self, i: int) -> tuple[int, ...]:
+        """Indices of the bodies from the base to body i; none for the base itself."""
+        return () if i == BASE else (*self.chain(self.bodies[i].parent), i)
+
+    def closed(self, closure: Closure) -> "Tree":
+        """The tree with the joints dependent that loops determine; they lose their names."""
+        names = closure.dependent
+        bodies = (replace(each, joint="", depends=each.joint) if each.joint in names else each for each in self.bodies)
+        return Tree(tuple(bodies), closure)
+
+    def started(self, q: np.ndarray) -> np.ndarray:
+        """Joint coordinates (…, n_q), and those of the dependent joints by iteration (…, n_q + d).
+
+        Recorded equations start from these; other functions of q take either.
+        """
+        if self.closure is None or np.shape(q)[-1] != self.size:
+            return q
+        own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
+        return np.concatenate([q, self.closure.solved(self._of_part(own))], axis=-1)
+
+    def _of_part(self, own: Mapping[str, np.ndarray]) -> np.ndarray:
+        """States of the loops' independent joints (…, n) from those of all joints."""
+        independent = self.closure.independent if self.closure else ()
+        first = next(iter(own.values()))
+        return np.concatenate([first[..., :0], *(own[joint] for joint in independent)], axis=-1)
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all its descendants."""
@@ -214,7 +256,8 @@ class Tree:
 
     def body_coordinates(self, q: np.ndarray) -> list[np.ndarray]:
         """Joint coordinates (…, n_q) by body: each (…, 0), (…, 1) or (…, 4), followers (…, 0)."""
-        return self._dealt("coordinates", q, [body.coordinates for body in self.bodies])
+        own = np.asarray(q)[..., : self.size] if self.closure and np.shape(q)[-1:] != (self.size,) else q
+        return self._dealt("coordinates", own, [body.coordinates for body in self.bodies])
 
     def freedom_coordinates(self, q: np.ndarray) -> np.ndarray:
         """Coordinates of hinges and slides by freedom, zero for those of balls (…, n), from all of them (…, n_q)."""
@@ -237,29 +280,68 @@ class Tree:
             Coordinates and rates of every body's joint.
         """
         dealt = list(zip(self.body_coordinates(q), *map(self.body_velocities, rates), strict=True))
-        leaders = {self.bodies[i].joint: dealt[i] for i in self.moving} if self.followers else {}
+        leaders = {self.bodies[i].joint: dealt[i] for i in self.moving}
+        if self.closure:
+            inputs = [self._of_part({joint: own[k] for joint, own in leaders.items()}) for k in range(1 + len(rates))]
+            states = self.closure.completed(inputs[0], self.started(q)[..., self.size :], *inputs[1:])
+            for k, joint in enumerate(self.dependent):
+                leaders[joint] = tuple(x[..., k : k + 1] for x in states)
+            dealt = [leaders.get(body.depends, own) for body, own in zip(self.bodies, dealt, strict=True)]
         for i in self.followers:
             lead = self.bodies[i].follows
             dealt[i] = lead.states(*leaders[lead.joint]) if lead else dealt[i]
         return dealt
 
     def joint_sums(self, q: np.ndarray, felt: Sequence[np.ndarray]) -> np.ndarray:
-        """Generalized forces of the n freedoms from those of the bodies' joints: a follower adds f'(q) τ to its leader.
+        """Generalized forces of the n freedoms from those of the bodies' joints.
+
+        A follower adds f'(q) τ to its leader, dependent joints add Gᵀ τ to the independent ones.
 
         Args:
-            q: Joint coordinates of one sample (n_q,).
+            q: Joint coordinates of one sample (n_q,), also with those of dependent joints.
             felt: Torques of each body's joint along its axes, or their rows, (0, …), (1, …) or (3, …).
 
         Returns:
             Joint torques, or their rows (n, …).
         """
-        own, coordinates = list(felt), self.body_coordinates(q)
-        places = {self.bodies[i].joint: i for i in self.moving} if self.followers else {}
+        own = list(felt)
+        places = {body.joint or body.depends: i for i, body in enumerate(self.bodies) if self.followers or self.closure}
+        states = self.body_states(q) if self.followers else []
         for i in self.followers:
             if (lead := self.bodies[i].follows) is not None:
                 k = places[lead.joint]
-                own[k] = own[k] + lead.slope(coordinates[k][0]) * felt[i]
-        return np.concatenate([x for x, body in zip(own, self.bodies, strict=True) if not body.follows])
+                own[k] = own[k] + lead.slope(states[k][0][0]) * felt[i]
+        felt = [x for x, body in zip(own, self.bodies, strict=True) if not body.follows and not body.depends]
+        if not self.closure:
+            return np.concatenate(felt)
+        return np.concatenate(felt) + self.slopes(q).T @ np.concatenate([own[places[name]] for name in self.dependent])
+
+    def slopes(self, q: np.ndarray) -> np.ndarray:
+        """Derivatives G of the dependent joints' coordinates by the n freedoms (…, d, n), for q as by `started`."""
+        if not self.closure:
+            return np.zeros((*np.shape(q)[:-1], 0, len(self.freedoms)))
+        at = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
+        G = self.closure.slopes(self._of_part(at), self.started(q)[..., self.size :])
+        names = [name for name in self.closure.part.freedoms if name not in self.dependent]
+        own = {name: G[..., k : k + 1] for k, name in enumerate(names)}
+        return np.concatenate([own.get(name, np.zeros((*G.shape[:-1], 1))) for name in self.freedoms], axis=-1)
+
+    @cached_property
+    def slopes_in_posture(self) -> np.ndarray:
+        """Derivatives as by `slopes` in the posture in which the loops were first closed (d, n)."""
+        q = [np.zeros(0)]
+        at = self.closure.posture if self.closure else {}
+        for i in self.moving:
+            body = self.bodies[i]
+            q.append(at.get(body.joint, np.eye(4)[0] if body.is_ball else np.zeros(1)))
+        return self.slopes(np.concatenate(q))
+
+    def dependent_states(self, q: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
+        """Coordinates and rates of the dependent joints, each (…, d)."""
+        if not self.closure:
+            return [x[..., :0] for x in (q, *rates)]
+        states = {body.depends: x for body, x in zip(self.bodies, self.body_states(q, *rates), strict=True)}
+        return [np.concatenate([states[name][k] for name in self.dependent], axis=-1) for k in range(1 + len(rates))]
 
     def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
         values = np.asarray(values)

@@ -1,4 +1,4 @@
-"""Axes on which drives act: joints, and motors that move several joints together.
+"""Axes on which drives act: joints, motors that move several joints together, and joints that loops make dependent.
 
     q_motor = R q,    τ = Rᵀ τ_motor
 
@@ -27,17 +27,21 @@ OF_JOINTS = ("spring",)
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """The n freedoms of a mechanism, and k motors that move several of them together.
+    """The n freedoms of a mechanism, k motors that move several of them together, and d dependent joints of loops.
 
     Attributes:
         freedoms: Names of the freedoms.
         motors: Names of the motors.
         rows: Numbers R of the motors' rows (k, n).
+        dependent: Names of the dependent joints.
+        nominal: Their velocities over those of the freedoms in the model's posture, for weights alone (d, n).
     """
 
     freedoms: tuple[str, ...]
     motors: tuple[str, ...]
     rows: np.ndarray
+    dependent: tuple[str, ...]
+    nominal: np.ndarray
 
     @classmethod
     def of(cls, tree: Tree, couplings: Couplings = UNCOUPLED) -> "Axes":
@@ -45,33 +49,36 @@ class Axes:
         freedoms = tree.freedoms
         own = {motor: row for motor, row in couplings.items() if all(joint in freedoms for joint in row)}
         rows = [[row.get(freedom, 0.0) for freedom in freedoms] for row in own.values()]
-        return cls(freedoms, tuple(own), np.array(rows, float).reshape(len(own), len(freedoms)))
+        motors = np.array(rows, float).reshape(len(own), len(freedoms))
+        return cls(freedoms, tuple(own), motors, tree.dependent, tree.slopes_in_posture)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all axes, the freedoms before the motors."""
-        return (*self.freedoms, *self.motors)
+        """Names of all axes: the freedoms, the motors and the dependent joints."""
+        return (*self.freedoms, *self.motors, *self.dependent)
 
     @cached_property
     def matrix(self) -> np.ndarray:
-        """Matrix M of the axes' velocities M q̇ and of the freedoms' torques Mᵀ τ (n + k, n)."""
-        return np.vstack([np.eye(len(self.freedoms)), self.rows])
+        """Matrix M of the axes' velocities M q̇ and of the freedoms' torques Mᵀ τ, nominal at last (n + k + d, n)."""
+        return np.vstack([np.eye(len(self.freedoms)), self.rows, self.nominal])
 
     @cached_property
     def gears(self) -> np.ndarray:
-        """Largest factor from a freedom's velocity to each axis', 1 for the freedoms themselves (n + k,)."""
-        return np.asarray(np.abs(self.matrix).max(axis=1, initial=0.0))
+        """Largest factor from a freedom's velocity to each axis', 1 for the joints themselves (n + k + d,)."""
+        motors = np.abs(self.rows).max(axis=1, initial=0.0)
+        return np.concatenate([np.ones(len(self.freedoms)), motors, np.ones(len(self.dependent))])
 
     @cached_property
     def driven(self) -> np.ndarray:
-        """Mask of the axes that have rotors and friction: motors, and freedoms that none of them moves (n + k,)."""
-        return np.append(~self.rows.any(axis=0), np.ones(len(self.motors), bool))
+        """Mask of the axes that have rotors and friction: all but freedoms that motors move (n + k + d,)."""
+        return np.append(~self.rows.any(axis=0), np.ones(len(self.motors) + len(self.dependent), bool))
 
     def acting(self, kind: str, freedom: int) -> tuple[str, ...]:
-        """Names of the axes to which the drives of a kind that act on a freedom belong."""
+        """Names of the freedoms and motors to which the drives of a kind that act on a freedom belong."""
         if kind in OF_JOINTS:
             return (self.freedoms[freedom],)
-        return tuple(self.names[a] for a in np.flatnonzero(self.driven & (self.matrix[:, freedom] != 0)))
+        actuated = np.arange(len(self.names)) < len(self.freedoms) + len(self.motors)
+        return tuple(self.names[a] for a in np.flatnonzero(actuated & self.driven & (self.matrix[:, freedom] != 0)))
 
     def joints_of(self, name: str) -> tuple[str, ...]:
         """Names of the freedoms that an axis moves, by its name; the name itself for one that is no motor's."""
@@ -80,9 +87,24 @@ class Axes:
         row = self.rows[self.motors.index(name)]
         return tuple(freedom for freedom, factor in zip(self.freedoms, row, strict=True) if factor)
 
-    def moved(self, x: np.ndarray) -> np.ndarray:
-        """Quantity of the axes, such as their velocities, from that of the freedoms, numbers or signals (…, n)."""
-        if not self.motors:
+    def moved(self, x: np.ndarray, dependent: np.ndarray | None = None) -> np.ndarray:
+        """Quantity of the axes, such as their velocities, from that of the freedoms, numbers or signals (…, n).
+
+        Args:
+            x: Quantity of the freedoms.
+            dependent: That of the dependent joints (…, d), by default a nominal one.
+        """
+        if len(self.names) == len(self.freedoms):
             return x
-        of_motors = [sum(x[..., k] * row[k] for k in np.flatnonzero(row)) for row in self.rows]
-        return np.concatenate([x, np.stack(of_motors, axis=-1)], axis=-1)
+        others = self.rows if dependent is not None else np.vstack([self.rows, self.nominal])
+        moved = [sum((x[..., k] * row[k] for k in np.flatnonzero(row)), 0 * x[..., 0]) for row in others]
+        parts = [x, *(each[..., None] for each in map(np.asarray, moved))]
+        return np.concatenate(parts if dependent is None else [*parts, dependent], axis=-1)
+
+    def felt(self, tree: Tree, q: np.ndarray, torques: np.ndarray) -> np.ndarray:
+        """Torques of the freedoms (…, n) from those of the axes (…, m), at joint coordinates (…, n_q)."""
+        actuated = len(self.freedoms) + len(self.motors)
+        out = torques[..., :actuated] @ self.matrix[:actuated]
+        if self.dependent:
+            out = out + (np.swapaxes(tree.slopes(q), -1, -2) @ torques[..., actuated:, None])[..., 0]
+        return np.asarray(out)

@@ -42,7 +42,7 @@ def pulled_back(
     shape = len(motion), len(tree.freedoms) if torques else 6, len(columns)
     if motion.base is not None or adjoints.shape != shape:
         raise InputError(f"A base at rest and adjoints of shape {shape} are needed, got {adjoints.shape}.")
-    states = program_inputs(motion, mechanism.gravity)
+    states = program_inputs(tree, motion, mechanism.gravity)
     gravity = tuple(mechanism.gravity.astype(float).tolist())
     program = _recorded(tree, gravity, tuple(columns), torques)
     out = np.zeros((len(states), len(motion)))
@@ -52,14 +52,14 @@ def pulled_back(
         part = slice(start, start + at_once)
         seeds = adjoints[part].transpose(2, 1, 0).reshape(-1, len(motion[part]))
         program.run(np.concatenate([states[:, part], seeds]), out[:, part])
-    q, dq, ddq = np.split(out.T, np.cumsum([motion.q.shape[1], motion.dq.shape[1]]), axis=1)
+    q, _, dq, ddq = np.split(out.T, np.cumsum([tree.size, len(tree.dependent), len(tree.freedoms)]), axis=1)
     return q, dq, ddq
 
 
 @lru_cache(maxsize=16)
 def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], torques: bool) -> Program:
     """Program from joint states and adjoints (columns, rows), flattened, to the derivatives with respect to states."""
-    states = sum(body.coordinates for body in tree.bodies) + 2 * len(tree.freedoms)
+    states = tree.size + len(tree.dependent) + 2 * len(tree.freedoms)
     tape = Tape(states + len(columns) * (len(tree.freedoms) if torques else 6))
     inputs = np.array(tape.inputs)
     Y = one_sample(tree, np.array(gravity), columns, inputs[:states], torques)

@@ -112,7 +112,8 @@ def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
 def drive_columns(tree: Tree, motion: Motion, drive: Sequence[str]) -> list[np.ndarray]:
     """Columns of rotor inertia, friction and springs of the freedoms, one diagonal block (N, n, n) for each kind."""
     signals = drive_signals(tree, Axes.of(tree), motion.states, None, 0.0)
-    return [signals[kind][:, None, :] * np.eye(len(tree.freedoms)) for kind in drive_kinds(drive)]
+    n = len(tree.freedoms)
+    return [signals[kind][:, None, :n] * np.eye(n) for kind in drive_kinds(drive)]
 
 
 def drive_signals(
@@ -125,17 +126,23 @@ def drive_signals(
         axes: Axes on which drives act.
         states: Joint coordinates (…, n_q), velocities and accelerations (…, n).
         slips: Velocity scales of the smoothed sign of friction (m,), None for a jump.
-        rests: Coordinates at which springs are at rest (n,).
+        rests: Coordinates at which springs of freedoms and dependent joints are at rest (n + d,).
     """
-    dq, ddq = axes.moved(states[1]), axes.moved(states[2])
+    y, dy, ddy = tree.dependent_states(*states)
+    dq, ddq = axes.moved(states[1], dy), axes.moved(states[2], ddy)
     sign, relative = np.sign(dq) if slips is None else np.tanh(dq / slips), dq / (STRIBECK * axes.gears)
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
-    return signals | {"spring": axes.moved(spring_lengths(tree, states[0], rests))}
+    stretched = (
+        spring_lengths(tree, states[0], rests),
+        y - np.broadcast_to(rests, (m := len(tree.freedoms)) + y.shape[-1])[m:],
+    )
+    return signals | {"spring": axes.moved(*stretched)}
 
 
 def spring_lengths(tree: Tree, q: np.ndarray, references: np.ndarray | float) -> np.ndarray:
     """Coordinates of the n freedoms less their springs' references (…, n); zero for balls, whose springs have none."""
     has_one = np.concatenate([np.zeros(0, bool), *(np.full(body.freedoms, not body.is_ball) for body in tree.bodies)])
+    references = references if np.ndim(references) == 0 else np.asarray(references)[: len(has_one)]
     return tree.freedom_coordinates(q) - references * has_one
 
 
@@ -163,7 +170,7 @@ def _regressor(
     memory = np.zeros(shape) if out is None else _checked_memory(out, shape)
     flat = memory.reshape(len(indices) * rows, samples)
     if samples < FEW:
-        for k, x in enumerate(program_inputs(motion, gravity).T):
+        for k, x in enumerate(program_inputs(tree, motion, gravity).T):
             flat[:, k] = one_sample(tree, gravity, indices, x, torques)
         return memory.transpose(2, 1, 0)
     program = regressor_program(mechanism, indices, moving=motion.base is not None, torques=torques)
@@ -172,7 +179,7 @@ def _regressor(
     program.fill(flat)
     for start in range(0, samples, CHUNK):
         part = slice(start, start + CHUNK)
-        program.run(program_inputs(motion[part], gravity), flat[:, part])
+        program.run(program_inputs(tree, motion[part], gravity), flat[:, part])
     return memory.transpose(2, 1, 0)
 
 
@@ -243,15 +250,15 @@ def chunk(program: Program) -> int:
 
 def _freedoms(tree: Tree) -> np.ndarray:
     """Ends of joint coordinates, velocities and accelerations among the inputs."""
-    return np.cumsum([sum(body.coordinates for body in tree.bodies), len(tree.freedoms), len(tree.freedoms)])
+    return np.cumsum([tree.size + len(tree.dependent), len(tree.freedoms), len(tree.freedoms)])
 
 
-def program_inputs(motion: Motion, gravity: np.ndarray) -> np.ndarray:
-    """Inputs of a `regressor_program` for a motion: joint states, and the base's motion if it moves (n, N).
+def program_inputs(tree: Tree, motion: Motion, gravity: np.ndarray) -> np.ndarray:
+    """Inputs of a `regressor_program` for a tree's motion: joint states, and the base's motion if it moves (n, N).
 
     The samples of an input are contiguous in memory.
     """
-    rows = [x.T for x in motion.states]
+    rows = [x.T for x in (tree.started(motion.q), motion.dq, motion.ddq)]
     if (base := motion.base) is not None:
         w, v = base.V[:, 3:], base.V[:, :3]
         down = np.asarray(gravity, float) @ base.T[:, :3, :3]

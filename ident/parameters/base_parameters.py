@@ -168,7 +168,7 @@ def _of_structure(
     mechanism: Mechanism, sensors: Sensors | None, parameters: Sequence[str] | None, kept: Sequence[str] | None
 ) -> BaseParameters:
     """Regrouping of a mechanism, exact if its numbers are."""
-    if mechanism.tree.followers:
+    if mechanism.tree.followers or mechanism.tree.closure:
         rows = sampled_structure(mechanism, sensors)
         return _of_regressor(rows, np.ones(rows.shape[1]), parameters, kept)
     structure, units = scaled_structure(mechanism, sensors)
@@ -288,8 +288,9 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
         "with the base wrench": (mechanism, replace(now, base_wrench=True, channels=None)),
         "with joint torques": (mechanism, replace(now, joint_torques=True)),
         "on a moving base": (mechanism, replace(now, moving_base=True)),
-        "with joint axes that are not parallel": (replace(mechanism, tree=Tree(tuple(skewed))), now),
     }
+    if tree.closure is None:
+        others["with joint axes that are not parallel"] = replace(mechanism, tree=Tree(tuple(skewed))), now
     names = structural_base_parameters(mechanism, sensors=now).names
     enlarged = {what: structural_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
     return {what: tuple(name for name in more if name not in names) for what, more in enlarged.items()}

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.annotations import Vector
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.body import BASE
@@ -53,8 +54,8 @@ class Placed:
     """
 
     segment: str
-    proximal: np.ndarray | None = None
-    distal: np.ndarray | None = None
+    proximal: Vector | None = None
+    distal: Vector | None = None
 
 
 def with_person(mechanism: Mechanism, person: Person, placed: Mapping[str, Placed] | None = None) -> Mechanism:

@@ -1,4 +1,4 @@
-"""Structure matrix of mechanisms with followers, by sampling: rows of the regressor at well-spread states.
+"""Structure matrix of mechanisms with followers or loops, by sampling: rows of the regressor at well-spread states.
 
 The regressor is analytic in the states. A dependency between its columns therefore holds at all states, or with
 probability zero at as many random ones as there are columns.
@@ -18,7 +18,7 @@ MORE = 20
 
 
 def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> np.ndarray:
-    """Rows of the sensors' regressor at random states, leaders within the spans of their followers.
+    """Rows of the sensors' regressor at random states, leaders within the spans of their followers, loops closed.
 
     Args:
         mechanism: The mechanism of b bodies.
@@ -43,9 +43,12 @@ def _motion(rng: np.random.Generator, tree: Tree, samples: int, sensors: Sensors
     """A random state of joints and base for each sample."""
     moves = not sensors.still
     leads = [body.follows for body in tree.bodies if body.follows]
-    q = [np.zeros((samples, 0))]
+    q, in_loops = [np.zeros((samples, 0))], tree.closure.drawn(rng, samples) if tree.closure else {}
     for i in tree.moving:
         body = tree.bodies[i]
+        if body.joint in in_loops:
+            q.append(in_loops[body.joint])
+            continue
         spans = [lead.span for lead in leads if lead.joint == body.joint]
         low, high = max((low for low, _ in spans), default=-np.pi), min((high for _, high in spans), default=np.pi)
         size = (samples, body.coordinates)

@@ -9,14 +9,16 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
+from ident.files.schema import value_of
 from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
-from ident.recordings.followers import with_followers
+from ident.recordings.followers import moved, with_followers
+from ident.recordings.plausibility import turns_of, with_continuous_angles
 from ident.recordings.sampled import AS_MEASURED
+from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
-from ident.recordings.turns import turns_of, with_continuous_angles
-from ident.recordings.wrench import GROUND, Sensor, sensors_of
+from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
 SUGGESTION = " `multicontact columns MODEL LOG` writes a mapping to correct; in Python, columns= takes one."
@@ -49,7 +51,9 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
                 columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
         if joint_kind != "ball" and (command := COMMAND.format(joint)) in table.cells:
             columns.setdefault(f"joints.{joint}.command", Columns((command,)))
-        if not all(columns[f"joints.{joint}.position"].names) and joint not in mapping.followers:
+    depends = moved(replace(mapping, columns=columns), mapping.mechanism).tree.dependent if mapping.mechanism else ()
+    for joint, joint_kind in joints.items():
+        if not all(columns[f"joints.{joint}.position"].names) and joint not in (*mapping.followers, *depends):
             names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"
             raise NoPositionError(
                 f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
@@ -62,7 +66,10 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             "a log needs a column of times, named time or t or mapped, or in the mapping its samples per second, as in "
             f"rate = 100; {table.available()}.{POSES}{suggestion}"
         )
-    for sensor, place in {GROUND: Sensor(), **sensors_of(table.metadata.get("sensors", {}))}.items():
+    for sensor, place in {
+        GROUND: Sensor(),
+        **value_of("sensors", table.metadata.get("sensors", {}), Mapping[str, Sensor]),
+    }.items():
         parts = {
             f"wrenches.{sensor}.{kind}": tuple(
                 _named(table, f"the {kind} of '{sensor}'", (f"{sensor}_{kind}.{c}", f"{sensor}_{letter}{c}"))
@@ -165,7 +172,7 @@ def read_channels(
     for key, x in channels.items():
         if key == "base.quaternion" or (key.startswith("joints.") and key.endswith(".position") and x.shape[1] == 4):
             channels[key] = _continuous(table, key, x)
-    return channels
+    return about_origins(table, channels, mapping.plates, notes, gaps=gaps)
 
 
 def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool) -> np.ndarray:

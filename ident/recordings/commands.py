@@ -44,9 +44,8 @@ def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Me
         if not (used or recording.wrenches or recording.torques(mechanism.tree.joints) is not None):
             raise LogError(f"nothing is left to fit. {note}")
         notes.append(note)
-    dropped = {f"{joint}_command" for joint in unused}
-    measured = {name: x for name, x in recording.measured.items() if name not in dropped}
-    streams = {name: x for name, x in recording.streams.items() if name not in dropped}
+    recording = recording.without([f"{joint}_command" for joint in unused])
+    measured, streams = dict(recording.measured), dict(recording.streams)
     for body in (body for body in mechanism.tree.bodies if body.joint in used and body.turns):
         command = f"{body.joint}_command"
         # A command that is unwrapped may be whole turns away from its position.

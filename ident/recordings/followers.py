@@ -2,13 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
-from ident.errors import LogError, ModelError
+import numpy as np
+
+from ident.errors import LogError
 from ident.files.column import Columns, Sum, combined
-from ident.files.table import short
 from ident.mechanism.follower import Follower
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
+
+if TYPE_CHECKING:
+    from ident.recordings.recording import Recording
 
 MOTION = ("position", "velocity", "acceleration")
 """Quantities of a joint that a follower has from its leader."""
@@ -46,29 +51,55 @@ def with_followers(mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnM
     return replace(mapping, columns=columns, followers=followers)
 
 
+def moved(mapping: ColumnMapping, mechanism: Mechanism) -> Mechanism:
+    """The mechanism in which joints without a column follow others, or depend on them by loops.
+
+    Raises:
+        ModelError: As for `Mechanism.closed`.
+    """
+    lacking = [joint for joint in mechanism.tree.joints if not _position(mapping.columns, joint).read]
+    driven = [joint for joint in mechanism.tree.joints if _is_driven(mapping.columns, joint)]
+    followers = {joint: lead for joint, lead in mapping.followers.items() if joint in lacking}
+    return mechanism.following(followers).closed(lacking, driven)
+
+
+def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, list[str]]:
+    """The mechanism as it moves in a recording, with its loops closed along it, and sentences on these.
+
+    Raises:
+        ModelError: As for `Mechanism.closed` and `Closure.along`.
+        LogError: A dependent joint has a torque or a command.
+    """
+    mechanism = mechanism.following(recording.followers)
+    before, measured = mechanism.tree.joints, recording.measured
+    driven = [joint for joint in before if f"{joint}_torque" in measured or joint in recording.servos]
+    mechanism = mechanism.closed([joint for joint in before if f"{joint}_position" not in measured], driven)
+    tree = mechanism.tree
+    if (closure := tree.closure) is None:
+        return mechanism, []
+    leads = ", ".join(closure.independent) or "no joint"
+    if both := sorted({*driven} & {*closure.dependent}):
+        raise LogError(
+            f"Loops make '{both[0]}' depend on {leads}: its torque or command cannot be used. Log its position in "
+            "place of theirs, or take it out of the log or the mapping."
+        )
+    x = recording.of_joints(closure.independent, "position")
+    closure = closure.along(x, recording.time)
+    y, names = closure.solved(x), ", ".join(f"'{each.name}'" for each in closure.constraints)
+    notes = [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}."]
+    for k, joint in enumerate(closure.dependent):
+        if (own := measured.get(f"{joint}_position")) is not None:
+            apart = float(np.sqrt(np.mean((own - y[:, k]) ** 2)))
+            notes.append(f"The column of '{joint}' is not used; it differs from the closed loops by {apart:.2g} (rms).")
+    return replace(mechanism, tree=replace(tree, closure=closure)), notes
+
+
 def follower_notes(followers: Mapping[str, Follower]) -> list[str]:
     """Sentences on the joints that follow another one."""
     return [
         f"'{joint}' follows '{lead.joint}': {joint} = {_polynomial(lead)}. A torque of '{lead.joint}' moves both."
         for joint, lead in followers.items()
     ]
-
-
-def followers_of(entries: Mapping[str, Any]) -> dict[str, Follower]:
-    """Followers from the metadata of a saved recording, by joint.
-
-    Raises:
-        LogError: An entry is none.
-    """
-    out = {}
-    for joint, entry in entries.items():
-        try:
-            out[joint] = Follower(str(entry["joint"]), tuple(map(float, entry["coefficients"])))
-        except (KeyError, TypeError, ValueError, ModelError):
-            raise LogError(
-                f"the follower '{short(joint)}' needs the name of a joint and coefficients, got {short(entry)}."
-            ) from None
-    return out
 
 
 def _sharing(columns: Mapping[str, Columns], joints: Mapping[str, str]) -> dict[str, Follower]:

@@ -13,29 +13,34 @@ from ident.annotations import typed
 from ident.arguments import checked_path, described
 from ident.errors import InputError, LogError
 from ident.files.column import BALL, COMMAND, KINDS, Columns
-from ident.files.counted import counted
 from ident.files.in_memory import TYPES, InMemory, kind_of, table_of
 from ident.files.limits import LIMIT
 from ident.files.readers import has_several_clocks, read_clocks, read_tables
-from ident.files.selection import selected
+from ident.files.selection import counted, selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
-from ident.recordings.followers import follower_notes
+from ident.recordings.followers import follower_notes, moved
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
 from ident.recordings.several_clocks import mapping_of, read_streams
 from ident.recordings.several_files import check_number, files_of, read_files
-from ident.recordings.standing import about_origins, placed
-from ident.recordings.suggestion import misspelt
+from ident.recordings.standing import placed
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 from ident.recordings.wrench import GROUND
+from ident.recordings.wrench_names import misspelt
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""
+
+STATED = (
+    *("sensors", "setup", "known", "known_bodies", "held", "base_rpy_deg", "still"),
+    *("scales", "couplings", "followers"),
+)
+"""Fields of a mapping that are those of its recordings."""
 
 
 @typed("path", "columns")
@@ -113,7 +118,8 @@ def _in_memory(source: Any, mechanism: Mechanism, columns: Any, *, gaps: bool) -
         if mapping.selection:
             clock = with_names(mapping, table, kinds).columns["time"]
             table = selected(table, mapping.selection, clock)
-        (recording,) = _recordings(counted([table], mapping.columns.get("time")), mechanism, mapping, gaps=gaps)
+        tables = counted([table], mapping.columns.get("time"))
+        (recording,) = _recordings(([each] for each in tables), mechanism, mapping, gaps=gaps)
     except LogError as error:
         raise LogError(f"{name}: {error}") from None
     return recording
@@ -128,7 +134,7 @@ def _mapping(columns: str | Path | Mapping[str, Any] | None, mechanism: Mechanis
     else:
         file = checked_path("columns", columns, "the path of a TOML file, or its content as a mapping")
         mapping = read_mapping(file, mechanism.tree)
-    return replace(mapping, followers=mechanism.mimics)
+    return replace(mapping, followers=mechanism.mimics, mechanism=mechanism)
 
 
 def _pieces(
@@ -141,18 +147,22 @@ def _pieces(
     limit: int,
 ) -> Iterator[Recording]:
     """Pieces of a log, arguments as for `read_log_pieces` and `read_log`."""
-    mapping, kinds = _mapping(columns, mechanism), joint_kinds(mechanism.tree)
+    mapping = _mapping(columns, mechanism)
     try:
         files = files_of(path)
         if len(files) > 1 or has_several_clocks(path):
             if mapping.still:
                 raise LogError("poses = true is for one table with a row for each pose.")
-            whole = samples == sys.maxsize
-            yield _of_several_clocks(files, mechanism, mapping, kinds, gaps=gaps, whole=whole, limit=limit)
+            if samples < sys.maxsize:
+                raise LogError("a log with several clocks is not read in pieces; `identify` takes it whole.")
+            together = len(files) > 1
+            tables = read_files(files, mapping, limit) if together else read_clocks(path, limit=limit)
+            mapping = mapping.without_files if together else mapping
+            yield from _recordings([tables], mechanism, mapping, gaps=gaps if together else None, clocks=True)
             return
         check_number(1, mapping)
-        tables = _tables(path, mapping, kinds, max(samples, LEAST_SAMPLES), limit)
-        yield from _recordings(tables, mechanism, mapping, gaps=gaps)
+        tables_of_file = _tables(path, mapping, joint_kinds(mechanism.tree), max(samples, LEAST_SAMPLES), limit)
+        yield from _recordings(([table] for table in tables_of_file), mechanism, mapping, gaps=gaps)
     except (LogError, OSError) as error:
         markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
         hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
@@ -160,37 +170,55 @@ def _pieces(
 
 
 def _recordings(
-    tables: Iterable[Table], mechanism: Mechanism, mapping: ColumnMapping, *, gaps: bool
+    pieces: Iterable[Sequence[Table]],
+    mechanism: Mechanism,
+    mapping: ColumnMapping,
+    *,
+    gaps: bool | None,
+    clocks: bool = False,
 ) -> Iterator[Recording]:
-    """Recordings of the pieces of one table."""
-    kinds = joint_kinds(mechanism.tree)
-    clock: Clock | None = None
-    for table in tables:
-        notes: list[str] = []
-        if first := clock is None:
-            _check_length(len(table.rows))
-            mapping = with_names(mapping, table, kinds)
-            mechanism, notes = mechanism.following(mapping.followers), follower_notes(mapping.followers)
-            kinds = joint_kinds(mechanism.tree)
-            clock = Clock(mapping.columns["time"], gaps)
-            notes += table.notes
-        # Followers' torques add to their leaders', as sums that show when all columns are known.
-        table = replace(table, sums=mapping.sums)
-        channels = read_channels(table, mapping, notes if first else [], gaps=gaps)
-        channels = about_origins(table, channels, mapping.plates, notes if first else [], gaps=gaps)
-        repaired = clock.repaired(table, channels, notes)
+    """Recordings of the pieces of a log.
+
+    Args:
+        pieces: Tables of each piece: one, or with `clocks` several that each have times of their own.
+        mechanism: The mechanism.
+        mapping: The mapping, to be completed by the columns' names.
+        gaps: True if samples may be missing; None if the file's format allows it.
+        clocks: True if tables have times of their own.
+    """
+    kinds, clock = joint_kinds(mechanism.tree), None
+    for tables in pieces:
+        first, notes = clock is None, list[str]()
+        if clock is None:
+            mapping = mapping_of(tables, mapping, kinds) if clocks else _of_one_table(tables[0], mapping, kinds)
+            mechanism, notes = moved(mapping, mechanism), follower_notes(mapping.followers)
+            kinds, clock = joint_kinds(mechanism.tree), Clock(mapping.columns["time"], bool(gaps))
+        told = notes if first else []
+        if clocks:
+            repaired = read_streams(tables, mapping, notes, gaps=gaps)
+        else:
+            told += tables[0].notes
+            # Followers' torques add to their leaders', as sums that show when all columns are known.
+            table = replace(tables[0], sums=mapping.sums)
+            repaired = clock.repaired(table, read_channels(table, mapping, told, gaps=bool(gaps)), notes)
         if not len(repaired.time):
             continue
-        unused = [name for name in table.cells if name not in mapping.used]
-        recording = _without_incomplete(_recording(repaired, mapping), mechanism.tree.joints, notes if first else [])
-        recording = with_servos(recording, mapping.servos, mechanism, notes if first else [])
-        recording = placed(recording, mechanism, mapping.plates, notes if first else [])
+        recording = _without_incomplete(_recording(repaired, mapping), mechanism.tree.joints, told)
+        recording = with_servos(recording, mapping.servos, mechanism, told)
+        recording = placed(recording, mechanism, mapping.plates, told)
+        unused = [name for table in tables for name in table.cells if name not in mapping.used]
         if first:
             notes += misspelt(unused, _missing(mapping, kinds)) + _unread(unused, mapping, mechanism)
             _check(recording, mapping, mechanism, kinds, notes)
         yield replace(recording, notes=notes, unused=unused)
     if clock is None:
         _check_length(0)
+
+
+def _of_one_table(table: Table, mapping: ColumnMapping, kinds: Mapping[str, str]) -> ColumnMapping:
+    """The mapping completed by the names of a table's columns."""
+    _check_length(len(table.rows))
+    return with_names(mapping, table, kinds)
 
 
 def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:
@@ -206,38 +234,6 @@ def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], sample
             continue
         clock = with_names(mapping, table, kinds).columns["time"]
         yield from in_pieces(selected(table, mapping.selection, clock), samples, 1)
-
-
-def _of_several_clocks(
-    files: Sequence[Path],
-    mechanism: Mechanism,
-    mapping: ColumnMapping,
-    kinds: Mapping[str, str],
-    *,
-    gaps: bool,
-    whole: bool,
-    limit: int,
-) -> Recording:
-    """Recording from files, or from tables of one file, that have times of their own."""
-    if not whole:
-        raise LogError("what has times of its own for each channel is not read in pieces; `identify` takes it whole.")
-    notes: list[str] = []
-    if len(files) > 1:
-        tables, mapping = read_files(files, mapping, limit), mapping.without_files
-    else:
-        tables = read_clocks(files[0], limit=limit)
-    mapping = mapping_of(tables, mapping, kinds)
-    mechanism, kinds = mechanism.following(mapping.followers), joint_kinds(mechanism.tree)
-    notes += follower_notes(mapping.followers)
-    streams = read_streams(tables, mapping, notes, gaps=gaps if len(files) > 1 else None)
-    recording = _recording(streams, mapping)
-    recording = _without_incomplete(recording, mechanism.tree.joints, notes)
-    recording = with_servos(recording, mapping.servos, mechanism, notes)
-    recording = placed(recording, mechanism, mapping.plates, notes)
-    _check(recording, mapping, mechanism, kinds, notes)
-    unused = [name for table in tables for name in table.cells if name not in mapping.used]
-    notes += _unread(unused, mapping, mechanism)
-    return replace(recording, notes=notes, unused=unused)
 
 
 def _check(
@@ -308,18 +304,9 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         repaired.time,
         measured,
         units=units,
-        sensors=mapping.sensors,
         base=base,
-        setup=mapping.setup,
-        known=mapping.known,
-        known_bodies=mapping.known_bodies,
         streams=streams,
-        held=mapping.held,
-        base_rpy_deg=mapping.base_rpy_deg,
-        still=mapping.still,
-        scales=mapping.scales,
-        couplings=mapping.couplings,
-        followers=mapping.followers,
+        **{name: getattr(mapping, name) for name in STATED},
     )
 
 
@@ -334,11 +321,9 @@ def _base(channels: Mapping[str, np.ndarray], samples: int) -> np.ndarray | None
 
 def _without_incomplete(recording: Recording, joints: tuple[str, ...], notes: list[str]) -> Recording:
     """The recording without velocities and accelerations that only some joints have."""
-    measured = dict(recording.measured)
     for kind in ("velocity", "acceleration"):
-        missing = [joint for joint in joints if f"{joint}_{kind}" not in measured]
+        missing = [joint for joint in joints if f"{joint}_{kind}" not in recording.measured]
         if 0 < len(missing) < len(joints):
             notes.append(f"No {kind} of {', '.join(missing)} is recorded; those of the other joints are not used.")
-            measured = {name: x for name, x in measured.items() if name not in [f"{j}_{kind}" for j in joints]}
-    streams = {name: x for name, x in recording.streams.items() if name in measured or name == BASE}
-    return replace(recording, measured=measured, streams=streams)
+            recording = recording.without([f"{joint}_{kind}" for joint in joints])
+    return recording

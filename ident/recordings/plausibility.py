@@ -1,16 +1,94 @@
-"""Checks of a log for wrong units: degrees for radians, kilonewtons for newtons."""
+"""Faults of units and angles in a log: whole turns where a range ends, degrees for radians, kilonewtons for newtons."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from ident.errors import LogError
+from ident.files.column import Columns
+from ident.files.table import Table, short
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
 from ident.tolerances import KILONEWTONS, TURNS
+
+RANGE = 1.01
+"""Largest range of a wrapped angle in turns; the rest is noise at its ends."""
+
+FAST, CLOSE = 0.25, 0.05
+"""Largest step beside a jump, and largest difference of a jump without its turn from the steps beside it, in turns. A
+joint that goes through less than a quarter of a turn in a sample can be followed; no joint goes through nine tenths of
+a turn in one sample and rests before and after it."""
+
+
+def turns_of(columns: Columns) -> dict[str, tuple[float, ...]]:
+    """Numbers that may be a whole turn, by the columns that make an angle.
+
+    The unit of a column in a sum is not known: besides the angle's own, its encoder may turn before a gear.
+    """
+    if not columns.sums:
+        return dict.fromkeys(columns.read, (2 * np.pi / columns.factor,))
+    terms = [pair for each in columns.sums for pair in zip(each.columns, each.weights, strict=True)]
+    return {name: (2 * np.pi / abs(weight * columns.factor), 2 * np.pi, 360.0) for name, weight in terms}
+
+
+def unwrapped(x: np.ndarray, turns: Sequence[float]) -> tuple[np.ndarray, int]:
+    """A column without jumps by a whole turn, and their number; it is unchanged if there are none.
+
+    A jump counts if, without a whole turn, it is like the steps before and after it.
+
+    Args:
+        x: The column, NaN where samples are missing (N,).
+        turns: Numbers that may be a whole turn; the first with such jumps is taken.
+    """
+    there = np.flatnonzero(np.isfinite(x))
+    steps = np.diff(x[there])
+    if len(steps) < 3:
+        return x, 0
+    low, high = np.percentile(x[there], (1, 99))
+    for turn in turns:
+        wraps = np.where(np.abs(steps) > turn / 2, np.sign(steps), 0)
+        if not wraps.any() or high - low > RANGE * turn:
+            continue
+        rest = (steps - turn * wraps) / turn
+        beside = (np.append(rest[1], rest[:-1]) + np.append(rest[1:], rest[-2])) / 2
+        wraps[(np.abs(rest - beside) > CLOSE) | (np.abs(beside) > FAST)] = 0
+        if wraps.any():
+            out = x.copy()
+            out[there[1:]] -= turn * np.cumsum(wraps)
+            return out, int(np.count_nonzero(wraps))
+    return x, 0
+
+
+def with_continuous_angles(table: Table, turns: Mapping[str, Sequence[float]], notes: list[str]) -> Table:
+    """The table with wrapped columns unwrapped, each piece from where the one before ended.
+
+    Args:
+        table: The file, or a piece of it that begins with the last sample of the piece before.
+        turns: Numbers that may be a whole turn, by column, as from `turns_of`.
+        notes: Sentences on what was detected; more are appended.
+    """
+    cells, ends = dict(table.cells), table.memory.turned
+    for name in (name for name in turns if name in table.cells):
+        # What cannot be read is refused where it is used.
+        with suppress(LogError):
+            x = table.column(name, gaps=True)
+            out, number = unwrapped(x, turns[name])
+            if number:
+                notes.append(
+                    f"Column '{short(name)}' jumps by a whole turn {number} times, as an angle does where its range "
+                    "ends; it was made continuous."
+                )
+            if number or ends.get(name):
+                cells[name] = out + ends.get(name, 0.0)
+                gone = (cells[name] - x)[np.isfinite(x)]
+                ends[name] = float(gone[-1]) if len(gone) else ends[name]
+                table.memory.marks.setdefault(name, set())
+    return replace(table, cells=cells)
 
 
 def check_angles(recording: Recording, mapping: ColumnMapping, hinges: Sequence[str]) -> None:

@@ -1,7 +1,7 @@
 """Recordings: channels by name, with units, noise levels, true values if known, and provenance."""
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
@@ -23,7 +23,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import saved
-from ident.recordings.sampled import STREAMS, Sampled, at_common_times, checked_channel, checked_stream
+from ident.recordings.sampled import STREAMS, Sampled, at_common_times, check_times, checked_channel, checked_stream
 from ident.recordings.servo import Servo
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
@@ -105,11 +105,7 @@ class Recording(Brief):
         check_type("streams", self.streams, Mapping, STREAMS)
         check_type("noise", self.noise, Mapping, "a mapping of standard deviations")
         object.__setattr__(self, "time", checked_channel("time", self.time, None))
-        if not np.isfinite(self.time).all():
-            raise LogError("Recorded times need finite numbers.")
-        steps = np.diff(self.time)
-        if not (steps > 0).all():
-            raise LogError(f"Recorded times must increase; sample {int(np.argmin(steps > 0)) + 1} does not.")
+        check_times("Recorded times", self.time)
         for name in ("measured", "true"):
             channels = {key: checked_channel(key, x, len(self.time)) for key, x in getattr(self, name).items()}
             object.__setattr__(self, name, channels)
@@ -175,6 +171,12 @@ class Recording(Brief):
         if not self.true:
             raise LogError("This recording holds no true values.")
         return replace(self, measured=self.true, streams={})
+
+    def without(self, channels: Collection[str]) -> "Recording":
+        """The recording without some channels."""
+        measured = {name: x for name, x in self.measured.items() if name not in channels}
+        streams = {name: x for name, x in self.streams.items() if name not in channels}
+        return replace(self, measured=measured, streams=streams)
 
     @property
     def without_streams(self) -> "Recording":

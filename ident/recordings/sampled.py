@@ -63,6 +63,14 @@ def checked_channel(name: str, values: Iterable[float], samples: int | None) -> 
     return x
 
 
+def check_times(what: str, time: np.ndarray) -> None:
+    """Refuses times that are not finite or do not increase."""
+    if not np.isfinite(time).all():
+        raise LogError(f"{what} need finite numbers.")
+    if not (later := np.diff(time) > 0).all():
+        raise LogError(f"{what} must increase; sample {int(np.argmin(later)) + 1} does not.")
+
+
 def checked_stream(name: str, stream: tuple[Iterable[float], Iterable[float]]) -> Sampled:
     """The stream as read-only arrays, checked to have increasing times.
 
@@ -77,11 +85,7 @@ def checked_stream(name: str, stream: tuple[Iterable[float], Iterable[float]]) -
         raise LogError(
             f"The stream '{name}' needs times (N,) and values (N,) or (N, d), got {time.shape} and {values.shape}."
         )
-    if not np.isfinite(time).all():
-        raise LogError(f"The times of the stream '{name}' need finite numbers.")
-    if not (np.diff(time) > 0).all():
-        late = int(np.argmin(np.diff(time) > 0)) + 1
-        raise LogError(f"The times of the stream '{name}' must increase; sample {late} does not.")
+    check_times(f"The times of the stream '{name}'", time)
     if np.isinf(values).any():
         raise LogError(f"The stream '{name}' needs numbers, NaN for a missing one; got an infinite one.")
     time.flags.writeable = values.flags.writeable = False

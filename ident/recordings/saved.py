@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,32 @@ import numpy as np
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
+from ident.files.schema import value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
-from ident.recordings.couplings import couplings_of
-from ident.recordings.followers import followers_of
-from ident.recordings.servo import scales_of, servos_of
-from ident.recordings.wrench import sensors_of
+from ident.mechanism.follower import Follower
+from ident.recordings.columns.entries import Row
+from ident.recordings.servo import Scale, Servo
+from ident.recordings.wrench import Sensor
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Metadata `stated`: fields of a recording that are no mappings."""
+
+    held: bool | None = None
+    base_rpy_deg: tuple[float, ...] | None = None
+    still: bool = False
+
+
+KINDS: Mapping[str, Any] = {
+    "sensors": Mapping[str, Sensor],
+    "servos": Mapping[str, Servo],
+    "scales": Mapping[str, Scale],
+    "couplings": Mapping[str, Row],
+    "followers": Mapping[str, Follower],
+    "stated": Stated,
+}
+"""Types of metadata that are more than JSON, by name."""
 
 
 def save(path: Path, fields: Mapping[str, Any]) -> None:
@@ -78,25 +100,10 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
     time, base = channels.pop("time"), channels.pop(BASE, None)
     true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
     measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
-    annotations = {name: metadata[name] for name in METADATA if name in metadata}
-    if "sensors" in annotations:
-        annotations["sensors"] = sensors_of(annotations["sensors"])
-    if "servos" in annotations:
-        annotations["servos"] = servos_of(annotations["servos"])
-    if "scales" in annotations:
-        annotations["scales"] = scales_of(annotations["scales"])
-    if "followers" in annotations:
-        annotations["followers"] = followers_of(annotations["followers"])
-    if "couplings" in annotations:
-        annotations["couplings"] = couplings_of(annotations["couplings"])
+    annotations = {name: value_of(name, metadata[name], KINDS.get(name, Any)) for name in METADATA if name in metadata}
     for body, known in annotations.get("known_bodies", {}).items():
         checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
-    stated = annotations.pop("stated", {})
-    for key, otherwise in (("held", None), ("still", False)):
-        annotations[key] = stated.get(key, otherwise)
-        if not isinstance(annotations[key], bool | None):
-            raise LogError(f"'{key}' of 'stated' needs true or false, got {short(stated[key])}.")
-    annotations["base_rpy_deg"] = stated.get("base_rpy_deg")
+    annotations |= vars(annotations.pop("stated", Stated()))
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
     return {"time": time, "measured": measured, "true": true, "base": base} | annotations

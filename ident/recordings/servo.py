@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from ident.annotations import Needs, NotNegative, Positive
 from ident.errors import LogError
-from ident.files.table import short
+from ident.files.schema import made, value_of
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
-from ident.tolerances import HUGE
 
 GAINS = ("kp", "kv")
 """Keys of a joint's entry in a mapping that state the gains of its servo."""
@@ -16,9 +16,8 @@ GAINS = ("kp", "kv")
 SCALES = {"kp_std": "command", "torque_std": "torque"}
 """Keys that state how uncertain the scale of a joint's torque is, and the channel that each is about."""
 
-
-MOST_UNCERTAIN = 1.0
-"""Largest relative standard deviation of a scale: a scale is positive."""
+Scale = Annotated[float, Needs("a number above 0 and at most 1", lambda x: 0 < x <= 1)]
+"""Relative standard deviation of a scale, which is positive."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,8 @@ class Servo:
         kv: Damping, N m s/rad or N s/m.
     """
 
-    kp: float
-    kv: float = 0.0
+    kp: Positive
+    kv: NotNegative = 0.0
 
 
 def servo_of(joint: str, entry: Mapping[str, Any]) -> dict[str, Servo]:
@@ -47,13 +46,7 @@ def servo_of(joint: str, entry: Mapping[str, Any]) -> dict[str, Servo]:
         raise LogError(f"joints.{joint} maps a torque and a command, from which the torque would follow; map one.")
     if given and "command" not in entry:
         raise LogError(f"joints.{joint} states {', '.join(given)} of a servo; that needs its command as well.")
-    for key, value in given.items():
-        least = "above 0" if key == "kp" else "of at least 0"
-        if type(value) not in (int, float) or not 0 <= value < HUGE or (key == "kp" and not value):
-            raise LogError(f"joints.{joint}.{key} needs a number {least}, got {short(value)}.")
-    if given and "kp" not in given:
-        raise LogError(f"joints.{joint} states {', '.join(given)}; a servo needs its kp as well.")
-    return {joint: Servo(**{key: float(value) for key, value in given.items()})} if given else {}
+    return {joint: made(Servo, f"joints.{joint}", given)} if given else {}
 
 
 def scale_of(joint: str, entry: Mapping[str, Any]) -> dict[str, float]:
@@ -68,36 +61,7 @@ def scale_of(joint: str, entry: Mapping[str, Any]) -> dict[str, float]:
             continue
         if channel not in entry:
             raise LogError(f"joints.{joint} states {key}; that needs its {channel} as well.")
-        out |= {joint: _deviation(f"joints.{joint}.{key}", entry[key])}
-    return out
-
-
-def scales_of(entries: Mapping[str, Any]) -> dict[str, float]:
-    """Relative standard deviations of the scales of torques from the metadata of a saved recording, by joint.
-
-    Raises:
-        LogError: An entry is none.
-    """
-    return {joint: _deviation(f"the scale of joint '{short(joint)}'", value) for joint, value in entries.items()}
-
-
-def _deviation(where: str, value: Any) -> float:
-    if type(value) not in (int, float) or not 0 < value <= MOST_UNCERTAIN:
-        raise LogError(f"{where} needs a number above 0 and at most {MOST_UNCERTAIN:g}, got {short(value)}.")
-    return float(value)
-
-
-def servos_of(entries: Mapping[str, Any]) -> dict[str, Servo]:
-    """Servos from the metadata of a saved recording, by joint.
-
-    Raises:
-        LogError: An entry is none.
-    """
-    out = dict[str, Servo]()
-    for joint, entry in entries.items():
-        if not isinstance(entry, Mapping) or not set(entry) <= set(GAINS):
-            raise LogError(f"the servo of joint '{short(joint)}' needs {', '.join(GAINS)}, got {short(entry)}.")
-        out |= servo_of(joint, {"command": True, **entry})
+        out |= {joint: value_of(f"joints.{joint}.{key}", entry[key], Scale)}
     return out
 
 

@@ -8,11 +8,10 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.column import Columns
 from ident.files.selection import selected
-from ident.files.table import Table, short
+from ident.files.table import Table, listed, short
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
-from ident.recordings.standing import about_origins
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
 
 TIME = "time"
@@ -62,15 +61,12 @@ def read_streams(
         table = selected(replace(table, sums=mapping.sums), mapping.selection, clock)
         notes += table.notes
         channels = read_channels(table, part, notes, gaps=gaps is not False)
-        channels = about_origins(table, channels, part.plates, notes, gaps=gaps is not False)
-        streams |= (
-            _as_sampled(table, channels, notes) if gaps is None else _checked(table, clock, gaps, channels, notes)
-        )
+        streams |= streams_of(table, clock, channels, notes, gaps=gaps)
     if not streams:
-        columns = list(dict.fromkeys(short(name) for table in tables for name in table.cells if name != TIME))
+        columns = dict.fromkeys(name for table in tables for name in table.cells if name != TIME)
         raise LogError(
             "a log needs columns of joints or wrenches, and none is named or mapped as one; the file has "
-            f"{', '.join(columns[:40]) or 'no columns'}{', ...' if len(columns) > 40 else ''}."
+            f"{listed(columns)}."
         )
     joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))
@@ -82,21 +78,19 @@ def read_streams(
     return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
 
 
-def _as_sampled(table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> dict[str, Sampled]:
-    """Channels (N, k) at the times of a table, without repeated samples."""
+def streams_of(
+    table: Table, clock: Columns, channels: dict[str, np.ndarray], notes: list[str], *, gaps: bool | None
+) -> dict[str, Sampled]:
+    """Channels (N, k) at the times of a table, without repeated samples; arguments as for `read_streams`."""
+    if gaps is not None:
+        # Time steps are checked as in a log with one clock.
+        repaired = Clock(clock, gaps).repaired(table, channels, notes)
+        return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
     time = table.column(TIME)
     kept = increasing(table, TIME, time, channels, notes)
     if len(kept) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
     return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
-
-
-def _checked(
-    table: Table, clock: Columns, gaps: bool, channels: dict[str, np.ndarray], notes: list[str]
-) -> dict[str, Sampled]:
-    """Channels at the times of a table, with time steps checked as in a log with one clock."""
-    repaired = Clock(clock, gaps).repaired(table, channels, notes)
-    return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
 
 
 def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:

@@ -9,10 +9,9 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import Columns
-from ident.files.counted import counted
 from ident.files.csv_file import Layout
 from ident.files.readers import SEVERAL_CLOCKS, TEXT, is_bag, is_log, read_clocks, read_tables
-from ident.files.selection import EPOCH
+from ident.files.selection import EPOCH, counted
 from ident.files.table import TRUE, Table
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.several_clocks import TIME

@@ -1,9 +1,8 @@
 """Wrenches moved between frames, and the total wrench of a mechanism with several contacts (Eq. 15-18)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -46,23 +45,6 @@ class Sensor:
         _check_frame(f"The sensor on '{self.body}'", self.frame, self.body)
         if np.shape(self.pose) != (4, 4) or not is_rigid(self.pose):
             raise LogError(f"The sensor on '{self.body}' needs a rigid pose (4, 4), got shape {np.shape(self.pose)}.")
-
-
-def sensors_of(entries: Mapping[str, Any]) -> dict[str, Sensor]:
-    """Sensors by name from a file's metadata.
-
-    Raises:
-        LogError: An entry is not `vars` of a sensor in JSON.
-    """
-    sensors = {}
-    for name, content in entries.items():
-        try:
-            place = content["body"], np.array(content["pose"], float), content["applied_to_link"]
-            sensors[name] = Sensor(*place, content.get("frame", "body"), content.get("plate", ""))
-        except (AttributeError, KeyError, TypeError, ValueError):
-            needed = "needs a body, a pose (4, 4) and applied_to_link, true or false."
-            raise LogError(f"the sensor '{name}' {needed}") from None
-    return sensors
 
 
 @typed("pose")

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import linalg, sparse
 
-from ident.recordings.despike import GROSS
+from ident.recordings.faults import GROSS
 from ident.recordings.gaps import longest_step
 from ident.recordings.runs import running_median
 from ident.recordings.sampled import Sampled

@@ -77,8 +77,10 @@ class Reversals:
 
 
 def rubbing(equations: Equations) -> tuple[int, ...]:
-    """Indices of the axes with Coulomb friction that act on a torque channel."""
-    felt = np.flatnonzero((equations.axes.matrix[:, list(equations.torques)] != 0).sum(axis=1)).tolist()
+    """Indices of the axes with Coulomb friction that act on a torque channel, without dependent joints of loops."""
+    axes = equations.axes
+    felt = np.flatnonzero((axes.matrix[:, list(equations.torques)] != 0).sum(axis=1)).tolist()
+    felt = [a for a in felt if axes.names[a] not in axes.dependent]
     return tuple(a for a in felt if f"{DRIVE['coulomb']}({equations.axes.names[a]})" in equations.drives)
 
 

@@ -16,8 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from ident.errors import InputError
-from sim.markers.frame_fit import normal_equations
-from sim.markers.kinematics import Kinematics
+from sim.markers.frame_fit import Kinematics, normal_equations
 from sim.markers.marked_model import MarkedModel
 from sim.markers.trial_fit import Postures, check_fit, fit_trial, plain_fits
 from sim.models.names import body_id, body_name

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.errors import InputError, ModelError
 from ident.files.markers import Markers
-from ident.files.table import short
+from ident.files.table import listed, short
 from ident.mechanism.follower import Follower
 from sim.markers.opensim_model import opensim_spec
 from sim.markers.settings import UP, Place
@@ -120,7 +120,7 @@ def marked_model(
     used = [label for label in labels if names[label] in ids]
     if not used:
         raise InputError(
-            f"No marker has a site of its name: the markers are {_listed(labels)}, the model's sites {_listed(ids)}; "
+            f"No marker has a site of its name: the markers are {listed(labels)}, the model's sites {listed(ids)}; "
             "map labels to sites or places on bodies (--places FILE)."
         )
     sites = [ids[names[label]] for label in used]
@@ -160,7 +160,7 @@ def _without_subject(labels: Sequence[str]) -> dict[str, str]:
 def _check_labels(places: Mapping[str, Place], labels: Sequence[str], short_labels: Mapping[str, str]) -> None:
     known = {*labels, *short_labels.values()}
     if unknown := [label for label in places if label not in known]:
-        raise InputError(f"The file has no marker '{short(unknown[0])}' ([markers]); it has {_listed(labels)}.")
+        raise InputError(f"The file has no marker '{short(unknown[0])}' ([markers]); it has {listed(labels)}.")
 
 
 def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, Place]) -> dict[str, str]:
@@ -171,7 +171,7 @@ def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, Place]) -> dict[str, st
         names[label] = place.site
         if place.body:
             if place.body not in bodies:
-                raise ModelError(f"markers.{label}: the model has no body '{place.body}', but {_listed(bodies)}.")
+                raise ModelError(f"markers.{label}: the model has no body '{place.body}', but {listed(bodies)}.")
             name = label if label not in taken else f"{label}_marker"
             while name in taken:
                 name += "_"
@@ -185,7 +185,7 @@ def _check_sites(ids: Mapping[str, int], places: Mapping[str, Place], short_labe
     """Refuses named sites that do not exist."""
     for label, place in places.items():
         if place.site and place.site != short_labels[label] and place.site not in ids:
-            raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {_listed(ids)}.")
+            raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {listed(ids)}.")
 
 
 def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[Following, ...]:
@@ -212,7 +212,7 @@ def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[n
     coordinates, still = model.qpos0.copy(), set[int]()
     for name, values in fix.items():
         if name not in places:
-            raise ModelError(f"There is no joint '{name}' to fix; the joints are {_listed(places)}.")
+            raise ModelError(f"There is no joint '{name}' to fix; the joints are {listed(places)}.")
         own, dofs = places[name]
         if len(values) not in (0, own.stop - own.start):
             raise InputError(f"--fix {name} needs {own.stop - own.start} coordinates, got {len(values)}.")
@@ -220,12 +220,6 @@ def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[n
             coordinates[own] = values
         still.update(dofs)
     return coordinates, still
-
-
-def _listed(names: Collection[str]) -> str:
-    """Names for a message, shortened if there are many."""
-    some = [short(name) for name in names][:40]
-    return ", ".join(some + ["..."] * (len(names) > len(some))) or "none"
 
 
 def base_of(model: mujoco.MjModel, name: str | None) -> str | None:

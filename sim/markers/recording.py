@@ -1,7 +1,8 @@
-"""Postures of a trial as a recording: joint positions with their noise, and the pose of a moving base."""
+"""Postures of a trial as a recording, joint positions with their noise and the base's poses, and exchanged labels."""
 
 from collections.abc import Mapping
-from typing import Any
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,6 +17,9 @@ from sim.models.mujoco_model import BEYOND, mechanism_bodies
 from sim.models.names import body_id, body_name, joint_name
 
 _BALL, _FREE, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("BALL", "FREE", "SLIDE"))
+
+NEARER = 0.5
+"""Two labels seem exchanged if each marker's distance to the other's place is below this share of that to its own."""
 
 
 def recording(
@@ -112,3 +116,36 @@ def _poses(postures: Postures, base: str | None) -> np.ndarray:
         mujoco.mj_kinematics(model, data)
         T[:3, :3], T[:3, 3] = data.xmat[b].reshape(3, 3), data.xpos[b]
     return out.reshape(-1, 16)
+
+
+class Swap(NamedTuple):
+    """Two labels that seem exchanged.
+
+    Attributes:
+        labels: The two labels.
+        frames: Number of frames in which they seem exchanged.
+    """
+
+    labels: tuple[str, str]
+    frames: int
+
+
+def swaps(postures: Postures, measured: np.ndarray) -> list[Swap]:
+    """Pairs of outlying markers that are near each other's fitted positions, most frames first.
+
+    Args:
+        postures: Fitted postures.
+        measured: Positions that they were fitted to (N, M, 3).
+    """
+    labels, places, own = postures.marked.labels, measured - postures.residuals, postures.distances
+    outlying = postures.outlying
+    candidates = []
+    for a, b in combinations(np.flatnonzero(outlying.any(axis=0)), 2):
+        both = outlying[:, a] & outlying[:, b]
+        crossed = [
+            np.linalg.norm(measured[both, one] - places[both, other], axis=1) < NEARER * own[both, one]
+            for one, other in ((a, b), (b, a))
+        ]
+        if frames := int((crossed[0] & crossed[1]).sum()):
+            candidates.append(Swap((labels[a], labels[b]), frames))
+    return sorted(candidates, key=lambda swap: -swap.frames)

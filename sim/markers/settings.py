@@ -13,17 +13,17 @@ groups = [["left_thigh", "right_thigh"]]
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
+from ident.annotations import Needs, Point, Positive, one_of
 from ident.errors import InputError
 from ident.files.column import UNITS
 from ident.files.limits import toml
-from ident.files.table import short
-from ident.tolerances import HUGE
+from ident.files.schema import made
 
 UP = {
     "z": np.eye(3),
@@ -40,14 +40,31 @@ class Place:
     Attributes:
         site: Name of a site, "" if a body is named.
         body: Name of a body, "" if a site is named.
-        position: Position in the body's frame, m.
+        position: Position in the body's frame, m; None if a site is named.
         weight: Weight of the squared distance.
     """
 
-    site: str
+    site: str = ""
     body: str = ""
-    position: tuple[float, ...] = ()
-    weight: float = 1.0
+    position: Point | None = None
+    weight: Positive = 1.0
+
+    def __post_init__(self) -> None:
+        if self.site and (self.body or self.position is not None):
+            raise InputError("needs a site, or a body with a position, got both.")
+        if bool(self.body) != (self.position is not None):
+            raise InputError("needs the name of a body and a position [x, y, z] in m on it.")
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Table `[scale]`.
+
+    Attributes:
+        groups: Names of bodies that share a scale factor.
+    """
+
+    groups: Annotated[tuple[tuple[str, ...], ...], Needs("a list of lists of bodies", lambda _: True)] = ()
 
 
 @dataclass(frozen=True)
@@ -57,14 +74,14 @@ class Settings:
     Attributes:
         unit: Unit of a table, None if not stated.
         up: Axis of the laboratory that points up, None if not stated.
-        places: Sites or positions of markers, by label.
-        groups: Names of bodies that share a scale factor.
+        markers: Sites or positions of markers, by label.
+        scale: Bodies that share a scale factor.
     """
 
-    unit: str | None = None
-    up: str | None = None
-    places: Mapping[str, Place] = field(default_factory=dict)
-    groups: tuple[tuple[str, ...], ...] = ()
+    unit: Annotated[str, one_of(UNITS["length"])] | None = None
+    up: Annotated[str, one_of(UP)] | None = None
+    markers: Mapping[str, Place] = field(default_factory=dict)
+    scale: Groups = Groups()
 
 
 def read_settings(path: Path) -> Settings:
@@ -75,55 +92,8 @@ def read_settings(path: Path) -> Settings:
     """
     entries = toml(path, "settings of markers need")
     try:
-        return _settings(entries)
+        settings = made(Settings, "", entries)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def _settings(entries: Mapping[str, Any]) -> Settings:
-    _check("the file", entries, ("unit", "up", "markers", "scale"))
-    unit, up = entries.get("unit"), entries.get("up")
-    if unit is not None and unit not in list(UNITS["length"]):
-        raise InputError(f"unit is one of {', '.join(UNITS['length'])}, got {short(unit)}.")
-    if up is not None and up not in list(UP):
-        raise InputError(f"up is the axis that points up, x, y or z, got {short(up)}.")
-    markers = _check("[markers]", entries.get("markers", {}))
-    scale = _check("[scale]", entries.get("scale", {}), ("groups",))
-    groups = scale.get("groups", [])
-    if not isinstance(groups, list) or not all(isinstance(group, list) and _names(group) for group in groups):
-        raise InputError(f"scale.groups is a list of lists of bodies, got {short(groups)}.")
-    places = {label: _place(f"markers.{label}", label, entry) for label, entry in markers.items()}
-    return Settings(unit, up, places, tuple(map(tuple, groups)))
-
-
-def _place(where: str, label: str, entry: Any) -> Place:
-    _check(f"[{where}]", entry, ("site", "body", "position", "weight"))
-    weight = entry.get("weight", 1.0)
-    if type(weight) not in (int, float) or not 0 < weight < HUGE:
-        raise InputError(f"{where}.weight needs a positive number, got {short(weight)}.")
-    if "body" not in entry and "position" not in entry:
-        site = entry.get("site", label)
-        if not _names([site]):
-            raise InputError(f"{where}.site needs the name of a site, got {short(site)}.")
-        return Place(site, weight=float(weight))
-    if "site" in entry:
-        raise InputError(f"[{where}] needs a site, or a body with a position, got both.")
-    body, position = entry.get("body"), entry.get("position")
-    numbers = isinstance(position, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in position)
-    if not _names([body]) or not numbers or len(position) != 3:
-        raise InputError(f"[{where}] needs the name of a body and a position [x, y, z] in m on it.")
-    return Place("", body, tuple(map(float, position)), float(weight))
-
-
-def _names(values: list[Any]) -> bool:
-    return all(isinstance(value, str) and value for value in values)
-
-
-def _check(what: str, entry: Any, keys: tuple[str, ...] | None = None) -> Mapping[str, Any]:
-    """The entry, checked to be a table without other keys than these."""
-    if not isinstance(entry, dict):
-        raise InputError(f"{what} needs to be a table, got {short(entry)}.")
-    for key in entry:
-        if keys is not None and key not in keys:
-            raise InputError(f"{what} takes {', '.join(keys)}, got '{short(key)}'.")
-    return entry
+    named = {k: x if x.site or x.body else replace(x, site=k) for k, x in settings.markers.items()}
+    return replace(settings, markers=named)

@@ -15,9 +15,7 @@ import numpy as np
 from scipy import special
 
 from ident.errors import InputError
-from sim.markers.first_posture import first_posture
-from sim.markers.frame_fit import Posture, fitted, normal_equations
-from sim.markers.kinematics import Kinematics
+from sim.markers.frame_fit import Kinematics, Posture, first_posture, fitted, normal_equations
 from sim.markers.marked_model import MarkedModel
 
 FAR = 4.0

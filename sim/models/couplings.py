@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import mujoco
+import numpy as np
 from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
@@ -27,12 +28,14 @@ class Coupling(NamedTuple):
         kind: Its kind, for messages.
         bodies: Ids of the bodies that it acts on, for a joint those on both sides.
         joints: Names of the joints that it acts on, None if it may act on all joints between its bodies.
+        closes: True for a constraint of positions, which a mechanism's `constraints` hold.
     """
 
     name: str
     kind: str
     bodies: set[int]
     joints: set[str] | None
+    closes: bool = False
 
     def __str__(self) -> str:
         return f"{self.kind} '{self.name}'" + (f" of {', '.join(sorted(self.joints))}" if self.joints else "")
@@ -43,7 +46,16 @@ def couplings(model: mujoco.MjModel) -> list[Coupling]:
     tendons = [_tendon(model, t) for t in range(model.ntendon)]
     flexes = [_flex(model, f) for f in range(model.nflex)]
     equalities = [_equality(model, e, tendons, flexes) for e in range(model.neq) if model.eq_active0[e]]
-    return tendons + flexes + equalities
+    # A tendon without forces of its own is but a sum of coordinates, for an equality or an actuator.
+    forceless = [t for t, each in enumerate(tendons) if each.joints and not _has_forces(model, t)]
+    return [each for t, each in enumerate(tendons) if t not in forceless] + flexes + equalities
+
+
+def _has_forces(model: mujoco.MjModel, t: int) -> bool:
+    """True if springs, dampers, friction, limits or actuators of a tendon exert forces."""
+    moved = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)
+    own = (model.tendon_stiffness, model.tendon_damping, model.tendon_frictionloss, model.tendon_limited)
+    return any(np.any(x[t]) for x in own) or t in model.actuator_trnid[moved, 0]
 
 
 def mimics_of(model: mujoco.MjModel, tree: Tree) -> dict[str, Follower]:
@@ -90,13 +102,9 @@ def check_couplings(
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
     inside = {*members, WORLD_SIDE} if base is None else set(members)
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
-    following = [c for c in acting if c.joints and len(c.joints) == 2 and "(joint)" in c.kind]
-    if following:
-        note(
-            f"By {', '.join(map(str, following))}, a joint without a column follows the other; if both have columns, "
-            "the equations leave the coupling out."
-        )
-    if others := [c for c in acting if c not in following]:
+    if closing := [c for c in acting if c.closes]:
+        note(f"By {', '.join(map(str, closing))}, joints without a column follow from the others.")
+    if others := [c for c in acting if not c.closes]:
         note(
             f"The equations leave out {', '.join(map(str, others))}; between bodies of the mechanism "
             "this changes joint torques, but no wrench."
@@ -108,23 +116,21 @@ def check_torques(
     members: Sequence[int],
     ignore: Collection[str],
     joints: Collection[str],
-    followers: Collection[str] = (),
 ) -> None:
-    """Refuses couplings that act on joints whose torques or motions must be free of them.
+    """Refuses couplings other than constraints of positions that act on joints whose torques are fitted.
 
     Args:
         model: Compiled model.
         members: Ids of the mechanism's bodies.
         ignore: Names of couplings to leave out.
         joints: Names of the joints.
-        followers: Names of joints that follow another one in the equations, as their couplings say.
 
     Raises:
         ModelError: There is a coupling that is not ignored, or a name is unknown.
     """
     acting = _acting(model, members, ignore) if joints else []
-    acting = [c for c in acting if c.joints is None or not c.joints & set(followers)]
-    _refuse([c for c in acting if c.joints is None or c.joints & set(joints)], "which act on its joints")
+    acting = [c for c in acting if not c.closes and (c.joints is None or c.joints & set(joints))]
+    _refuse(acting, "which act on its joints")
 
 
 def loops_of(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[str, ...]]:
@@ -194,11 +200,12 @@ def _equality(model: mujoco.MjModel, e: int, tendons: Sequence[Coupling], flexes
     what = f"equality ({kind})"
     objects = [int(k) for k in (model.eq_obj1id[e], model.eq_obj2id[e]) if k >= 0]
     if kind == "joint":
-        return Coupling(name, what, _sides(model, objects), {joint_name(model, j) for j in objects})
+        return Coupling(name, what, _sides(model, objects), {joint_name(model, j) for j in objects}, True)
     if kind == "tendon" or kind.startswith("flex"):
         parts = [(tendons if kind == "tendon" else flexes)[k] for k in objects]
         joints = None if any(c.joints is None for c in parts) else set().union(*(c.joints or () for c in parts))
-        return Coupling(name, what, set().union(*(c.bodies for c in parts)), joints)
+        closes = kind == "tendon" and joints is not None
+        return Coupling(name, what, set().union(*(c.bodies for c in parts)), joints, closes)
     if model.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
         objects = [int(model.site_bodyid[k]) for k in objects]
-    return Coupling(name, what, set(objects), None)
+    return Coupling(name, what, set(objects), None, True)

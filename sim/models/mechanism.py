@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from ident.annotations import typed
+from ident.arguments import checked_coordinates
 from ident.errors import ModelError
 from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
@@ -16,6 +17,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from sim.models.couplings import loops_of, mimics_of
 from sim.models.drives import drives_of_model
+from sim.models.loops import constraints_of
 from sim.models.mujoco_model import (
     BEYOND,
     Source,
@@ -25,6 +27,7 @@ from sim.models.mujoco_model import (
     mechanism_bodies,
     parameters_from_model,
     place_of_site,
+    rest_coordinates,
     tree_from_model,
 )
 from sim.models.names import joint_name, name_of
@@ -119,9 +122,14 @@ def _from_mujoco(
     text = None if isinstance(source, mujoco.MjModel) else source
     origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
-    stated = _drives(source, model, tree) if drives else {}
-    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=stated)
-    return replace(arm, mimics=mimics_of(model, tree), loops=loops_of(model, tree))
+    driven = _drives(source, model, tree) if drives else {}
+    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=driven)
+    stated = {joint: np.array(q) for joint, q in checked_coordinates("fix", fix or ()).items() if q}
+    posture = rest_coordinates(model, base, beyond) | stated
+    constraints = constraints_of(model, tree, ignore, posture)
+    held = {row.name for row in constraints.rows}
+    loops = {name: joints for name, joints in loops_of(model, tree).items() if name not in held}
+    return replace(arm, mimics=mimics_of(model, tree), loops=loops, constraints=constraints)
 
 
 def _drives(source: Source, model: mujoco.MjModel, tree: Tree) -> dict[str, Drive]:

@@ -95,8 +95,8 @@ def tree_from_model(
         several joints on one body, all but the last have massless links.
 
     Warns:
-        ModelNote: Equality constraints or tendons that are not ignored act between bodies of the tree, which changes
-            its joint torques, but neither the base wrench nor contact wrenches.
+        ModelNote: Tendons or flexes that are not ignored act between bodies of the tree, which changes its joint
+            torques, but neither the base wrench nor contact wrenches. Equality constraints are in `mechanism` alone.
 
     Raises:
         ModelError: The base or a joint to fix does not exist, or equality constraints or tendons that are not ignored
@@ -217,18 +217,18 @@ def base_pose(source: Source, base: str | None = None) -> np.ndarray:
     while b != 0:
         if model.body_jntnum[b]:
             return np.eye(4)
-        T = _pose(model.body_pos[b], model.body_quat[b]) @ T
+        T = placed_pose(model.body_pos[b], model.body_quat[b]) @ T
         b = model.body_parentid[b]
     return T
 
 
 def place_of_site(model: mujoco.MjModel, s: int, members: Sequence[int]) -> tuple[str, np.ndarray] | None:
     """Name of the mechanism's body that a site is fixed to, and its pose in that body's frame; None without one."""
-    b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
+    b, pose = model.site_bodyid[s], placed_pose(model.site_pos[s], model.site_quat[s])
     while b not in members:
         if b == 0 or model.body_jntnum[b]:
             return None
-        pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
+        pose = placed_pose(model.body_pos[b], model.body_quat[b]) @ pose
         b = model.body_parentid[b]
     return body_name(model, b), pose
 
@@ -266,7 +266,7 @@ def _tree(model: mujoco.MjModel, members: Sequence[int], base: str | None) -> Tr
 
 def _links(model: mujoco.MjModel, b: int, parent: int, index: int) -> list[Body]:
     """A body, preceded by massless links for all its joints but the last; `index` is that of the first in the tree."""
-    name, home = body_name(model, b), _pose(model.body_pos[b], model.body_quat[b])
+    name, home = body_name(model, b), placed_pose(model.body_pos[b], model.body_quat[b])
     joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
     if not joints:
         return [Body(name, parent, home, np.zeros(6))]
@@ -298,5 +298,6 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
     return out.reshape(3, 3)
 
 
-def _pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+def placed_pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Pose of a position and a quaternion `w, x, y, z` (4, 4)."""
     return se3.pose(_rotation(quaternion), position)

@@ -17,14 +17,6 @@ def test_what_the_peer_takes_stands_beside_each_ratio(numpy, shown):
     assert f"| tree | 8 | 1,000 | {shown} |" in benchmark.markdown(results)
 
 
-def test_ways_take_turns():
-    calls = []
-    times = benchmark.alternating([lambda: calls.append("a"), lambda: calls.append("b")], seconds=0, least=3)
-    assert "".join(calls) == "ab" * 4
-    assert times.shape == (3, 2)
-    assert (times >= 0).all()
-
-
 @pytest.mark.extras
 @pytest.mark.parametrize("mechanism", mechanisms(), ids=lambda mechanism: mechanism.name)
 def test_peers_have_the_same_regressor(mechanism):

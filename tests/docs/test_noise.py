@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commands import refusal
 
 from docs.tools.noise import __main__ as noise
 from docs.tools.noise import counts, estimators
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, Condition
 from docs.tools.noise.estimators import ESTIMATORS, Answer, Case
 from docs.tools.noise.recordings import noisy_recording
-from experiments.data.errors import Errors
 from experiments.studies import competitors
 from experiments.studies.noise_processes import autoregressive
 from ident.errors import InputError
@@ -152,18 +150,6 @@ def test_the_command_writes_tables(tmp_path, capsys):
     assert json.loads((tmp_path / "provenance.json").read_text())["options"]["recordings"] == 3
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("short", "here")
-def test_more_recordings_may_follow_than_were_asked_for_at_first(tmp_path, capsys):
-    command = ["--recordings", "2", "--out"]
-    assert noise.main([*command, str(tmp_path / "part")]) == 0
-    assert noise.main(["--recordings", "3", "--out", str(tmp_path / "part"), "--resume"]) == 0
-    assert noise.main(["--recordings", "3", "--out", str(tmp_path / "whole")]) == 0
-    tables = [(tmp_path / name / "table_parameters.csv").read_bytes() for name in ("part", "whole")]
-    assert tables[0] == tables[1]
-    assert "seed differ" in refusal(noise.main, [*command, str(tmp_path / "part"), "--seed", "1", "--resume"], capsys)
-
-
 @pytest.mark.usefixtures("short", "here")
 def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch):
     asked = []
@@ -179,10 +165,3 @@ def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch):
     assert noise.main(["--out", str(tmp_path), "--recordings", "6"]) == 0
     first = next(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
     assert (first["recordings"], first["refused"]) == ("4", "2")
-
-
-def test_errors_know_their_coverage():
-    errors = Errors(("a", "b"), np.array([[0.0, 3.0], [1.0, 1.0]]), np.ones((2, 2)))
-    np.testing.assert_array_equal(errors.coverage, [1, 0.5])
-    np.testing.assert_array_equal(errors.covered, [[True, False], [True, True]])
-    np.testing.assert_allclose(replace(errors, predicted=2 * np.ones((2, 2))).predicted_std, 2)

@@ -37,19 +37,8 @@ def shortened(name):
     return replace(condition, samples=min(most.get(name, 400), condition.length))
 
 
-def test_every_kind_of_trouble_has_a_row():
-    assert {each.rate for each in NEW.values() if each.motion == "trapezoids" and not each.rubs} == {100, 500, 1000}
-    assert {each.rate for each in NEW.values() if each.motion == "trapezoids" and each.rubs} == {100, 200, 500}
-    assert {each.drift for each in NEW.values()} == {"", "flicker", "walk"}
-    assert all(each.length / each.rate >= 10 for each in NEW.values() if each.drift)
-    assert any(each.length <= 180 for each in NEW.values()) and any(any(each.steps) for each in NEW.values())
-    sensors = {each.sensors for each in NEW.values()}
-    assert {("torques", "wrench"), ("commands",), ("commands", "wrench"), ("tool",)} < sensors
-    assert all(each.options.get("known", False) is each.drawn for each in NEW.values())
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NEW)
+@pytest.mark.parametrize("name", ["rubs_trapezoids_100", "commands_sinusoids", "bodies_drawn_x10", "payload"])
 def test_conditions_run_from_end_to_end(name, monkeypatch):
     monkeypatch.setattr(counts, "CONDITIONS", {name: shortened(name)})
     tasks = counts.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
@@ -157,16 +146,6 @@ def test_servos_and_channels_are_misstated_as_their_recordings_say():
     assert 0 < np.abs(ratio[0] - 1).max() < 0.04 and gains.recording.setup == {"gain": 0.01}
 
 
-def test_an_arm_that_rubs_sticks_where_it_reverses():
-    recording = with_rates(0, "trapezoids")
-    dq = np.column_stack([recording[f"{joint}_velocity"] for joint in ARM.mechanism.tree.joints])
-    # Servos work against breakaway friction: moves end, and joints rest.
-    assert (np.abs(dq) < 1e-3).mean() > 0.03 and np.abs(dq).max() > 1
-    torque = noisy_recording(CONDITIONS["rubs_trapezoids_100"], 0, 0)
-    error = torque["turn_torque"] - torque.true["turn_torque"]
-    assert error.std() == pytest.approx(0.015, rel=0.1)
-
-
 def test_bodies_are_drawn_as_they_are_known():
     arm, rng = SUBJECTS["pendulum"].mechanism, np.random.default_rng(0)
     off = np.array([drawn_bodies(arm, rng) for _ in range(1500)])[:, 20:] - arm.known[20:]
@@ -183,14 +162,6 @@ def test_drifts_are_as_large_as_white_noise_and_fall_with_frequency(process, pow
     spectrum = (np.abs(np.fft.rfft(x, axis=0)) ** 2).mean(axis=1)
     low, high = spectrum[4:12].mean(), spectrum[256:768].mean()
     assert np.log(high / low) / np.log(512 / 8) == pytest.approx(power, abs=0.15)
-
-
-def test_drift_stands_beside_the_white_noise_of_the_wrench():
-    plain, drifting = (noisy_recording(replace(CONDITIONS["flicker"], drift=d), 0, 0) for d in ("", "flicker"))
-    np.testing.assert_array_equal(plain["turn_position"], drifting["turn_position"])
-    for channel, level in (("ground_force", 0.5), ("ground_torque", 0.05)):
-        added = drifting[channel] - plain[channel]
-        np.testing.assert_allclose(added.std(axis=0), level)
 
 
 def test_tails_are_heavy_and_readings_in_steps():
@@ -236,25 +207,13 @@ def test_tables_count_what_was_answered():
     assert counts.reported(answers) == {name: {"delay(ground)": 1}}
 
 
-def test_intervals_without_width_are_no_number():
-    flat = answer(["Fc(turn)"], [0.1], [0.0], [0.0])
-    name = "rubs_trapezoids_100"
-    answers = counts.by_estimator(
-        counts.tasks(2, [name]), [{"trajectory": flat}, {"trajectory": flat | {"error": [0.2]}}]
-    )
-    (row,) = counts.table_coverage(answers).rows
-    assert row[7] is None and row[8] is None and row[4] == 0
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_some_conditions_may_be_chosen(tmp_path, capsys):
-    command = ["--recordings", "2", "--conditions", "short", "bodies_drawn_x10", "--out", str(tmp_path)]
+    command = ["--recordings", "2", "--out", str(tmp_path), "--conditions", "short"]
     assert noise.main(command) == 0
     rows = list(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
-    assert list(dict.fromkeys(row["noise"] for row in rows)) == ["180 samples", "bodies drawn, ×10, 1.5 s"]
+    assert {row["noise"] for row in rows} == {"180 samples"}
     # A run is resumed with the same conditions only.
-    assert noise.main([*command, "--resume"]) == 0
-    others = ["--recordings", "2", "--conditions", "short", "--resume", "--out", str(tmp_path)]
-    assert "conditions differ" in refusal(noise.main, others, capsys)
+    assert "conditions differ" in refusal(noise.main, [*command, "flicker", "--resume"], capsys)
     assert "Conditions are pendulum_x1, pendulum_x3" in refusal(noise.main, ["--conditions", "long"], capsys)

@@ -40,6 +40,7 @@ EXPECTED = {
 """Output of each page's examples, as a regular expression."""
 
 
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 @pytest.mark.parametrize("page", list(blocks("python")))
 def test_examples_run(page, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

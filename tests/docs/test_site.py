@@ -32,6 +32,21 @@ EXPECTED = {
     "condition_number": (r"they are: condition number 33\d", r"deviations 1\.\d+ times", r"Ixx2 off by -1\."),
 }
 """Output that each tutorial's page shows."""
+GALLERY = {
+    "coverage": r"9[2-8] of 100 intervals contain the truth",
+    "delay": r"is (7\.[789]\d|8\.[012]\d) ± 0\.\d\d ms late",
+    "designed_excitation": r"motions': 0\.[2-6]\d",
+    "friction": r"Coulomb (1\.0|0\.99)\d* N m, viscous 0\.(79|80|81) N m s",
+    "misaligned_axes": r"largest error 1\.\d",
+    "pendulum": "",
+    "person_segments": r"1[123] of 13 intervals contain the truth",
+    "regrouping": r"48 of 70",
+    "residual_spectra": r"along X: residual [1-9]\.\d+ N m\naxes as they are: residual 0\.0\d+ N m",
+    "total_wrench": r"largest difference [0-3]\.\d",
+    "two_recordings": r"along X: root mean square [3-9]\.\d\naxes as they are: root mean square (0\.\d|1\.[0-3])",
+    "updated_model": r"came: [1-9]\d\.\d mrad\nupdated model: [01]\.\d mrad",
+}
+"""What each script of the gallery prints of its picture."""
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +110,17 @@ def test_equations_link_to_functions_and_functions_back(site):
             assert f'equations.html#eq-{number}"' in entry, name
 
 
-def test_the_gallery_shows_every_script(site):
+def test_the_gallery_shows_every_script_its_picture_and_what_it_prints(site):
     page = (site / "gallery.html").read_text(encoding="utf-8")
-    for script in (ROOT / "docs" / "gallery").glob("*.py"):
-        assert f'<a href="gallery/{script.stem}.html"><img src="gallery/{script.stem}_0.png"' in page
-        code = re.sub(r"<[^>]+>", "", (site / "gallery" / f"{script.stem}.html").read_text(encoding="utf-8"))
-        assert "plt.subplots(" in code and (site / "gallery" / f"{script.stem}_0.png").stat().st_size > 8_000
+    scripts = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "gallery").glob("*.py")}
+    assert set(scripts) == set(GALLERY)
+    for name, text in scripts.items():
+        assert len([line for line in text.splitlines() if line.strip() and not line.startswith("#")]) <= 45, name
+        assert f'<a href="gallery/{name}.html"><img src="gallery/{name}_0.png"' in page
+        shown = unescape(re.sub(r"<[^>]+>", "", (site / "gallery" / f"{name}.html").read_text(encoding="utf-8")))
+        assert "plt.subplots(" in shown and re.search(GALLERY[name], shown), name
+        assert (site / "gallery" / f"{name}_0.png").stat().st_size > 8_000
+        assert not (site / "gallery" / f"{name}_1.png").exists()
 
 
 def test_formulas_are_shown_without_a_script(site):

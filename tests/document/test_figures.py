@@ -3,9 +3,7 @@ import io
 import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from matplotlib.ticker import NullFormatter
 
 from experiments.document import figures, styles
@@ -63,24 +61,3 @@ def test_a_layout_is_computed_once_for_all_formats(monkeypatch):
     for extension in ("pdf", "svg", "png"):
         figures.drawn(figure, extension)
     assert len(calls) == 1
-
-
-def test_no_pixels_are_drawn_for_other_formats(monkeypatch):
-    monkeypatch.setattr(FigureCanvasAgg, "draw", lambda canvas: pytest.fail("Pixels are drawn."))
-    with styles.paper_style():
-        figure = logarithmic(joined=True)
-    assert figures.drawn(figure, "svg").startswith(b"<?xml") and figures.drawn(figure, "pdf").startswith(b"%PDF")
-
-
-def test_ticks_are_not_measured_for_empty_labels(monkeypatch):
-    """With all labels of axes empty, a drawing after the layout measures each tick's label once, at its own drawing."""
-    with styles.paper_style():
-        figure = logarithmic(joined=True)
-        figure.axes[2].set_xlabel("")
-    figures.drawn(figure, "png")
-    measured = []
-    extent = Text.get_window_extent
-    monkeypatch.setattr(Text, "get_window_extent", lambda text, *a: (measured.append(text), extent(text, *a))[1])
-    figures.drawn(figure, "png")
-    ticks = [text for text in measured if text.get_text()]
-    assert len(ticks) == len(set(ticks)) > 0

@@ -1,5 +1,4 @@
 import pickle
-import re
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -9,7 +8,7 @@ from operator import add
 import numpy as np
 import pytest
 from fits import equations, fitted, sampled
-from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, tilted_axis
+from mechanisms import GRAVITY, double_pendulum, random_phi, tilted_axis
 from scipy import linalg
 
 from ident.estimation.accumulator import Accumulator, _factor, _regular_triangle, accumulate
@@ -66,7 +65,7 @@ def by_householder(rows, target):
 def test_as_accurate_as_householder_in_extended_precision(tree, size, condition, noise):
     """The error of one problem varies by factors of ten at random; the sum over several does not."""
     base, errors = find_base_parameters(tree, gravity=GRAVITY), []
-    for seed in range(16):
+    for seed in range(8):
         samples = moved_by(size, 250, tree=tree, noise=noise, seed=seed)
         rows, target = rows_of(tree, samples, base), samples.measured.ravel()
         exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
@@ -79,17 +78,6 @@ def test_as_accurate_as_householder_in_extended_precision(tree, size, condition,
         errors.append([np.linalg.norm(psi - exact) / np.linalg.norm(exact) for psi in solutions])
     lapacks, whole, in_pieces = np.sum(errors, axis=0)
     assert max(whole, in_pieces) <= max(2 * lapacks, 5e-14)
-
-
-def test_normal_equations_would_not_do():
-    """Without the coordinates the condition number is squared."""
-    base = find_base_parameters(TILTED, gravity=GRAVITY)
-    samples = moved_by(1e-3, 2000, tree=TILTED)
-    rows, target = rows_of(TILTED, samples, base), samples.measured.ravel()
-    exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
-    squared = np.linalg.solve(rows.T @ rows, rows.T @ target)
-    fit = fitted(TILTED, samples, gravity=GRAVITY, parameters=base)
-    assert np.linalg.norm(fit.psi - exact) < 1e-4 * np.linalg.norm(squared - exact)
 
 
 @pytest.mark.parametrize(("quiet", "renewed"), [(0.0, 0), (1e-7, 1), (1e-3, 0)])
@@ -109,23 +97,6 @@ def test_a_quiet_beginning_is_put_right_by_qr(quiet, renewed):
     np.testing.assert_allclose(backwards.psi, fit.psi, rtol=1e-10, atol=1e-11)
     np.testing.assert_allclose(backwards.covariance, fit.covariance, rtol=1e-8, atol=1e-14)
     assert " 0 of 3 chunks by stacked QR" in backwards.method
-
-
-def test_a_long_rest_needs_no_new_coordinates():
-    """Rounding errors of dependent columns do not count as motion, over many chunks."""
-    known, rest = equations(STRAIGHT), moved_by(0.0, 2000)
-    total = None
-    for k in range(0, len(rest), 50):
-        total = accumulate(known, rest[k : k + 50], start=total)
-    assert (total.factored, total.chunks) == (0, 40)
-    moving = [moved_by(1.0, 300, seed=seed) for seed in (1, 2)]
-    for part in moving:
-        total = accumulate(known, part, start=total)
-    assert total.factored <= 1
-    rows = np.vstack([rows_of(STRAIGHT, part, known.parameters) for part in (rest, *moving)])
-    target = np.concatenate([part.measured.ravel() for part in (rest, *moving)])
-    psi = np.linalg.lstsq(rows, target, rcond=None)[0]
-    np.testing.assert_allclose(solve(total, known).psi, psi, rtol=1e-10, atol=1e-11)
 
 
 def test_channels_that_fit_exactly_have_residuals_beside_noisy_ones():
@@ -212,11 +183,6 @@ def test_memory_is_flat(monkeypatch):
 
 def _second_pass(fit, tree, source, *, gravity):
     huber_white(fit, source)
-
-
-def test_random_states_are_far_from_any_trouble():
-    samples = sampled(*random_states(np.random.default_rng(0), STRAIGHT, 40 * CHUNK), np.ones((40 * CHUNK, 6)))
-    assert re.search(r" 0 of (8|40) chunks by stacked QR", fitted(STRAIGHT, samples, gravity=GRAVITY).method)
 
 
 def at_rest(samples, seed, noise):

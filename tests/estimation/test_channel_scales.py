@@ -50,21 +50,6 @@ def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():
     np.testing.assert_allclose(every[1].values[0][1:13], every[0].values[0][1:13], rtol=0.2, atol=0.05)
 
 
-def test_a_quantised_channel_that_is_flat_in_one_half_is_no_obstacle():
-    """Fx changes too late for the low-pass to bring anything of it into the first half."""
-    t = np.arange(4000) / 100
-    rates, rng = np.array([2.0, 3.1]), np.random.default_rng(0)
-    phase = np.outer(t, rates)
-    q, dq, ddq = np.sin(phase), rates * np.cos(phase), -(rates**2) * np.sin(phase)
-    wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
-    wrench += rng.normal(size=wrench.shape)
-    wrench[:, 0] = 0
-    wrench[2150:2390:3, 0] = 0.3
-    estimate = ident.identify(PENDULUM, angles_and_wrench(t, q + 1e-4 * rng.normal(size=q.shape), wrench))
-    assert all(np.isfinite(ratios).all() for ratios in estimate.rivals.values())
-    assert estimate.held_out.ratio[0] < 0.01 and estimate.rivals["least squares"][0] < 0.01  # constant in this part
-
-
 def test_flat_channels_are_weighted_finitely_where_excitation_is_judged():
     log = prepared(PENDULUM, faulty(1))
     samples = log.samples

@@ -32,7 +32,7 @@ def random_equations(seed):
     return equations, Samples(motion, rng.normal(size=(SAMPLES, len(channels))))
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(12))
 def test_what_a_channel_does_not_see_is_zero(seed):
     equations, samples = random_equations(seed)
     order, first = equations.order(samples)
@@ -56,7 +56,7 @@ def test_forces_leave_out_all_columns_of_inertias():
     assert min(first[:3]) >= inertias > 30
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(12))
 def test_gram_matrices_are_those_of_all_rows(seed):
     equations, samples = random_equations(seed)
     order, _ = equations.order(samples)
@@ -72,8 +72,7 @@ def test_gram_matrices_are_those_of_all_rows(seed):
         np.testing.assert_allclose(grams, expected, rtol=0, atol=1e-11 * abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", range(12))
-@pytest.mark.parametrize("samples", [1, 63, 64, 130, 300])
+@pytest.mark.parametrize(("seed", "samples"), list(enumerate([1, 63, 64, 130, 300, 1, 63, 64, 130, 300, 65, 299])))
 def test_remembered_columns_are_recursions_over_all_samples(seed, samples):
     """By compiled code and by numpy, and in two parts."""
     equations, every = random_equations(seed)

@@ -1,8 +1,7 @@
 import threading
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from itertools import count, islice
-from multiprocessing import get_context
 
 import pytest
 
@@ -22,11 +21,6 @@ def test_it_is_map_whoever_finishes_first():
     with ThreadPoolExecutor(8) as executor:
         assert list(in_order(executor, function, range(8), ahead=8)) == list(map(lambda k: k**2, range(8)))
         assert list(in_order(executor, function, [])) == []
-
-
-def test_processes_are_executors():
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        assert list(in_order(executor, abs, [-1, -2, -3])) == [1, 2, 3]
 
 
 @pytest.mark.parametrize("ahead", [1, 3, 16])

@@ -9,8 +9,8 @@ from written_formats import write_c3d
 from experiments.angles import main
 from ident.errors import LogError
 from ident.files.csv_file import write_csv
-from ident.files.marker_files import read_markers
 from ident.files.markers import Markers
+from ident.files.readers import read_markers
 
 pytestmark = pytest.mark.extras
 

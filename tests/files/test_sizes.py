@@ -116,7 +116,7 @@ def test_values_of_parquet_count_as_their_pages_say(tmp_path, kind, true):
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
     from pyarrow import parquet
 
-    from ident.files.formats.parquet_pages import size_of
+    from ident.files.formats.parquet import size_of
 
     n = 3_000_000
     values = pyarrow.array(np.zeros(n))

@@ -140,7 +140,9 @@ class Maker:
         path.write_bytes(data)
         return str(path)
 
-    def options(self, right: dict[str, list[str]], wrong: dict[str, list[str]], always: Sequence[str]) -> list[str]:
+    def options(
+        self, right: dict[str, list[str]], wrong: dict[str, list[str]], always: Sequence[str] = ()
+    ) -> list[str]:
         """Some options with valid values, or, if options are to have an error, with one invalid value."""
         chosen = {option: right[option] for option in right if option in always or self.rng.random() < 0.15}
         if "options" in self.wrong:

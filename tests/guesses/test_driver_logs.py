@@ -11,7 +11,6 @@ from guesses.forty_logs import logs
 import experiments
 from experiments.guesses.belief import DOUBTFUL
 from experiments.guesses.guess import believed
-from experiments.guesses.wrenches import is_doubtful
 from ident.files.column import CURRENT, UNITS
 from ident.recordings.columns.plates import AUTO
 
@@ -28,7 +27,7 @@ def scale(quantity, contents):
 
 def judged(log, folder):
     """`right`, `asked` or `wrong`, and the quantities in question."""
-    contents, belief = believed(log.mechanism, [log.write(folder)])
+    belief = believed(log.mechanism, [log.write(folder)])
     guesses = {f"{x.joint}.{x.kind}": x for x in belief.quantities.values() if x.column and x.sure != DOUBTFUL}
     wrong, lacking = [], [key for key, truth in log.truth.items() if truth and key not in guesses]
     for key, guess in guesses.items():
@@ -36,12 +35,12 @@ def judged(log, folder):
             wrong.append(f"{key} ← {guess.column}")
             continue
         column, factor = log.truth[key]
-        off = abs(scale(guess, contents) / factor - 1)
+        off = abs(scale(guess, belief.log) / factor - 1)
         if guess.column != column or off > (0.3 if guess.unit in CURRENT else 1e-6):
-            wrong.append(f"{key} ← {scale(guess, contents):g} {guess.column}, not {factor:g} {column}")
+            wrong.append(f"{key} ← {scale(guess, belief.log):g} {guess.column}, not {factor:g} {column}")
     there = {}
     for group in belief.groups.values():
-        if not is_doubtful(group):
+        if not group.is_doubtful:
             listed = [group.entries[k].value for k in ("force", "torque", "free_moment") if k in group.entries]
             there[tuple(chain(*listed))] = group
     for columns, body in log.wrenches.items():

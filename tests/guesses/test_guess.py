@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from experiments.guesses.guess import believed, write_mapping
+from experiments.guesses.guess import believed
+from experiments.guesses.written import write_mapping
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -24,9 +25,9 @@ JOINTS = ("joint1", "joint2")
 
 
 def guessed(path):
-    log, belief = believed(arm(), [path])
+    belief = believed(arm(), [path])
     columns = path.with_name("guessed.toml")
-    write_mapping(columns, log, belief, arm().joints)
+    write_mapping(columns, belief)
     return belief, columns
 
 
@@ -122,6 +123,15 @@ def test_numbers_without_a_header_and_too_few_to_tell_stay_open(tmp_path):
     assert belief.unused == ["2", "3", "4", "5"] and "header = false" in columns.read_text()
 
 
+@pytest.mark.parametrize("lost", [6, 7])
+def test_positions_without_a_header_are_known_if_a_moment_is_missing(tmp_path, lost):
+    rows = [line.split(",") for line in headless()[0].splitlines()]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(",".join(row[:lost] + row[lost + 1 :]) for row in rows))
+    belief, _ = guessed(path)
+    assert {joint: x.column for joint, x in belief.of("position").items()} == {"joint1": "3", "joint2": "2"}
+
+
 def test_headless_places_are_said_to_be_guesses(tmp_path):
     belief, _ = guessed(write(tmp_path, headless)[0])
     assert any("taken for Fx by its place alone" in note for note in belief.notes)
@@ -132,8 +142,8 @@ def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
     log, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
     columns = {"time": log.time, **{f"A{k} [deg]": DEG * log[f"{j}_position"] for k, j in enumerate(wrist.JOINTS, 1)}}
     path.write_text(text(columns | vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])))
-    contents, belief = believed(robot, [path])
-    write_mapping(tmp_path / "guessed.toml", contents, belief, robot.joints)
+    belief = believed(robot, [path])
+    write_mapping(tmp_path / "guessed.toml", belief)
     sensor = ident.read_log(path, robot, tmp_path / "guessed.toml").sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link and belief.open == []
@@ -148,8 +158,8 @@ def test_plates_of_a_walker_find_their_feet(tmp_path):
         columns |= vector(f"{name}_ground_torque_{{}}", np.column_stack([0 * free, 0 * free, free]))
     path = tmp_path / "walk.csv"
     path.write_text(text(columns), encoding="utf-8")
-    contents, belief = believed(walker.mechanism(), [path])
-    write_mapping(tmp_path / "guessed.toml", contents, belief, walker.mechanism().joints)
+    belief = believed(walker.mechanism(), [path])
+    write_mapping(tmp_path / "guessed.toml", belief)
     sensors = ident.read_log(path, walker.mechanism(), tmp_path / "guessed.toml").sensors
     assert [sensor.body for sensor in sensors.values()] == ["foot_r", "foot_l"] and belief.open == []
     assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}
@@ -168,8 +178,8 @@ def posed(pattern, x, components):
 def read_as_guessed(tmp_path, columns, mechanism, base=None):
     """The log read by its guessed mapping, and the belief."""
     (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    contents, belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
-    write_mapping(tmp_path / "c.toml", contents, belief, mechanism.joints)
+    belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
+    write_mapping(tmp_path / "c.toml", belief)
     return ident.read_log(tmp_path / "log.csv", mechanism, tmp_path / "c.toml"), belief
 
 
@@ -208,6 +218,12 @@ def test_two_quaternions_of_one_joint_stay_open(tmp_path):
     assert not belief.poses and "The orientation of 'hip' may be in hip1 or in hip2." in belief.open
 
 
+def test_a_quaternion_goes_to_the_ball_joint_of_its_name(tmp_path):
+    twist = Body("twist", 0, np.eye(4), ball_twist(np.zeros(3)), "hip_twist")
+    belief = believed_of(tmp_path, posed("hip_twist_q{}", TURNS, "wxyz"), Mechanism(Tree((HIP, twist)), np.zeros(3)))
+    assert list(belief.poses) == ["joints.hip_twist"]
+
+
 GRIPPER = """<mujoco><worldbody><body name="hand"><joint name="wrist" axis="0 1 0"/><geom size=".05" mass="1"/>
   <body name="left"><joint name="left" axis="0 0 1"/><geom size=".02" mass=".1" pos=".1 0 0"/></body>
   <body name="right"><joint name="right" axis="0 0 1"/><geom size=".02" mass=".1" pos="-.1 0 0"/></body>
@@ -225,4 +241,4 @@ def test_a_joint_that_the_model_couples_needs_no_column(tmp_path):
 
 def believed_of(tmp_path, columns, mechanism):
     (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
-    return believed(mechanism, [tmp_path / "log.csv"])[1]
+    return believed(mechanism, [tmp_path / "log.csv"])

@@ -13,8 +13,8 @@ import ident
 import sim
 from experiments import columns as command
 from experiments.guesses.belief import LIKELY, SURE
-from experiments.guesses.guess import believed, write_mapping
-from experiments.guesses.wrenches import is_doubtful
+from experiments.guesses.guess import believed
+from experiments.guesses.written import write_mapping
 from ident.estimation.loads import predicted_channels
 from ident.mechanism.motion import Motion
 from ident.payload.identification import identify_payload
@@ -91,7 +91,7 @@ SERIES = [
 @pytest.mark.parametrize(("position", "torque"), SERIES)
 def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, torque):
     factor = 1.0 if "rad" in position else DEG
-    _, belief = belief_of(tmp_path, columns_of(position, factor * Q) | columns_of(torque, TAU))
+    belief = belief_of(tmp_path, columns_of(position, factor * Q) | columns_of(torque, TAU))
     assert mapped(belief, "position") == dict(zip(JOINTS, columns_of(position, Q), strict=True)), belief.open
     assert mapped(belief, "torque") == dict(zip(JOINTS, columns_of(torque, Q), strict=True))
     assert {x.unit for x in belief.of("position").values()} == {"deg" if factor > 1 else "rad"}
@@ -99,21 +99,21 @@ def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, tor
 
 @pytest.mark.parametrize("name", ["{n}_rad", "{n}PosRad", "rad_{n}", "{n} (rad)", "{n}_rad_measured"])
 def test_the_unit_of_a_name_wins_where_nothing_else_shows_it(tmp_path, name):
-    _, belief = belief_of(tmp_path, columns_of(name, 8 * Q))
+    belief = belief_of(tmp_path, columns_of(name, 8 * Q))
     assert {x.unit for x in belief.of("position").values()} == {"rad"}
 
 
 def test_a_unit_that_size_alone_suggests_is_not_sure(tmp_path):
     columns = columns_of("{n}_position", 8 * Q)
-    _, belief = belief_of(tmp_path, columns)
+    belief = belief_of(tmp_path, columns)
     assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("deg", LIKELY)}
-    _, belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU))
+    belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU))
     assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("rad", SURE)}
 
 
 def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
     rates = np.gradient(8 * Q, TIME, axis=0)
-    _, belief = belief_of(tmp_path, columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates))
+    belief = belief_of(tmp_path, columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates))
     assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("rad", SURE)}
 
 
@@ -132,10 +132,10 @@ def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
 )
 def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     columns = columns_of(commanded, DEG * (Q + 0.05 * TAU)) | columns_of(measured, DEG * Q)
-    contents, belief = belief_of(tmp_path, columns)
+    belief = belief_of(tmp_path, columns)
     assert mapped(belief, "command") == dict(zip(JOINTS, columns_of(commanded, Q), strict=True)), belief.open
     assert mapped(belief, "position") == dict(zip(JOINTS, columns_of(measured, Q), strict=True))
-    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    write_mapping(tmp_path / "c.toml", belief)
     written = re.sub(r"^(\[joints\..*)$", r"\1\nkp = 20", (tmp_path / "c.toml").read_text(), flags=re.MULTILINE)
     (tmp_path / "c.toml").write_text(written)
     read = ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml")
@@ -146,34 +146,32 @@ def test_commands_beside_a_wrench_stay_remarks(tmp_path):
     columns = columns_of("{n}_pos", Q) | columns_of("{n}_goal", Q + 0.05 * TAU)
     exact = predicted_channels(ARM, Motion(*waves(3)), np.eye(4))
     wrench = {f"plate_{name.lower()}": exact[name] for name in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
-    contents, belief = belief_of(tmp_path, columns | wrench)
-    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    belief = belief_of(tmp_path, columns | wrench)
+    write_mapping(tmp_path / "c.toml", belief)
     assert list(belief.groups) == ["ground"] and "lift_goal" in (tmp_path / "c.toml").read_text()
     assert "lift_command" not in ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml").measured
 
 
 def test_a_column_that_no_position_follows_is_no_command(tmp_path):
     noise = np.cumsum(np.random.default_rng(1).normal(size=Q.shape), axis=0)
-    _, belief = belief_of(tmp_path, columns_of("{n}_pos", Q) | columns_of("action.{n}", noise))
+    belief = belief_of(tmp_path, columns_of("{n}_pos", Q) | columns_of("action.{n}", noise))
     assert mapped(belief, "command") == {}
 
 
 @pytest.mark.parametrize("name", ["{n}_force", "force_{n}", "{n} force [N]", "{n}_effort"])
 def test_forces_of_slides_are_theirs(tmp_path, name):
     arm, q, tau = log(("slide",) * 3)
-    contents, belief = belief_of(tmp_path, columns_of("{n}_pos", 1e3 * q) | columns_of(name, tau), arm)
+    belief = belief_of(tmp_path, columns_of("{n}_pos", 1e3 * q) | columns_of(name, tau), arm)
     assert mapped(belief, "torque") == dict(zip(JOINTS, columns_of(name, q), strict=True)) and not belief.groups
     assert {x.unit for x in belief.of("torque").values()} == {"N"}
-    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    write_mapping(tmp_path / "c.toml", belief)
     np.testing.assert_allclose(ident.read_log(tmp_path / "log.csv", arm, tmp_path / "c.toml")["pan_position"], q[:, 0])
 
 
 @pytest.mark.parametrize("names", [("position", "torque"), ("actual position", "commanded position"), ("angle", "x")])
 def test_the_only_position_is_that_of_the_only_joint(tmp_path, names):
     fixed = ARM.fixed({"pan": [0.0], "elbow": [0.0]})
-    _, belief = belief_of(
-        tmp_path, dict(zip(names, (Q[:, 1], Q[:, 1] + 0.05 * np.roll(Q[:, 1], 3)), strict=True)), fixed
-    )
+    belief = belief_of(tmp_path, dict(zip(names, (Q[:, 1], Q[:, 1] + 0.05 * np.roll(Q[:, 1], 3)), strict=True)), fixed)
     assert mapped(belief, "position") == {"lift": names[0]}
     assert mapped(belief, "command") == ({"lift": names[1]} if "command" in names[1] else {})
 
@@ -199,10 +197,10 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque, torq
     if torques:
         columns |= {f"joint{k + 1}_torque": x for k, x in enumerate(seven("joint{}").tau[: len(recording.time)].T)}
     path.write_text(text(columns), encoding="utf-8")
-    _, belief = believed(robot, [path])
+    belief = believed(robot, [path])
     (group,) = belief.groups.values()
     assert group.name != "ground" and group.entries["body"].value == "tool" and group.is_inner
-    assert is_doubtful(group) == torques and belief.open == []
+    assert group.is_doubtful == torques and belief.open == []
     assert group.entries["unit"].value == "N" and group.entries["torque_unit"].value == "N m"
     if torques:
         assert any("for `payload`" in note for note in belief.notes)
@@ -224,10 +222,10 @@ def test_a_wrench_that_fits_nowhere_is_asked_about(tmp_path):
     noise = 0.3 * np.random.default_rng(2).normal(size=(len(recording.time), 6))
     columns = {"time": recording.time} | {f"{j}_position": recording[f"{j}_position"] for j in wrist.JOINTS}
     path.write_text(text(columns | vector("f{}", noise[:, :3]) | vector("t{}", noise[:, 3:])), encoding="utf-8")
-    contents, belief = believed(robot, [path])
-    assert "ground" not in belief.groups and is_doubtful(belief.groups["sensor"])
+    belief = believed(robot, [path])
+    assert "ground" not in belief.groups and belief.groups["sensor"].is_doubtful
     assert belief.open[0].startswith("It is open where the wrench 'sensor' is measured.")
-    write_mapping(tmp_path / "c.toml", contents, belief, robot.joints)
+    write_mapping(tmp_path / "c.toml", belief)
     assert ident.read_log(path, robot, tmp_path / "c.toml").sensors == {}
 
 
@@ -248,11 +246,42 @@ def test_a_free_body_and_columns_without_names_end_in_a_sentence(tmp_path):
     body = sim.mechanism(mujoco.MjSpec.from_string(free), base="tool")
     block = np.column_stack([TIME, *waves(0)[0].T])
     (tmp_path / "log.txt").write_text("\n".join(", ".join(f"{x:.6f}" for x in row) for row in block))
-    _, belief = believed(body, [tmp_path / "log.txt"])
+    belief = believed(body, [tmp_path / "log.txt"])
     assert belief.quantities == {} and any("has no wrench, torque or commanded" in note for note in belief.notes)
 
 
 def test_wrapped_columns_are_unwrapped_before_they_are_compared(tmp_path):
-    contents, belief = belief_of(tmp_path, columns_of("q_{}", (DEG * Q) % 360) | columns_of("tau_{}", TAU))
+    belief = belief_of(tmp_path, columns_of("q_{}", (DEG * Q) % 360) | columns_of("tau_{}", TAU))
     assert mapped(belief, "position") == dict(zip(JOINTS, ("q_1", "q_2", "q_3"), strict=True))
-    assert any("jumps by a whole turn" in line for line in contents.summary())
+    assert any("jumps by a whole turn" in line for line in belief.log.summary())
+
+
+def test_velocities_of_any_names_are_derivatives_of_the_positions(tmp_path):
+    rates = dict(zip(("c", "a", "b"), np.gradient(Q, TIME, axis=0).T, strict=True))
+    belief = belief_of(tmp_path, columns_of("X{}", Q) | rates | columns_of("Y{}", TAU))
+    assert mapped(belief, "velocity") == dict(zip(JOINTS, rates, strict=True))
+
+
+def test_rates_of_joints_named_like_moments_are_no_wrench(tmp_path):
+    names = dict(zip(JOINTS, ("mx", "my", "mz"), strict=True))
+    text_of = "".join(model("hinge", "hinge", "hinge"))
+    for joint, name in names.items():
+        text_of = text_of.replace(f'"{joint}"', f'"{name}"')
+    columns = {
+        f"{name}{end}": x
+        for end, y in (("", Q), ("_vel", np.gradient(Q, TIME, axis=0)))
+        for name, x in zip(names.values(), y.T, strict=True)
+    }
+    belief = belief_of(tmp_path, columns, sim.mechanism(mujoco.MjSpec.from_string(text_of)))
+    assert not belief.groups and mapped(belief, "velocity") == {name: f"{name}_vel" for name in names.values()}
+
+
+def test_gaps_and_turns_are_told_in_the_words_of_read_log(tmp_path):
+    kept = np.delete(np.arange(len(TIME)), np.arange(300, 330))
+    path = tmp_path / "log.csv"
+    path.write_text(text({"time": TIME[kept]} | columns_of("{n}_position", (DEG * Q[kept]) % 360)))
+    belief = believed(ARM, [path])
+    mapping = {"joints": {n: {"position": {"column": f"{n}_position", "unit": "deg"}} for n in JOINTS}}
+    notes = ident.read_log(path, ARM, mapping, gaps=True).notes
+    assert {note for note in notes if "have gaps" in note or "whole turn" in note} <= set(belief.log.summary())
+    assert belief.log.has_gaps and len(notes) >= 2

@@ -22,8 +22,8 @@ def guessed(tmp_path, rpy, sign=1):
     columns = {"time": t} | {f"{j}_position": x for j, x in zip(ARM.tree.joints, states[0].T, strict=True)}
     columns |= {f"{j}_torque": x for j, x in zip(ARM.tree.joints, torques.T, strict=True)}
     write_csv(tmp_path / "log.csv", columns)
-    log, belief = believed(ARM, [tmp_path / "log.csv"])
-    (tmp_path / "columns.toml").write_text(toml_text(log, belief, ARM.tree.joints), encoding="utf-8")
+    belief = believed(ARM, [tmp_path / "log.csv"])
+    (tmp_path / "columns.toml").write_text(toml_text(belief), encoding="utf-8")
     return belief, read_mapping(tmp_path / "columns.toml", ARM.tree)
 
 

@@ -14,7 +14,8 @@ import ident
 import scenes
 import sim
 from experiments.guesses.belief import DOUBTFUL, LIKELY
-from experiments.guesses.guess import believed, write_mapping
+from experiments.guesses.guess import believed
+from experiments.guesses.written import write_mapping
 from ident.recordings.wrench_names import wrench_groups
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -46,10 +47,10 @@ def test_a_numbered_wrist_sensor_leads_to_its_body(tmp_path, patterns, unit):
     names = [p.format(k) for p in patterns for k in range(6 // len(patterns))]
     columns = {"time": recording.time} | {f"{j}_position": recording[f"{j}_position"] for j in wrist.JOINTS}
     path.write_text(text(columns | dict(zip(names, both.T, strict=True))), encoding="utf-8")
-    contents, belief = believed(robot, [path])
+    belief = believed(robot, [path])
     (group,) = belief.groups.values()
     assert (group.entries["body"].value, group.entries["unit"].value, belief.open) == ("tool", unit, [])
-    write_mapping(tmp_path / "c.toml", contents, belief, robot.joints)
+    write_mapping(tmp_path / "c.toml", belief)
     read = ident.read_log(path, robot, tmp_path / "c.toml")
     np.testing.assert_allclose(read[f"{group.name}_force"], recording["wrist_force"], atol=1e-5)
 
@@ -58,23 +59,23 @@ def test_a_numbered_wrist_sensor_leads_to_its_body(tmp_path, patterns, unit):
     ("name", "size"), [("observation.state.{n}.pos", 95.0), ("{n} pos [%]", 40.0), ("{n}_percent", 9.0)]
 )
 def test_percentages_of_a_range_are_no_degrees(tmp_path, name, size):
-    _, belief = belief_of(tmp_path, columns_of(name, size / np.abs(Q).max() * Q))
+    belief = belief_of(tmp_path, columns_of(name, size / np.abs(Q).max() * Q))
     assert mapped(belief, "position") == {} and "percentages of calibrated ranges" in belief.open[0]
     assert {x.sure for x in belief.quantities.values()} == {DOUBTFUL}
 
 
 def test_positions_beyond_a_percentage_are_degrees(tmp_path):
-    _, belief = belief_of(tmp_path, columns_of("observation.state.{n}.pos", 130 / np.abs(Q).max() * Q))
+    belief = belief_of(tmp_path, columns_of("observation.state.{n}.pos", 130 / np.abs(Q).max() * Q))
     assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("deg", LIKELY)}
 
 
 def test_an_angle_whose_unit_others_state_is_not_sure(tmp_path):
-    _, belief = belief_of(tmp_path, columns_of("{n}_position", Q * [DEG, 1, 1]) | columns_of("{n}_torque", TAU))
+    belief = belief_of(tmp_path, columns_of("{n}_position", Q * [DEG, 1, 1]) | columns_of("{n}_torque", TAU))
     assert {j: x.sure for j, x in belief.of("position").items()} == dict.fromkeys(JOINTS, LIKELY)
 
 
 def test_a_mirrored_command_gets_a_gain(tmp_path):
-    _, belief = belief_of(tmp_path, columns_of("{n}_pos", Q * [1, -1, 1]) | columns_of("{n}_goal", Q + 0.05 * TAU))
+    belief = belief_of(tmp_path, columns_of("{n}_pos", Q * [1, -1, 1]) | columns_of("{n}_goal", Q + 0.05 * TAU))
     assert {j: x.gain for j, x in belief.of("command").items()} == {"pan": 1, "lift": -1, "elbow": 1}
 
 
@@ -82,13 +83,13 @@ def test_a_mirrored_component_of_a_wrench_gets_a_gain(tmp_path):
     arm = sim.mechanism(scenes.load("arm"), base="base")
     columns = ident.read_log(str(files(scenes) / "arm.csv"), arm).measured
     wrench = np.hstack([columns["ground_force"], columns["ground_torque"]])
-    contents, belief = belief_of(
+    belief = belief_of(
         tmp_path,
         {f"{joint}_position": columns[f"{joint}_position"] for joint in arm.joints}
         | dict(zip([f"plate_{x}" for x in WRENCH], (wrench * [1, -1, 1, 1, 1, 1]).T, strict=True)),
         arm,
     )
-    write_mapping(tmp_path / "c.toml", contents, belief, arm.joints)
+    write_mapping(tmp_path / "c.toml", belief)
     read = ident.read_log(tmp_path / "log.csv", arm, tmp_path / "c.toml")
     np.testing.assert_allclose(read["ground_force"], wrench[:, :3], atol=1e-5)
 
@@ -97,7 +98,7 @@ def test_a_mirrored_component_of_a_wrench_gets_a_gain(tmp_path):
 def test_a_robots_namespace_is_no_part_of_its_joints(tmp_path, prefix):
     quantities = {"position": Q, "velocity": np.gradient(Q, TIME, axis=0), "effort": TAU}
     columns = {k: x for kind, own in quantities.items() for k, x in columns_of(prefix + kind, own).items()}
-    _, belief = belief_of(tmp_path, columns)
+    belief = belief_of(tmp_path, columns)
     for kind, own in {"position": "position", "velocity": "velocity", "torque": "effort"}.items():
         assert mapped(belief, kind) == {n: prefix.format(n=n) + own for n in JOINTS}
     assert not any(x.why[0].startswith("in the") for x in belief.quantities.values())
@@ -105,10 +106,10 @@ def test_a_robots_namespace_is_no_part_of_its_joints(tmp_path, prefix):
 
 def test_computed_torques_are_not_measured_ones(tmp_path):
     columns = columns_of("joint_positions_{}", Q) | columns_of("joint_torques_computed_{}", TAU)
-    _, belief = belief_of(tmp_path, columns)
+    belief = belief_of(tmp_path, columns)
     assert mapped(belief, "torque") == {}
     measured = {name.replace("computed", "measured"): x for name, x in columns.items()}
-    assert len(mapped(belief_of(tmp_path, measured)[1], "torque")) == 3
+    assert len(mapped(belief_of(tmp_path, measured), "torque")) == 3
 
 
 @pytest.mark.parametrize("stamp", [False, True])
@@ -124,10 +125,10 @@ def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
         json.dumps({**clock(t), "name": JOINTS, "position": q.tolist(), torque: tau.tolist()}) for t, q, tau in rows
     ]
     (tmp_path / "log.jsonl").write_text("\n".join(lines))
-    contents, belief = believed(ARM, [tmp_path / "log.jsonl"])
+    belief = believed(ARM, [tmp_path / "log.jsonl"])
     assert mapped(belief, "position") == {n: f"position.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
     assert mapped(belief, "torque") == {n: f"{torque}.{x}" for n, x in zip(JOINTS, "xyz", strict=True)}
-    write_mapping(tmp_path / "c.toml", contents, belief, JOINTS)
+    write_mapping(tmp_path / "c.toml", belief)
     read = ident.read_log(tmp_path / "log.jsonl", ARM, tmp_path / "c.toml")
     np.testing.assert_allclose(read["lift_torque"], TAU[:, 1], atol=1e-6)
 
@@ -141,7 +142,7 @@ def test_a_lone_body_has_pose_and_wrench(tmp_path, pose):
     columns |= dict(zip(WRENCH, np.hstack([Q, TAU]).T, strict=True))
     path = tmp_path / "log.csv"
     path.write_text(text({"time": TIME} | columns))
-    _, belief = believed(sim.mechanism(mujoco.MjSpec.from_string(spec), base="tool"), [path], base="tool")
+    belief = believed(sim.mechanism(mujoco.MjSpec.from_string(spec), base="tool"), [path], base="tool")
     entries = belief.poses["base"].entries
     assert entries["position"].value == [pose[0].format(x) for x in "xyz"]
     assert entries["quaternion"].value == [pose[1].format(x) for x in "wxyz"]
@@ -155,13 +156,13 @@ def test_a_unit_that_the_model_prefers_by_a_hair_is_no_sure_one(tmp_path):
     )
     q = 0.3 * np.sin(2 * TIME)
     torque = 2.943 * np.sin(q) + 0.01 * np.random.default_rng(0).normal(size=q.shape)
-    _, belief = belief_of(tmp_path, {"hinge_position": q, "hinge_torque": torque}, sim.mechanism(spec))
+    belief = belief_of(tmp_path, {"hinge_position": q, "hinge_torque": torque}, sim.mechanism(spec))
     assert (belief.of("position")["hinge"].unit, belief.of("position")["hinge"].sure) == ("rad", LIKELY)
 
 
 def test_a_wrench_that_no_model_could_place_is_asked_about(tmp_path):
     columns = columns_of("{n}_position", Q[:17]) | dict(zip(WRENCH, np.hstack([Q, TAU])[:17].T, strict=True))
-    _, belief = belief_of(tmp_path, columns)
+    belief = belief_of(tmp_path, columns)
     assert "ground" not in belief.groups and "It is open where" in belief.open[0]
 
 

@@ -121,7 +121,7 @@ def test_moments_of_plates_belong_to_their_forces(whose, moment):
 def test_steps_tell_the_unit_of_times(step, unit):
     rng, t = np.random.default_rng(0), step * (17 + np.arange(200.0))
     clock = clock_of({"counter": np.arange(200.0), "x": rng.normal(size=200), "stamp": t})
-    assert (clock.column, clock.unit) == ("stamp", unit)
+    assert clock.entry == {"column": "stamp", "unit": unit}
 
 
 def test_without_times_or_with_two_clocks_a_sentence_says_so():

@@ -13,7 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.despike import despiked
+from ident.recordings.faults import despiked
 from ident.recordings.wrench import transform_wrench
 
 RNG = np.random.default_rng(0)
@@ -109,6 +109,15 @@ def test_a_body_that_is_likely_comes_first_only_if_it_is_near():
     assert beside.body == TREE.names[1] and beside.distance > 0.01
     for near in (0.0, 0.9 * beside.distance):
         assert diagnosis.check_contact(TREE, STATES[0], residual, likely, near=near).body == TREE.names[2]
+
+
+def test_a_frame_without_mass_carries_nobody():
+    bodies = [
+        Body(name, k - 1, np.eye(4), np.zeros(6), massless=name == "frame")
+        for k, name in enumerate(("a", "frame", "b"))
+    ]
+    tree = Tree(tuple(bodies))
+    assert [diagnosis._carrier(tree, i) for i in range(3)] == [-1, 0, 0]
 
 
 def test_correlation_time_of_white_and_slow_noise():

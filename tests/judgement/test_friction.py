@@ -52,7 +52,8 @@ def test_friction_is_taken_for_friction():
 
 def axes(joints, **motors):
     """Axes of joints, and of motors with their rows."""
-    return Axes(joints, tuple(motors), np.array(list(motors.values()), float).reshape(-1, len(joints)))
+    rows = np.array(list(motors.values()), float).reshape(-1, len(joints))
+    return Axes(joints, tuple(motors), rows, (), np.zeros((0, len(joints))))
 
 
 def estimate(share, ratio, drives=()):

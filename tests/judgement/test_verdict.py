@@ -15,7 +15,7 @@ import ident
 import sim
 from ident.estimation.preparation import LeftOut, Part
 from ident.judgement.finding import Finding
-from ident.judgement.fit_findings import course_findings, prior_findings, slow_residual_findings
+from ident.judgement.fit_findings import prior_findings
 from ident.judgement.torque_findings import bound_findings
 from ident.judgement.verdict import Outcome, Verdict
 from ident.judgement.wrench_findings import unmeasured_findings
@@ -51,9 +51,8 @@ def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.
 @pytest.mark.slow
 def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
     """Errors of a motion smoothed from its angles alone correlate with it, but a fit's own residuals do not."""
-    for seed in (15, 16):
-        estimate = ident.identify(PENDULUM, sines(seed, rate=500), held_out=sines(1000 + seed, rate=500))
-        assert (estimate.held_out.ratio[1:] > 0.01).any() and not coded(estimate, "residual_follows_motion")
+    estimate = ident.identify(PENDULUM, sines(15, rate=500), held_out=sines(1015, rate=500))
+    assert (estimate.held_out.ratio[1:] > 0.01).any() and not coded(estimate, "residual_follows_motion")
 
 
 def test_a_wrong_model_s_residuals_do():
@@ -237,29 +236,6 @@ def test_a_prior_that_the_data_do_not_need_is_not_blamed_on_the_motion(estimate)
     assert needed.code == "prior_needed"
 
 
-def test_rounds_are_counted_in_english(estimate):
-    joint = estimate.trajectory
-    for trace, words in (([1.0], "after 1 round."), ([1.0, 1.0], "after 2 rounds.")):
-        stuck = joint.with_fit(replace(joint.fit, status="stuck", trace=tuple(trace)))
-        (finding,) = course_findings(replace(estimate, trajectory=stuck).evidence)
-        assert finding.values == {"status": "stuck", "rounds": len(trace)} and words in finding.text
-
-
-def test_what_is_left_beyond_fast_noise_is_listed_unless_it_is_everywhere(estimate):
-    fit = estimate.trajectory.fit
-
-    def slow(*factors):
-        noise = replace(fit.noises[0], channels=fit.noises[0].channels * factors)
-        trajectory = estimate.trajectory.with_fit(replace(fit, noises=[noise]))
-        (finding,) = slow_residual_findings(replace(estimate, trajectory=trajectory).evidence)
-        return finding
-
-    one, all_ = slow(1, 10, 1, 1, 1, 1), slow(*6 * [1e4])
-    assert one.values["factors"].keys() == {"Fy"} and not one.values["all_channels"]
-    assert all_.values["all_channels"] and min(all_.values["factors"].values()) > 100
-    assert "sensors, over 100 times." in all_.text
-
-
 def test_spans_of_several_logs_say_which_log(estimate):
     prepared = replace(estimate.prepared, left_out=(LeftOut(1.0, 2.0, 0.3, None),))
     alone, part = replace(estimate, logs=[Part(prepared, estimate.part)]), estimate.part
@@ -285,7 +261,7 @@ def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
 def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
     """A hand that the model lacks moves first moments of its arm, and the masses could drift with them."""
     bare = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=NO_HAND)))
-    estimate = ident.identify(bare, log(seconds=8))
+    estimate = ident.identify(bare, log(seconds=5))
     full = estimate.consistent()
     assert full.attainable and (abs(np.log(full.phi[::10] / bare.known[::10]))[:7] < np.log(1.35)).all()
     assert not any(finding.doubt for finding in coded(estimate, "masses_shown", "masses_hardly_shown"))

@@ -6,10 +6,9 @@ from commands import refusal
 from opensim_walker import PLANAR, leg, motion, trial
 
 from experiments.angles import main
-from ident.files.marker_files import read_markers
+from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
-from sim.markers.frame_fit import fitted
-from sim.markers.kinematics import Kinematics
+from sim.markers.frame_fit import Kinematics, fitted
 from sim.markers.marked_model import marked_model, marked_positions
 
 

@@ -9,10 +9,10 @@ import pytest
 from marked import errors, labels_of, marked_person, trial
 
 from ident.errors import InputError
-from sim.markers.kinematics import Kinematics
+from sim.markers.frame_fit import Kinematics
 from sim.markers.marked_model import marked_model
+from sim.markers.recording import swaps
 from sim.markers.settings import Place
-from sim.markers.swaps import swaps
 from sim.markers.trial_fit import check_fit, fit_trial
 
 FRAMES = 60

@@ -10,10 +10,10 @@ from commands import refusal
 from experiments import excite, identify, stream
 from experiments.cli import options, running
 from experiments.studies.identification import prepare
-from ident.errors import ModelError
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import STATES, Recording
+from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
 
@@ -40,7 +40,7 @@ def files(tmp_path):
     """The model, and a recording of the wrench below it and of the shoulder's torque."""
     model, log = tmp_path / "hand.xml", tmp_path / "log.csv"
     model.write_text(HAND, encoding="utf-8")
-    with pytest.warns(ModelNote):
+    with pytest.warns(ModelNote, match="By equality"):
         tree, phi = tree_from_model(model, "base"), parameters_from_model(model, "base")
     w = 2 * np.pi * np.array([0.4, 0.9, 1.3])
     a, phase = np.array([0.7, 0.3, 0.1]), np.array([0.2, 1.1, 2.5])
@@ -75,7 +75,7 @@ def test_identify_and_stream_take_the_fingers_as_fixed(files, tmp_path, capsys):
         assert "Note: " not in capsys.readouterr().err
     written = next((tmp_path / "out").rglob("model.xml"))
     with pytest.warns(ModelNote, match="finger1, finger2"):
-        assert tree_from_model(written, "base").joints == ("shoulder", "finger1", "finger2")
+        assert mechanism(written, "base").in_loops == ("finger1", "finger2")
 
 
 @pytest.mark.usefixtures("here")
@@ -85,7 +85,7 @@ def test_what_to_type_is_said(files, tmp_path, capsys):
     for command in (identify, stream):
         message = refusal(command.main, arguments, capsys)
         assert "Where it does not move, --fix finger1 [VALUE] leaves it out" in message.replace("the joint", "it")
-        assert "Note: By equality (joint) 'equality0' of finger1, finger2, a joint without a column" in message
+        assert "Note: By equality (joint) 'equality0' of finger1, finger2, joints without a column" in message
         for fix, what in {
             ("--fix", "thumb"): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
             ("--fix", "finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
@@ -94,11 +94,11 @@ def test_what_to_type_is_said(files, tmp_path, capsys):
         }.items():
             assert what in refusal(command.main, [*arguments, *fix], capsys)
     message = refusal(excite.main, [str(model), "--base", "base", "--out", str(tmp_path / "out")], capsys)
-    assert "of finger1, finger2, which act on its joints. Leave them out with --ignore equality0 (in Python" in message
+    assert "finger1, finger2 are coupled by equality0. Name others with --joints, or leave the constraints" in message
 
 
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(files):
+def test_a_finger_whose_torque_is_measured_moves_the_other_until_their_coupling_is_ignored(files):
     model, log, channels = files
     Recording(TIME, channels).save(log)
     fingers = {f"finger{k}": [AT] for k in (1, 2)}
@@ -109,8 +109,9 @@ def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(file
     (note,) = (note for note in prepare(model, log, base="base", fix=fingers).notes if "--fix" in note)
     assert "joints that are fixed (--fix) were not read: finger1_position, finger1_velocity, finger1_acc" in note
     Recording(TIME, channels | moving | {"finger2_torque": 0.1 * np.sin(TIME)}).save(log)
-    with pytest.raises(ModelError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
-        prepare(model, log, base="base")
+    ready = prepare(model, log, base="base")
+    assert ready.mechanism.tree.dependent == ("finger1",) and ready.equations.channels[-2:] == ("shoulder", "finger2")
+    assert any("The column of 'finger1' is not used; it differs from the closed loops by 0" in x for x in ready.notes)
     assert prepare(model, log, base="base", ignore=("equality0",)).equations.channels[-2:] == ("shoulder", "finger2")
 
 

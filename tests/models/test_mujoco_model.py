@@ -4,7 +4,7 @@ import pytest
 
 from ident.errors import InputError, ModelError
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
-from sim.models.couplings import check_torques
+from sim.models.couplings import check_torques, couplings
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import (
     base_motion,
@@ -127,8 +127,9 @@ def test_coulomb_friction_has_the_sign_of_the_velocity():
 
 LOOP = '<equality><connect name="loop" body1="arm" body2="world" anchor="0 0 0"/></equality>'
 WELD = '<equality><weld name="grip" site1="tip" site2="nail"/></equality>'
-GEAR = '<equality><joint name="gear" joint1="u" joint2="w"/></equality>'
-CABLE = '<tendon><fixed name="cable"><joint joint="elbow" coef="1"/></fixed></tendon>'
+SPRING = """<tendon><fixed name="spring" stiffness="2"><joint joint="u" coef="1"/><joint joint="w" coef="1"/></fixed>
+</tendon>"""
+CABLE = '<tendon><fixed name="cable" limited="true" range="0 1"><joint joint="elbow" coef="1"/></fixed></tendon>'
 ROPE = '<tendon><spatial><site site="tip"/><site site="nail"/></spatial></tendon>'
 NAIL = '<site name="nail"/>'
 ON_BASE = '<site name="nail" pos="0 0 1"/>'
@@ -155,7 +156,7 @@ def test_couplings_with_the_surroundings_are_refused_by_name_or_ignored_by_name(
 @pytest.mark.parametrize(
     ("m", "name", "what", "joints"),
     [
-        (model(HINGES, after=GEAR), "gear", r"equality \(joint\) 'gear' of u, w", ("u", "w")),
+        (model(HINGES, after=SPRING), "spring", "tendon 'spring' of u, w", ("u", "w")),
         (model(ARM, after=CABLE), "cable", "tendon 'cable' of elbow", ("elbow",)),
         (model(ON_BASE + SITES, after=ROPE), "tendon0", "tendon 'tendon0'", ("elbow",)),
     ],
@@ -173,10 +174,10 @@ def test_couplings_between_bodies_are_noted_and_refused_for_the_torques_of_their
 
 
 def test_couplings_of_joints_matter_to_no_others_and_not_where_these_are_fixed():
-    m = model(HINGES + ARM.replace("arm", "leg"), after=GEAR)
+    m = model(HINGES + ARM.replace("arm", "leg"), after=SPRING)
     check_torques(m, mechanism_bodies(m, "base"), (), ("elbow",))
     assert tree_from_model(m, "base", fix={"u": [], "w": [0.3]}).joints == ("elbow",)
-    with pytest.warns(ModelNote, match="gear"):
+    with pytest.warns(ModelNote, match="spring"):
         tree_from_model(m, "base", fix={"w": []})
 
 
@@ -186,8 +187,8 @@ def test_a_joint_of_the_base_couples_it_with_what_carries_it():
     m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{rails}</worldbody>{drive}</mujoco>")
     with pytest.raises(ModelError, match="'drive' of elbow, rail, which reach outside"):
         tree_from_model(m, "base")
-    with pytest.warns(ModelNote, match="drive"):
-        tree_from_model(m)
+    with pytest.warns(ModelNote, match="By equality .joint. 'drive' of elbow, rail, joints without a column"):
+        assert mechanism(m).in_loops == ("rail", "elbow")
 
 
 WRAPPED = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
@@ -253,6 +254,10 @@ def test_only_couplings_with_the_surroundings_show_in_the_base_wrench(equality):
 def test_a_world_without_bodies_is_refused():
     with pytest.raises(ModelError, match="no body besides the world"):
         tree_from_model(world(""))
+
+
+def test_a_tendon_that_is_but_a_sum_of_coordinates_is_no_coupling():
+    assert not couplings(model(ARM, after=CABLE.replace('limited="true" range="0 1"', "")))
 
 
 def test_couplings_of_others_do_not_matter():

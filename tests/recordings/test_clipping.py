@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.recordings.clipping import limits, moves
+from ident.recordings.faults import limits, moves
 
 T = np.arange(1000) / 100
 SIGNAL = np.sin(2 * T) + 0.3 * np.sin(5.1 * T)

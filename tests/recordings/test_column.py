@@ -1,6 +1,7 @@
 """Computed columns, coupled motors, selected rows and times, and text in other layouts."""
 
 import gzip
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from malformed_logs import DQ, GROUND_COLUMNS, PLAIN, N, Q, T, text
 
 from ident.errors import LogError
 from ident.files.column import Columns, Sum, joints_behind_motors
+from ident.files.schema import value_of
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.couplings import couplings, couplings_of
+from ident.recordings.columns.entries import Row, couplings
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.recording import Recording
 
@@ -111,8 +113,8 @@ def test_couplings_are_saved_with_a_recording(tmp_path, end):
     log.save(tmp_path / f"saved.{end}")
     assert Recording.load(tmp_path / f"saved.{end}").couplings == log.couplings
     for row in (3, {}, {"hip": 0}, {"hip": "far"}):
-        with pytest.raises(LogError, match="the motor 'wrist 1' needs a number other than 0 for each joint, got"):
-            couplings_of({"wrist 1": row})
+        with pytest.raises(LogError, match=r"couplings.wrist 1\S* needs a number (other than 0|for each joint), got"):
+            value_of("couplings", {"wrist 1": row}, Mapping[str, Row])
 
 
 @settings(max_examples=50, derandomize=True, deadline=None, database=None)
@@ -258,8 +260,8 @@ BAD = {
     "header": ('[file]\nheader = "no"', "file.header needs true or false, got no"),
     "skip": ("[file]\nskip = -1", "file.skip needs a number of lines, got -1"),
     "skip all": ("[file]\nskip = 99", "the file is empty"),
-    "backwards": ("[select]\nrows = [9, 3]", "select.rows needs the first before the last, got [9, 3]"),
-    "no span": ("[select]\ntime = 3", "select.time needs a list of 2 numbers, got 3"),
+    "backwards": ("[select]\nrows = [9, 3]", "select.rows needs two numbers, the first before the last; got [9, 3]"),
+    "no span": ("[select]\ntime = 3", "select.time needs two numbers, the first before the last; got 3"),
     "rows beyond": (
         "[select]\nrows = [100, 200]",
         "rows that the file has, got 100 to 200; the file has rows 2 to 41",

@@ -50,12 +50,12 @@ def test_one_of_several_files_may_have_no_times(tmp_path):
 @pytest.mark.parametrize(
     "mapping, message",
     {
-        "rate = 0": "rate needs a number of samples per second, in Hz, got 0",
-        "rate = true": "rate needs a number of samples per second, in Hz, got True",
-        "rate = nan": "in Hz, got nan",
-        'rate = "fast"': "in Hz, got fast",
+        "rate = 0": "rate needs a number of samples per second, in Hz; got 0",
+        "rate = true": "rate needs a number of samples per second, in Hz; got True",
+        "rate = nan": "in Hz; got nan",
+        'rate = "fast"': "in Hz; got fast",
         'rate = 100\ntime = "time"': "has time and rate; rate is for a log without times",
-        "time = { rate = -5 }": r"time\.rate needs a number of samples per second, in Hz, got -5",
+        "time = { rate = -5 }": r"time\.rate needs a number of samples per second, in Hz; got -5",
         'time = { rate = 5, column = "t" }': "time has no entry 'column'; valid are rate",
         "[file]\nskip = 0": "a log needs a column of times.*, or in the mapping .* as in rate = 100; the file has",
     }.items(),
@@ -67,8 +67,8 @@ def test_a_rate_that_is_none_is_refused(tmp_path, mapping, message):
 
 def test_columns_takes_a_rate_and_writes_it(tmp_path, capsys):
     path = written(tmp_path / "log.csv", UNTIMED)
-    log, belief = believed(mechanism(), [path], rate=100.0)
-    (tmp_path / "c.toml").write_text(toml_text(log, belief, mechanism().joints), encoding="utf-8")
+    belief = believed(mechanism(), [path], rate=100.0)
+    (tmp_path / "c.toml").write_text(toml_text(belief), encoding="utf-8")
     np.testing.assert_allclose(read_log(path, mechanism(), tmp_path / "c.toml").measured["hip_position"], Q[:, 1])
     assert log_contents(written(tmp_path / "timed.csv", PLAIN), rate=7.0).rate == pytest.approx(100)
     with pytest.raises(LogError, match="a log needs one, or --rate HZ"):

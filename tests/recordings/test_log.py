@@ -33,7 +33,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.recording import Recording
-from ident.recordings.suggestion import suggested_mapping
+from ident.recordings.wrench_names import suggested_mapping
 
 
 def mechanism(joints=JOINTS, *, slides=(), weight=None):
@@ -348,7 +348,7 @@ def test_files_that_are_no_logs(tmp_path):
             read_log(tmp_path / name, MECHANISM)
         assert len(str(error.value).split()) <= 25
     (tmp_path / "log.csv").write_text(text(PLAIN))
-    with pytest.raises(ValueError, match=r"no.toml: a mapping of columns is a TOML file that exists"):
+    with pytest.raises(ValueError, match=r"no.toml: a mapping of columns needs to be TOML in UTF-8 \(No such file"):
         read_log(tmp_path / "log.csv", MECHANISM, columns=tmp_path / "no.toml")
 
 

@@ -131,7 +131,7 @@ def test_truth_needs_the_same_channels():
         ("time,a,a.x\n0,1,2\n", "channel 'a' needs the components"),
         ("time,a\n", "a recording needs samples, it has none"),
         ("# units: {oops\ntime\n0\n", "row 1 needs 'units' in JSON"),
-        ('# sensors: {"a": {"body": 3}}\ntime\n0\n', "the sensor 'a' needs a body, a pose"),
+        ('# sensors: {"a": {"body": 3}}\ntime\n0\n', "sensors.a.body needs a text, got 3"),
         ("base:pose.0,base:pose.1,time\n1,2,3\n", r"A moving base needs poses \(1, 4, 4\), got \(1, 2\)"),
         ("time,a\n0,1\n\n1,2,3\n", "row 4 has 3 cells where the header has 2"),
         ("time,true:a\n0,1\n", "True values need the same channels"),

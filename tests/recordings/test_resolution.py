@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.recordings.despike import despiked
+from ident.recordings.faults import despiked
 from ident.recordings.resolution import at_rest, quantum
 
 T = np.arange(1000) / 100

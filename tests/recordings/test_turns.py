@@ -9,7 +9,7 @@ import ident
 import sim
 from experiments import identify
 from ident.recordings.log import read_log_pieces
-from ident.recordings.turns import unwrapped
+from ident.recordings.plausibility import unwrapped
 
 TIME = np.arange(900) / 100
 ANGLE = 2.2 * np.sin(1.9 * TIME) + 1.7 * np.sin(0.7 * TIME) + 1.5

@@ -64,14 +64,6 @@ def test_labels_of_ordinates_are_beside_their_ticks(estimate, draw):
         assert visible and label.x1 <= min(box.x0 for box in visible)
 
 
-def test_ticks_that_labels_are_aligned_beside_do_not_depend_on_the_layout(estimate):
-    figure = held_out_figure(estimate)
-    before = [ax.get_yticks().tolist() for ax in figure.axes]
-    figure.set_size_inches(figure.get_figwidth(), 2 * figure.get_figheight())
-    figures.drawn(figure, "png")
-    assert [ax.get_yticks().tolist() for ax in figure.axes] == before
-
-
 def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
     sentence = f"a knot every {1e3 * min(estimate.trajectory.steps):.3g} ms"
     assert sentence in held_out_caption(estimate)

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 STIFF = ("neck", "pronation", "wrist", "toes", "thoracic")
 LABORATORY = Laboratory(rate=50, rail=False)
-TIME = LABORATORY.times(3)
+TIME = LABORATORY.times(2.5)
 
 
 def chair(time, height):

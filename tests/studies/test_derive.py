@@ -59,7 +59,9 @@ def random(seed):
     return random_tree(np.random.default_rng(seed), 3, kinds=kinds, massless=0.2)
 
 
-TREES = {path.stem: path.stem for path in DATA} | {f"random {seed}": seed for seed in range(4)}
+GOLDEN = ("prr_nonplanar", "rx90", "stanford_rrprrr")
+"""Three of OpenSYMORO's mechanisms: slides, long chains and both."""
+TREES = {name: name for name in GOLDEN} | {f"random {seed}": seed for seed in range(2)}
 
 
 @cache
@@ -160,7 +162,7 @@ def test_generated_c_is_the_regressor(name, tmp_path):
     assert_is_the_regressor(tree, regressor)
 
 
-@pytest.mark.parametrize("name", [path.stem for path in DATA])
+@pytest.mark.parametrize("name", GOLDEN)
 def test_exact_coefficients_are_the_numeric_ones(name):
     tree, model = case(name)
     assert model.exact
@@ -224,7 +226,7 @@ def test_a_general_arm_of_six_joints_is_derived(tmp_path, capsys):
 
 
 @pytest.mark.skipif(LATEX is None, reason="no pdflatex")
-@pytest.mark.parametrize("name", ["table_1", "rx90", "prr_nonplanar", "random 0", "general arm"])
+@pytest.mark.parametrize("name", ["rx90", "general arm"])
 def test_equations_stay_on_the_page(name, tmp_path):
     if name == "general arm":
         model = symbolic.derive(*symbolic.exact_tree(tree_from_model(general_arm(tmp_path))))
@@ -292,7 +294,7 @@ def test_decimals_that_are_whole_to_their_digits_are_whole_numbers():
     assert str(symbolic.decimals(100.000000001245 * x, 14)) == "100.00000000124*x"
 
 
-@pytest.mark.parametrize("name", ['q"""x', "two\nlines", "\u202eleft", "*/ x", "..", ". .", "größe"])
+@pytest.mark.parametrize("name", ['q"""x', "two\nlines", "*/ x", ". .", "größe"])
 def test_any_file_name_gives_code_that_compiles(name, tmp_path, capsys):
     path = chain(tmp_path, ("", 'axis="1 0 0"', 'size=".1"'), name=f"{name.replace('/', '')}.xml")
     assert derive.main([str(path), "--out", str(tmp_path / "out")]) == 0
@@ -303,14 +305,6 @@ def test_any_file_name_gives_code_that_compiles(name, tmp_path, capsys):
     assert all(line.startswith("%") for line in texts["dim.tex"].split(r"{\allowdisplaybreaks")[0].splitlines())
     if COMPILER is not None:
         subprocess.run([COMPILER, *WARNINGS, "-c", "-o", tmp_path / "o", folder / "regressor.c"], check=True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ['q"""x', "two\nlines", "\u202e", "*/ x", "back\\"])
-def test_any_name_given_to_the_generators_is_made_plain(name):
-    _, model = case("table_1")
-    for source in (codegen.python_source, codegen.c_source, codegen.latex_source):
-        assert codegen.plain(name) in source(model, name).splitlines()[0]
 
 
 @pytest.mark.parametrize("option", ["--base", "--ignore"])
@@ -326,13 +320,6 @@ def test_a_model_without_bodies_or_mass_is_refused(tmp_path, capsys):
     assert "A mechanism needs mass; ghost" in refusal(derive.main, [str(light)], capsys)
 
 
-def test_help_says_which_wrench_and_which_gravity(capsys):
-    with pytest.raises(SystemExit):
-        derive.main(["--help"])
-    assert "wrench at the base" in (text := " ".join(capsys.readouterr().out.split()))
-    assert "gravity along -Z of the base frame" in text
-
-
 def test_command_takes_a_model_file(tmp_path, capsys):
     path = tmp_path / "crane.xml"
     path.write_text(
@@ -345,10 +332,6 @@ def test_command_takes_a_model_file(tmp_path, capsys):
     assert "Base parameters of crane" in capsys.readouterr().out
     assert "l2z = 2.0" in (tmp_path / "out" / "crane" / "regressor.c").read_text(encoding="utf-8")
     assert "no body named 'foot'" in refusal(derive.main, [str(path), "--base", "foot"], capsys)
-
-
-def test_a_file_that_does_not_exist_is_refused(capsys):
-    assert "file that exists, got 'table_3'" in refusal(derive.main, ["table_3"], capsys)
 
 
 def test_the_missing_extra_is_named(monkeypatch, capsys):

@@ -25,13 +25,12 @@ def test_samples_that_were_fitted_are_not_called_held_out(tmp_path, capsys, monk
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{"estimator": "weighted", "cutoff": 8.0}, {"known": True}])
-def test_an_estimate_says_by_what_it_is_judged(options):
+def test_an_estimate_says_by_what_it_is_judged():
     arm, logs = driven_arm.mechanism(), [driven_arm.log(4.0, 50.0, seed=seed) for seed in range(3)]
     for part, holdout in {"fitted": 0.0, "held-out": 0.4}.items():
-        estimate = ident.identify(arm, logs[0], holdout=holdout, **options)
+        estimate = ident.identify(arm, logs[0], holdout=holdout, known=True)
         assert estimate.held_out.part == estimate.evidence.part == estimate.verdict().part == part
-    assert ident.identify(arm, logs[0], held_out=logs[1], holdout=0.0, **options).held_out.part == "held-out"
+    assert ident.identify(arm, logs[0], held_out=logs[1], holdout=0.0, known=True).held_out.part == "held-out"
 
 
 def test_recordings_that_are_each_predicted_from_the_others_are_held_out():

@@ -60,6 +60,10 @@ applied_to_link = {applied}
 """
 
 
+WEIGHTED = {"estimator": "weighted"}
+"""Options of estimates whose findings do not depend on the estimator, and that take a tenth of the time."""
+
+
 @cache
 def recording(tilt_deg=0.0, contact=None):
     return simulate(
@@ -73,9 +77,9 @@ def with_channels(original, **channels):
     return replace(original, measured={**original.measured, **channels}, true={}, noise={})
 
 
-def cell_mapping(contact="pad", applied="false"):
+def cell_mapping(applied="false"):
     """Mapping of the load cell: it measures the link's wrench on its surroundings."""
-    _, pose = mechanism(scenes.load("double_pendulum", contact=contact), "base").site("contact")
+    _, pose = mechanism(scenes.load("double_pendulum", contact="pad"), "base").site("contact")
     quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
     return CONTACT.format(position=pose[:3, 3].tolist(), quaternion=quaternion.tolist(), applied=applied)
 
@@ -135,6 +139,10 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
     assert "It predicts 3 of 3 channels. Not counted: Fy, Mx, Mz" in " ".join(printed.split())
     suffix = Path(model).suffix
+    phi = parameters_from_model(tmp_path / "bow" / f"model{suffix}")
+    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
+    prepared = prepare(DATA / model, DATA / "bowing.csv", columns=bowing, cutoff=3.0)
+    assert_predicts_as_well(identified(prepared, estimator="weighted"), phi)
     assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
         "report.html",
         f"model{suffix}",
@@ -193,21 +201,6 @@ def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
     assert finding.values["opposite"]
 
 
-@pytest.mark.usefixtures("undrawn")
-@needs_data
-def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, tmp_path):
-    arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
-    assert (
-        identify.main([*arguments, "--cutoff", "3", "--estimator", "weighted", "--name", "bow", "--out", str(tmp_path)])
-        == 0
-    )
-    phi = parameters_from_model(tmp_path / "bow" / "model.xml")
-    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    result = identified(prepared, estimator="weighted")
-    assert_predicts_as_well(result, phi)
-
-
 def assert_predicts_as_well(result, phi):
     """Checks that held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
     explained = [c not in result.unexplained for c in result.channels]
@@ -236,38 +229,26 @@ def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
     assert (abs(result.psi - truth) < 2 * result.std_setup).all()
 
 
-def test_a_flipped_wrench_is_named(tmp_path):
-    log = recording()
-    flipped = {name: -log.measured[name] for name in ("ground_force", "ground_torque")}
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **flipped))
-    wrench = doubts["wrench_sign_or_axes"]
-    assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", True, "as stated")
-
-
 def test_a_transposed_frame_is_named(tmp_path):
     log, R = recording(), Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
     in_sensor = {name: log.measured[name] @ R for name in ("ground_force", "ground_torque")}
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_sensor), ground_frame(R))
-    assert not doubts
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T))
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T), **WEIGHTED)
     wrench = doubts["wrench_sign_or_axes"]
     assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", False, "transposed")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("contact", ["pad", "handle"])
-def test_a_contact_is_used_and_missed_when_left_out(tmp_path, contact):
-    log = recording(contact=contact)
-    doubts, _ = doubts_and_result(tmp_path, log, cell_mapping(contact))
+def test_a_contact_is_used_and_missed_when_left_out(tmp_path):
+    log = recording(contact="pad")
+    doubts, _ = doubts_and_result(tmp_path, log, cell_mapping())
     assert not doubts
     doubts, result = doubts_and_result(tmp_path, log)
     assert "contact_left_out" in doubts
-    if contact == "pad":
-        assert result.checks.contact.body in ("link1", "link2")
+    assert result.checks.contact.body in ("link1", "link2")
 
 
 def test_a_contact_is_recognised_when_flipped(tmp_path):
-    doubts, _ = doubts_and_result(tmp_path, recording(contact="pad"), cell_mapping(applied="true"))
+    doubts, _ = doubts_and_result(tmp_path, recording(contact="pad"), cell_mapping(applied="true"), **WEIGHTED)
     assert doubts["wrench_sign_or_axes"]["wrench"] == "tip" and doubts["wrench_sign_or_axes"]["opposite"]
 
 
@@ -293,16 +274,6 @@ def test_a_balance_board_of_three_channels(tmp_path):
     doubts, result = doubts_and_result(tmp_path, log, mapping)
     assert result.prepared.equations.channels == ("Fz", "Mx", "My")
     assert not doubts
-
-
-def test_another_log_judges(tmp_path):
-    path, other = tmp_path / "log.csv", tmp_path / "other.csv"
-    recording().save(path)
-    simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
-    prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
-    result = identified(prepared[0], judges=[prepared[1]])
-    assert result.part.stop == len(result.prepared.recording.time)
-    assert result.held_out.ratio[2] < 0.1
 
 
 def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
@@ -415,40 +386,6 @@ def test_the_users_files_are_not_touched(tmp_path, capsys):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_a_log_of_joint_torques_alone(tmp_path, capsys):
-    model = mujoco.MjModel.from_xml_path(str(PENDULUM))
-    data, log = mujoco.MjData(model), recording()
-    q, dq, ddq = log.noise_free.joint_states(("joint1", "joint2"))
-    torque = np.empty_like(q)
-    for k in range(len(q)):
-        data.qpos, data.qvel, data.qacc = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse
-    states = {
-        f"joint{j + 1}_{kind}": x[:, j]
-        for kind, x in (("position", q), ("velocity", dq), ("acceleration", ddq), ("torque", torque))
-        for j in range(2)
-    }
-    path = tmp_path / "torques.csv"
-    Recording(log.time, states).save(path)
-    arguments = [str(PENDULUM), str(path), "--base", "base", "--drive", "viscous", "--name", "t"]
-    assert identify.main([*arguments, "--out", str(tmp_path)]) == 0
-    printed = capsys.readouterr().out
-    assert "channels joint1, joint2" in printed
-    assert "with the base wrench: " in (tmp_path / "t" / "report.html").read_text(encoding="utf-8")
-    estimate = json.loads((tmp_path / "t" / "estimate.json").read_text(encoding="utf-8"))
-    assert estimate["columns"][-4:] == ["Fv(joint1)", "Fv(joint2)", "offset(joint1)", "offset(joint2)"]
-
-
-def test_a_wrong_unit_is_a_doubt(tmp_path):
-    log = recording()
-    in_kilo = {name: log[name] / 1000 for name in ("ground_force", "ground_torque")}
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_kilo))
-    values = {"measured": pytest.approx(0.02, abs=0.005), "model": pytest.approx(20.99, abs=0.005)}
-    assert doubts["weight_differs"] == values
-
-
 def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
     path, other = tmp_path / "short.csv", tmp_path / "log.csv"
     log = recording()
@@ -460,14 +397,6 @@ def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
         identify.main, [*arguments, "--estimator", "weighted", "--cutoff", "1"], capsys
     )
     assert not (tmp_path / "out").exists()
-
-
-def test_recordings_of_the_project_are_logs(tmp_path):
-    path = tmp_path / "log.npz"
-    recording().save(path)
-    prepared = prepare(PENDULUM, path, base="base")
-    original = Recording.load(path)
-    np.testing.assert_array_equal(prepared.samples.measured, original.wrench("ground").values)
 
 
 def board(**missing):
@@ -483,15 +412,14 @@ def unchecked(result):
     return [(each["reason"], *each["channels"]) for each in values if each["check"] == "weight"]
 
 
-@pytest.mark.slow
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
     log = recording()
-    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy=""))
+    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy=""), **WEIGHTED)
     assert abs(result.checks.weight.measured - 20.99) < 0.1 and abs(result.checks.weight.drift) < 0.1
-    _, result = doubts_and_result(tmp_path, log, board(Fz=""))
+    _, result = doubts_and_result(tmp_path, log, board(Fz=""), **WEIGHTED)
     assert result.checks.weight is None
     assert unchecked(result) == [("not measured", "Fz")]
-    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy="", Fz=""))
+    _, result = doubts_and_result(tmp_path, log, board(Fx="", Fy="", Fz=""), **WEIGHTED)
     assert unchecked(result) == [("no force",)]
 
 
@@ -500,9 +428,9 @@ def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
     log = recording()
     turned = with_channels(log, **{name: log.measured[name] @ R for name in ("ground_force", "ground_torque")})
     quaternion = f"quaternion = {Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()}\n"
-    _, result = doubts_and_result(tmp_path, turned, board(Fy="") + quaternion)
+    _, result = doubts_and_result(tmp_path, turned, board(Fy="") + quaternion, **WEIGHTED)
     assert abs(result.checks.weight.measured - 20.99) < 0.1
-    _, result = doubts_and_result(tmp_path, turned, board(Fx="") + quaternion)
+    _, result = doubts_and_result(tmp_path, turned, board(Fx="") + quaternion, **WEIGHTED)
     assert unchecked(result) == [("not measured", "Fx")]
 
 
@@ -513,7 +441,7 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
     spec.compile()
     model.write_text(spec.to_xml(), encoding="utf-8")
     recording().save(path)
-    result = identified(prepare(model, path, base="base"))
+    result = identified(prepare(model, path, base="base"), **WEIGHTED)
     assert unchecked(result) == [("no gravity",)]
     offsets = doubts_of(result)["large_offsets"]
     assert offsets["offsets"]["Fz"][0] == pytest.approx(206, abs=0.5)
@@ -524,7 +452,7 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
 def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     log = recording()
     shifted = with_channels(log, ground_force=log.measured["ground_force"] + [0, size, 0])
-    doubts, result = doubts_and_result(tmp_path, shifted)
+    doubts, result = doubts_and_result(tmp_path, shifted, **WEIGHTED)
     assert ("large_offsets" in doubts) == doubted
     (offsets,) = coded(result, "offsets_taken_out")
     assert next(iter(offsets.values["offsets"])) == "Fy"
@@ -534,7 +462,7 @@ def test_a_sensor_that_dies_is_a_doubt(tmp_path):
     log = recording()
     force = log.measured["ground_force"].copy()
     force[500:, 2] = 200
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, ground_force=force))
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, ground_force=force), **WEIGHTED)
     assert "Fz" in doubts["residual_above_signal"]["ratios"] and len(doubts) < 5
 
 
@@ -587,23 +515,12 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("share", "doubt"), [(0.65, True), (0.75, False), (1.25, False), (1.35, True)])
-def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
-    log = recording()
-    scaled = {name: share * log[name] for name in ("ground_force", "ground_torque")}
-    _, result = doubts_and_result(tmp_path, with_channels(log, **scaled))
-    (weight,) = coded(result, "weight_differs")
-    assert weight.doubt == doubt
-
-
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("remarks", [0, 20])
-def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch, remarks):
+def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch):
     """However many findings, channels and parameters there are, files and page have them all."""
     long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1, "N m") for k in range(12)})
     plain = vars(Estimate)["findings"].func
-    findings = property(lambda estimate: [*plain(estimate), *[long] * remarks])
+    findings = property(lambda estimate: [*plain(estimate), *[long] * 20])
     monkeypatch.setattr(Estimate, "findings", findings)
     recording().save(tmp_path / "log.csv")
     arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path), "--name", "x"]
@@ -612,6 +529,6 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     assert lines[0].startswith("Verdict: ") and len(lines) <= 50
     shown = " ".join(lines)
     assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
-    assert ("more remark" in shown) == (remarks > 0)
+    assert "more remark" in shown
     page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
-    assert page.count("Constant offsets are taken out") >= remarks
+    assert page.count("Constant offsets are taken out") >= 20

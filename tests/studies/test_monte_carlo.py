@@ -9,7 +9,6 @@ import pytest
 from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
-from experiments.cli import options
 from experiments.data import paper
 from experiments.data.errors import Distribution
 from experiments.data.simulated import Problem
@@ -53,32 +52,22 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
     np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
 
 
-def check_request_to_end(folder, number, moment):
-    """Checks that a signal ends all processes of a run without a traceback, and says how to go on."""
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
+@pytest.mark.parametrize(("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "running")])
+def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
+    """It says how to go on."""
     command = ["--samples", "100", "--trials", "100000", "--redraw", "sensors", "--workers", "2"]
     # The bar shows zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
-    code, output = interrupted([*command, "--formats", "png", "--out", str(folder)], pattern, number)
+    code, output = interrupted([*command, "--formats", "png", "--out", str(tmp_path)], pattern, number)
     # The second request ends the process at once if the first has been obeyed before it comes.
     assert code in (130, -number), output.decode()
     assert b"Traceback" not in output, output.decode()
     assert b"resource_tracker" not in output
     assert b"every file is whole" in output
-    assert (b"run again with --resume" in output) == (folder / simulated.FILE).exists()
-    assert (folder / simulated.FILE).exists() or moment == "starting"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
-@pytest.mark.parametrize(("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGTERM, "running")])
-def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
-    check_request_to_end(tmp_path, number, moment)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
-def test_an_interrupt_ends_running_trials_without_a_traceback(tmp_path):
-    check_request_to_end(tmp_path, signal.SIGINT, "running")
+    assert (b"run again with --resume" in output) == (tmp_path / simulated.FILE).exists()
+    assert (tmp_path / simulated.FILE).exists() or moment == "starting"
 
 
 def test_trials_of_another_run_are_not_resumed(tmp_path):
@@ -89,34 +78,6 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
         (tmp_path / simulated.FILE).write_bytes(broken)
         with pytest.raises(ValueError, match="--resume needs the trials of an earlier run"):
             resumed(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
-
-
-@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
-def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
-    command = [
-        "--out",
-        str(tmp_path),
-        "--formats",
-        "png",
-        "--samples",
-        "200",
-        "--redraw",
-        "sensors",
-        "--trajectory-trials",
-        "0",
-    ]
-    assert multicontact.main([*command, "--trials", "6"]) == 0
-    before = (tmp_path / simulated.FILE).read_bytes()
-    assert multicontact.main([*command, "--trials", "2"]) == 0
-    assert (tmp_path / "trials_before.npz").read_bytes() == before
-
-
-@pytest.mark.slow
-def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
-    source = draw(tmp_path, "--redraw", "all")
-    one = run(source, 20, tmp_path)
-    assert one.shape == (20, 1, 2, 13)
-    np.testing.assert_array_equal(run(source, 20, tmp_path, given=workers.Workers(2)), one)
 
 
 @pytest.mark.slow
@@ -192,17 +153,11 @@ def test_statistics():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "no_trajectory")
-@pytest.mark.parametrize("study_module", [misaligned, multicontact])
-def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request, study_module):
-    if study_module is multicontact:  # One study that starts processes is enough.
-        request.getfixturevalue("here")
+def test_a_study_runs_trials_from_the_command_line(tmp_path, capsys):
     options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--trajectory-trials", "2"]
     options_ += ["--redraw", "sensors", "--samples", "200"]
-    assert study_module.main(options_) == 0
-    models = {
-        "misaligned": ("simplified", "full", "full_trajectory"),
-        "multicontact": ("multicontact", "multicontact_trajectory"),
-    }[study_module.__name__.rpartition(".")[2]]
+    assert misaligned.main(options_) == 0
+    models = "simplified", "full", "full_trajectory"
     for model in models:
         rows = list(csv.DictReader((tmp_path / f"monte_carlo_{model}.csv").read_text().splitlines()))
         assert len(rows) == 13
@@ -214,7 +169,7 @@ def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request
     assert "(errors in variables)" in captured.out
     assert "6/6" in captured.err and "2/2" in captured.err
     before = (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes()
-    assert study_module.main([*options_, "--resume"]) == 0
+    assert misaligned.main([*options_, "--resume"]) == 0
     assert (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes() == before
 
 
@@ -247,17 +202,6 @@ def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:3])
 
 
-@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
-def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsys, monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(simulated, "run_trials", interrupt)
-    assert multicontact.main(["--out", str(tmp_path), "--formats", "png", "--trials", "6"]) == 130
-    assert "--resume" not in capsys.readouterr().err
-    assert (tmp_path / "table_4.csv").exists()
-
-
 def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
     rng = np.random.default_rng(0)
     names = ("m1", "m1rx1", "Ixx2")
@@ -273,11 +217,6 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["$m_{1}$", "$m_{1}r_{x,1}$", "$I_{xx,2}$"]
     figures.save(figure, tmp_path, "chart", ["png"])
     assert (tmp_path / "chart.png").stat().st_size > 10_000
-
-
-def test_options_are_shared():
-    for name in ("--trials", "--trajectory-trials", "--workers", "--redraw", "--resume"):
-        assert name in options.study_parser("any", "").format_help()
 
 
 def test_a_recording_without_noise_levels_cannot_be_redrawn_into_noise():

@@ -17,8 +17,7 @@ from experiments.data import paper
 from experiments.data.fitting import fit
 from experiments.data.key_numbers import summary as summary_of
 from experiments.data.simulated import Problem
-from experiments.document.figures import INKS
-from experiments.reports import study_figures, study_report, study_tables
+from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
 from experiments.studies.study_entries import packaged
 from ident.model.regressor import base_wrench_regressor
@@ -169,14 +168,7 @@ def test_the_trajectory_estimate_follows_accelerations_that_jump_with_denser_kno
     assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
 
 
-@pytest.mark.usefixtures("no_trajectory")
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
-def test_the_same_seed_gives_the_same_bytes(results, contact, tmp_path):
-    assert multicontact.main(["--out", str(tmp_path), "--contact", *contact.split(), "--formats", "png"]) == 0
-    for file in results.iterdir():
-        assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
-
-
 def test_figures_show_what_their_captions_say(result):
     residuals = study_figures.figure(result, "figure_5").axes
     for component, ax in enumerate(study_figures.figure(result, "figure_4").axes):
@@ -195,16 +187,9 @@ def test_figures_show_what_their_captions_say(result):
         np.testing.assert_array_equal(error, (result.measured.values - result.fit("contact").predicted)[:, k])
 
 
-def test_the_page_has_the_colours_of_figure_4(result):
-    shown = study_report.replay(result).to_page()
-    colors = dict(zip(shown["curves"], (INKS[k] for k in shown["inks"]), strict=True))
-    assert (colors["true"], colors["with all contacts"]) == ("C0", "black")
-    assert len(set(colors.values())) == len(colors)
-
-
-@pytest.mark.parametrize("name", ["figure_4", "figure_5"])
-def test_minus_signs_are_minus_signs(result, name):
-    figure = study_figures.figure(result, name)
+@pytest.mark.parametrize("contact", ["pad"], indirect=True)
+def test_minus_signs_are_minus_signs(result):
+    figure = study_figures.figure(result, "figure_5")
     FigureCanvasAgg(figure).draw()
     texts = [text.get_text() for text in figure.findobj(Text)]
     assert any("\N{MINUS SIGN}" in text for text in texts)
@@ -224,6 +209,7 @@ def test_two_contacts_touch_at_the_same_time():
     assert summary["tracking_error_rad"] < 0.03
 
 
+@pytest.mark.parametrize("contact", ["handle", "pad handle"], indirect=True)
 def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result):
     tree, recording = result.known.tree, result.recording
     poses = tree.poses(recording.joint_states(tree.joints)[0])
@@ -252,8 +238,6 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
     [
         (["--contact", "wall"], "invalid choice: 'wall'"),
         (["--contact", "pad", "pad"], "Several contacts need to be different ones, got 'pad pad'"),
-        (["--noise-scale", "nan"], "from 0 to 1000, got nan"),
-        (["--trials", "-1"], "at least 2, or 0, got '-1'"),
         (["--workers", "0"], "1 to 1024, got '0'"),
         (["--trials", "2", "--resume"], "--resume needs the trials of an earlier run"),
     ],

@@ -15,7 +15,7 @@ from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.anthropometry import TABLES
-from ident.recordings.columns.segments import read_segments
+from ident.recordings.columns.entries import read_segments
 from ident.recordings.log import read_log
 from ident.setup import PRIORS
 from sim.models.notes import ModelNote
@@ -137,9 +137,9 @@ def test_a_table_needs_its_person(swing, tmp_path, capsys, options, message):
     ("table", "message"),
     [
         ("femur = 3", "segments.femur needs a table of entries, got 3"),
-        ("femur = { proximal = [0, 0, 0] }", "segments.femur needs the name of a segment"),
+        ("femur = { proximal = [0, 0, 0] }", r"\[segments.femur\] needs segment"),
         ('femur = { segment = "thigh", distal = [0, 1] }', "segments.femur.distal needs a list of 3 numbers"),
-        ('femur = { segment = "thigh", middle = [0, 1, 0] }', "segments.femur has no entry 'middle'"),
+        ('femur = { segment = "thigh", middle = [0, 1, 0] }', r"\[segments.femur\] has no entry 'middle'"),
     ],
 )
 def test_segments_are_names_or_tables(tmp_path, table, message):

@@ -134,12 +134,6 @@ figures = { figure_a = { kind = "wrenches" } }
     assert drawn == {"True": "true", "a_b": "a_b", "a b": "a b", "Other": "other"}
 
 
-@pytest.mark.parametrize("name", ["misaligned", "multicontact"])
-def test_the_papers_studies_are_stated_in_thirty_lines(name):
-    text = files("experiments.studies").joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 30
-
-
 def test_options_go_before_the_file():
     file = study_entries.packaged("multicontact", contact="handle", seed=4)
     assert (file.seed, dict(file.scene.contacts)) == (4, {"handle": "contact"})
@@ -202,19 +196,19 @@ def toml(values):
         (
             'model = "double_pendulum"',
             'model = "crane"',
-            r"needs one of double_pendulum, bowing, humanoid, arm, got 'crane'",
+            r"needs one of double_pendulum, bowing, humanoid, arm; got crane",
         ),
         ('model = "double_pendulum"', 'model = "arm.xml"', "scene.model 'arm.xml' does not exist"),
-        ('["pad"]', '["wall"]', "scene.contacts needs one of pad, handle, got 'wall'"),
+        ('["pad"]', '["wall"]', "scene.contacts needs one of pad, handle; got wall"),
         ("samples = 300", "samples = 1.5", "recording.samples needs a whole number of at least 1, got 1.5"),
         ("ground_force", "force", "The scene has no sensor 'force' to be noisy; it has ground_force"),
-        ('axes = "true"', 'axes = "guessed"', "models.known.axes needs one of drawn, recovered, true, got 'guessed'"),
-        ('"weighted"]', '"best"]', "models.drawn.estimators needs one of ordinary, weighted, trajectory, got 'best'"),
-        ('parameters = "drawn"', 'parameters = "known"', "models.known.parameters needs one of drawn, got 'known'"),
+        ('axes = "true"', 'axes = "guessed"', "models.known.axes needs one of drawn, recovered, true; got guessed"),
+        ('"weighted"]', '"best"]', "models.drawn.estimators needs one of ordinary, weighted, trajectory; got best"),
+        ('parameters = "drawn"', 'parameters = "known"', "models.known.parameters needs one of drawn, got known"),
         ('"true", "error"', '"truth"', "groups.show needs one of true, true_scene"),
         ('["ordinary", "weighted"]', '["ordinary"]', "shows error_weighted, but drawn has no estimator 'weighted'"),
         ('"residuals"', '"residual"', "figures.figure_mine.kind needs one of wrenches, wrench errors, residuals"),
-        ('"Known" = "known"', '"Known" = "other"', "curves.Known needs one of drawn, known, got 'other'"),
+        ('"Known" = "known"', '"Known" = "other"', "curves.Known needs one of drawn, known; got other"),
         (
             "drawn = {",
             "True = {",
@@ -224,7 +218,7 @@ def toml(values):
         (
             '"double_pendulum"\n[scene]',
             '"wild"\n[scene]',
-            "excitation needs one of double_pendulum, bowing, got 'wild'",
+            "excitation needs one of double_pendulum, bowing; got wild",
         ),
         ("[models]", "[models", "a study needs to be TOML in UTF-8"),
         ("m1 = 0.5", 'm1 = "a"', "published.error.drawn.m1 needs a number"),

@@ -104,16 +104,12 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     [
         (["pendulum", "--over", "samples", "100"], "invalid choice: 'pendulum'"),
         (["multicontact", "--over", "tilt_deg", "5"], "one of samples, contact, noise_scale, got 'tilt_deg'"),
-        (["multicontact", "--over", "seed", "5"], "got 'seed'"),
         (["multicontact", "--over", "samples", "100", "many"], "--over samples needs values of type int"),
         (["multicontact", "--over", "samples"], "needs one or more finite values, all different, got ''"),
         (["multicontact", "--over", "noise_scale", "1", "1.0"], "all different, got '1 1.0'"),
-        (["multicontact", "--over", "noise_scale", "1", "inf"], "finite values, all different, got '1 inf'"),
-        (["multicontact", "--over", "samples", "9" * 30], "A recording needs 1 to 1000000 samples, got 9999"),
         (["multicontact", "--over", "samples", "0"], "refuses every run: samples 0, seed 0: A recording needs"),
         (["multicontact", "--over", "samples", "100", "--numbers", "x"], "--numbers needs names of condition_number"),
         (["multicontact", "--over", "samples", "100", "--resume"], "--resume needs the runs of an earlier run"),
-        (["multicontact", "--over", "samples", "100", "--seeds", "0"], "got '0'"),
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path, capsys, command, message):

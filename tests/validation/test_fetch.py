@@ -53,20 +53,13 @@ def test_one_that_broke_off_is_downloaded_again_and_validated(fetching, capsys):
         error = refusal(validate.main, fetching.arguments(url), capsys)
     assert "cannot be downloaded (it broke off" in error
     assert "Run it again" in error and not fetching.out.exists()
-    with server(fetching.contents) as (url, asked):
+    with server(fetching.contents) as (url, _):
         assert validate.main(fetching.arguments(url)) == 0
     assert {name: (fetching.cache / name).read_bytes() for name in NAMES} == fetching.contents
     assert (fetching.out / "report.html").is_file()
-    capsys.readouterr()
-    # What is in the cache is not asked for again, and is used without --fetch as well.
-    with server(fetching.contents) as (url, asked):
-        assert validate.main(fetching.arguments(url)) == 0
-    assert asked == []
 
 
-@pytest.mark.parametrize(
-    "damage", [lambda x: x[:300] + b"#" + x[301:], lambda x: x + b"\n", lambda x: x[: len(x) // 2], lambda _: b""]
-)
+@pytest.mark.parametrize("damage", [lambda x: x[:300] + b"#" + x[301:], lambda _: b""])
 def test_a_damaged_or_another_file_is_refused_and_not_kept(fetching, capsys, damage):
     contents = {**fetching.contents, "two.csv": damage(fetching.contents["two.csv"])}
     with server(contents) as (url, _):

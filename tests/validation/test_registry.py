@@ -9,7 +9,7 @@ from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.files import chosen, columns_file, folder, read_entry, registry
 from ident.annotations import fits
 from ident.errors import InputError
-from ident.recordings.columns.entries import toml
+from ident.files.limits import toml
 
 ALLOWED = {"base": str, "columns": str, "fix": dict, "gaps": bool, "ignore": list, "leave_out": list, "prior": bool}
 """Options that the recording's documentation decides. A choice that only the outcome could suggest is none: a cut-off,
@@ -63,7 +63,7 @@ def test_options_are_those_that_the_documentation_decides(entry):
     assert all(isinstance(value, ALLOWED[name]) for name, value in entry.options.items())
     if "columns" in entry.options:
         assert NAME.fullmatch(entry.options["columns"])
-        columns = toml(columns_file(entry.options["columns"]))
+        columns = toml(columns_file(entry.options["columns"]), "a mapping needs")
         assert set(columns) <= OF_COLUMNS
         assert not any({"kp_std", "torque_std"} & {*joint} for joint in columns.get("joints", {}).values())
 

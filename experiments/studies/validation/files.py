@@ -8,14 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 from zipfile import BadZipFile
 
-from experiments.data.validation import Entry, Published, Reference, Source, SourceFile
+from experiments.data.validation import Entry, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.download import HOST, address, cache, digest, download
 from ident.errors import InputError
 from ident.files.limits import toml
+from ident.files.schema import made
 
 
 def folder() -> Path:
@@ -56,17 +56,10 @@ def read_entry(path: Path) -> Entry:
         InputError: It is malformed; the message names the file. `tests/validation/test_registry.py` has further rules.
     """
     content = toml(path, "an entry needs")
-    made: dict[str, Any] = {"name": path.stem}
     try:
-        made["source"] = Source(**content["source"])
-        if "reference" in content:
-            made["reference"] = Reference(**content["reference"])
-        made |= {key: tuple(map(tuple, content[key])) for key in ("fitted", "judged", "alike") if key in content}
-        for key, kind in (("files", SourceFile), ("published", Published)):
-            made[key] = tuple(kind(**each) for each in content.get(key, ()))
-        return Entry(**{**content, **made})
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path.name} is no entry of the registry: {error}.") from None
+        return made(Entry, "", content, name=path.stem)
+    except InputError as error:
+        raise InputError(f"{path.name} is no entry of the registry: {error}") from None
 
 
 DAMAGED = (

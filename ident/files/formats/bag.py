@@ -9,8 +9,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.formats.bag_chunks import largest_chunk, unpacked_size
-from ident.files.formats.reading import library, undamaged
-from ident.files.limits import check_size
+from ident.files.limits import check_size, library, undamaged
 from ident.files.table import Table
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

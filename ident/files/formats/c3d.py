@@ -9,8 +9,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.column import UNITS
 from ident.files.formats.c3d_layout import check_layout
-from ident.files.formats.reading import SI, checked_rate, library, undamaged
-from ident.files.limits import reason
+from ident.files.limits import SI, checked_rate, library, reason, undamaged
 from ident.files.markers import Markers, check_labels
 from ident.files.table import Table
 

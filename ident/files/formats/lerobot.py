@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.formats.parquet import numbers
-from ident.files.formats.parquet_pages import size_of
-from ident.files.formats.reading import library, undamaged
-from ident.files.limits import LIMIT, NUMBER, check_size, parsed_json
+from ident.files.formats.parquet import numbers, size_of
+from ident.files.limits import LIMIT, NUMBER, check_size, library, parsed_json, undamaged
 from ident.files.table import Table
 
 INFO = "meta/info.json"

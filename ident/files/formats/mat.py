@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.formats.reading import undamaged
-from ident.files.limits import NUMBER, check_size
+from ident.files.limits import NUMBER, check_size, undamaged
 from ident.files.table import Table, vector_columns
 
 COMPRESSED = 15

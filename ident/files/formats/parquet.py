@@ -1,15 +1,20 @@
 """Parquet files: columns of numbers, times and vectors."""
 
+from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.formats.parquet_pages import size_of
-from ident.files.formats.reading import library, undamaged
-from ident.files.limits import NUMBER, check_size
+from ident.files.limits import NUMBER, check_size, library, undamaged
 from ident.files.table import Table, vector_columns
+
+UNPACKED, PACKED = 2, 3
+"""Fields of a page's header: its sizes in bytes."""
+
+COUNTED = (5, 7, 8)
+"""Fields of a page's header of which the first field is a number of values: data, dictionaries, data of version 2."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
@@ -78,3 +83,78 @@ def _numbers(column: Any, kind: Any) -> np.ndarray:
     counts = np.asarray(ticks.fill_null(0).to_numpy(zero_copy_only=False), np.int64)
     first = counts[missing.argmin()] if pyarrow.types.is_timestamp(kind) and len(counts) else 0
     return np.where(missing, np.nan, (counts - first) * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit])
+
+
+def size_of(stream: BinaryIO, metadata: Any, columns: Collection[str], groups: Iterable[int] | None = None) -> int:
+    """Bytes that some columns take in memory.
+
+    Args:
+        stream: The file.
+        metadata: Its footer, as the library reads it.
+        columns: Names of the columns.
+        groups: Numbers of the row groups, all by default.
+
+    Raises:
+        LogError: A header is none.
+    """
+    chosen = range(metadata.num_row_groups) if groups is None else groups
+    rows = [metadata.row_group(k) for k in chosen]
+    chunks = [group.column(k) for group in rows for k in range(group.num_columns)]
+    # A vector's path is that of its innermost part, `action.list.element`.
+    used = [each for each in chunks if any(f"{each.path_in_schema}.".startswith(f"{name}.") for name in columns)]
+    return sum(_chunk_size(stream, each) for each in used)
+
+
+def _chunk_size(stream: BinaryIO, chunk: Any) -> int:
+    """Bytes of all pages of a column in a row group."""
+    offsets = chunk.data_page_offset, chunk.dictionary_page_offset or 0
+    size, at = 0, min(offset for offset in offsets if offset)
+    end = at + chunk.total_compressed_size
+    while at < end:
+        stream.seek(at)
+        header = _struct(stream)
+        values = sum(header[k].get(1, 0) for k in COUNTED if k in header)
+        size += max(NUMBER * values, header.get(UNPACKED, 0))
+        at = stream.tell() + max(0, header.get(PACKED, 0))
+    return size
+
+
+def _struct(stream: BinaryIO) -> dict[int, Any]:
+    """Fields of a structure by number: whole numbers and structures; True for all others."""
+    fields, number = dict[int, Any](), 0
+    while (head := _byte(stream)) and (kind := head & 15):
+        number = number + (head >> 4) if head >> 4 else _whole(stream)
+        if kind in (4, 5, 6):
+            fields[number] = _whole(stream)
+        elif kind == 12:
+            fields[number] = _struct(stream)
+        elif kind in (1, 2, 3, 7, 8):
+            # Truth values are in the type itself; texts follow their length.
+            stream.seek({3: 1, 7: 8}.get(kind, 0) if kind != 8 else _natural(stream), 1)
+            fields[number] = True
+        else:
+            raise LogError(f"a page's header has a field of type {kind}")
+    return fields
+
+
+def _whole(stream: BinaryIO) -> int:
+    """Whole number, whose sign is its last bit."""
+    number = _natural(stream)
+    return number >> 1 if number % 2 == 0 else -(number + 1 >> 1)
+
+
+def _natural(stream: BinaryIO) -> int:
+    """Natural number in pieces of seven bits, the last of which has no eighth."""
+    number = 0
+    for shift in range(0, 70, 7):
+        piece = _byte(stream)
+        number |= (piece & 127) << shift
+        if piece < 128:
+            return number
+    raise LogError("a page's header has a number of more than ten bytes")
+
+
+def _byte(stream: BinaryIO) -> int:
+    if not (byte := stream.read(1)):
+        raise LogError("a page's header is cut off")
+    return byte[0]

@@ -20,8 +20,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.files.column import UNITS
 from ident.files.csv_file import lines_of
-from ident.files.formats.reading import checked_rate
-from ident.files.limits import NUMBER
+from ident.files.limits import NUMBER, checked_rate
 from ident.files.markers import Markers
 from ident.files.table import Table, short
 from ident.files.text_file import Text, opened_text

@@ -1,66 +1,222 @@
-"""Entries of a mapping file: tables, lists of numbers and poses, each checked."""
+"""Entries of a mapping file: layouts and times of files, columns, joints behind motors, segments of a person."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ident.annotations import Needs
+from ident.arguments import is_number
 from ident.errors import LogError
-from ident.files import limits
+from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
+from ident.files.csv_file import Layout
+from ident.files.limits import toml
+from ident.files.schema import check_keys, choice, made, table, value_of, vector
+from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
-from ident.tolerances import HUGE
+from ident.parameters.person import Placed
+from ident.recordings.columns.external_loads import LOADS
+
+TERM = ("column", "columns", "weights", "gain", "constant")
+"""Keys of the entry of a computed column, except for its unit."""
+
+OWNERS = ("motors", "joints")
+"""Owners that friction and rotors of coupled motors may have; the first is the default."""
+
+Factor = Annotated[float, Needs("a number other than 0", bool)]
+Row = Annotated[Mapping[str, Factor], Needs("a number for each joint", bool)]
+"""Row of a coupling, by joint, and a number in it."""
 
 
-def toml(path: Path) -> dict[str, Any]:
-    """Entries of a mapping file.
+def single(where: str, entry: Any, quantity: str) -> Columns:
+    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, perhaps with a gain, or a sum, or a constant."""
+    if isinstance(entry, str):
+        return Columns((entry.strip(),))
+    entry = {"constant": entry} if is_number(entry) and quantity.endswith(" position") else entry
+    check_keys(where, table(where, entry), (*TERM, "unit"))
+    current = CURRENT.get(str(entry.get("unit"))) if quantity.endswith(" torque") else None
+    if current is None:
+        name, sums = _term(where, entry)
+        return Columns((name,), *factor_of(where, entry, "unit", quantity), sums)
+    if "gain" not in entry:
+        raise LogError(f"{where} in {entry['unit']} needs a gain, in the joint's N m (of a slide N) for each ampere.")
+    name, sums = _term(where, entry, current)
+    return Columns((name,), 1.0, next(iter(UNITS[quantity])), sums)
+
+
+def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:
+    """Name of a column and, if it is computed, its sum: factor · gain · Σ weight · column + constant."""
+    if entry.keys() & set(TERM) == {"constant"}:
+        alone = Sum((), (), factor * value_of(f"{where}.constant", entry["constant"], float))
+        return alone.name, (alone,)
+    given: Any = entry["columns"] if "columns" in entry else [entry.get("column")]
+    if "column" in entry and "columns" in entry:
+        raise LogError(f"{where} needs a column or several columns, got both.")
+    if "weights" in entry and "columns" not in entry:
+        raise LogError(f"{where} has weights, which are for several columns; one has a gain.")
+    if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
+        raise LogError(f"{where} needs the name of a column, got {short(entry.get('columns', entry.get('column')))}.")
+    names = [name.strip() for name in given]
+    gain, constant = (
+        value_of(f"{where}.{key}", entry.get(key, usual), float) for key, usual in (("gain", 1), ("constant", 0))
+    )
+    if len(names) == 1 and factor * gain == 1 and constant == 0 and "weights" not in entry:
+        return names[0], ()
+    if not all(names) or len(set(names)) < len(names) or not gain:
+        raise LogError(f"{where} needs names of different columns and a gain other than zero, got {short(entry)}.")
+    weights = factor * gain * vector(f"{where}.weights", entry.get("weights", [1] * len(names)), len(names))
+    if not weights.all():
+        raise LogError(f"{where}.weights needs numbers other than zero, got {short(entry['weights'])}.")
+    computed = Sum(tuple(names), tuple(weights.tolist()), constant)
+    return computed.name, (computed,)
+
+
+def several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
+    """Columns of a vector, each a name or an entry for `_term`; with gaps, "" stands for a missing one.
+
+    Positions and quaternions may be constant numbers.
+    """
+    given = names if isinstance(names, list) else []
+    if where.endswith((".position", ".quaternion")):
+        given = [{"constant": each} if is_number(each) else each for each in given]
+    if len(given) != size or not all(isinstance(name, str | dict) for name in given):
+        raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
+    names = given
+    for entry in names:
+        check_keys(where, entry if isinstance(entry, dict) else {}, TERM)
+    terms = [_term(where, entry) if isinstance(entry, dict) else (entry.strip(), ()) for entry in names]
+    if not gaps and not all(name for name, _ in terms):
+        raise LogError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
+    return Columns(tuple(name for name, _ in terms), factor, unit, tuple(each for _, sums in terms for each in sums))
+
+
+def factor_of(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, str]:
+    """Factor from the unit that an entry states to the SI unit, and the SI unit; 1 and "" if none is stated."""
+    choices = UNITS[quantity]
+    if key not in entry:
+        return 1.0, ""
+    if not isinstance(entry[key], str) or entry[key] not in choices:
+        raise LogError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
+    return choices[entry[key]], next(iter(choices))
+
+
+def joints_of_motors(
+    where: str, entry: Mapping[str, Any], joints: Mapping[str, str]
+) -> tuple[dict[str, Columns], dict[str, dict[str, float]]]:
+    """Columns of joints driven by motors, whose angles are `matrix` times joint coordinates, and the couplings."""
+    check_keys(f"[{where}]", entry, ("joints", "matrix", "friction", *KINDS))
+    moved = entry.get("joints")
+    if not isinstance(moved, list) or not moved or any(joint not in joints for joint in moved):
+        raise LogError(f"{where}.joints needs a list of joints, of {', '.join(joints)}; got {short(moved)}.")
+    rows = entry.get("matrix")
+    if not isinstance(rows, list) or len(rows) != len(moved):
+        raise LogError(f"{where}.matrix needs a row for each of {len(moved)} motors, got {short(rows)}.")
+    matrix = np.array([vector(f"{where}.matrix", row, len(moved)) for row in rows])
+    columns = {}
+    for kind in (kind for kind in KINDS if kind in entry):
+        key, named = f"{where}.{kind}", entry[kind]
+        if not isinstance(named, list) or len(named) != len(moved):
+            raise LogError(f"{key} needs a list of {len(moved)} columns, got {short(named)}.")
+        motors = [single(key, each, f"hinge {kind}") for each in named]
+        if not all(motor.read for motor in motors):
+            raise LogError(f"{key} needs {len(moved)} columns, none of them may be missing; got {short(named)}.")
+        try:
+            of_joints = joints_behind_motors(matrix, kind, motors)
+        except LogError as error:
+            raise LogError(f"[{where}] {error}") from None
+        for joint, column in zip(moved, of_joints, strict=True):
+            unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
+            columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
+    return columns, couplings(where, entry, moved, matrix, joints)
+
+
+def layouts(entries: Mapping[str, Any]) -> tuple[Layout, ...]:
+    """Layouts of text files: one for all from `[file]`, or one for each file from `[[file]]`.
 
     Raises:
-        LogError: It is missing or malformed.
+        LogError: An entry is malformed; likewise for all functions here.
     """
-    if not path.is_file():
-        raise LogError(f"{path}: a mapping of columns is a TOML file that exists.")
-    return limits.toml(path, "a mapping of columns needs", LogError)
+    entry = entries.get("file", {})
+    if not isinstance(entry, list):
+        return (made(Layout, "file", entry),)
+    return tuple(made(Layout, f"file {k}", each) for k, each in enumerate(entry, start=1)) or (Layout(),)
 
 
-def table(where: str, value: Any) -> Mapping[str, Any]:
-    """The value, checked to be a table of entries.
+def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:
+    """Columns of times: one for all files, or one for each; empty if the mapping has none."""
+    if "rate" in entries:
+        if "time" in entries:
+            raise LogError("the mapping has time and rate; rate is for a log without times, keep one of them.")
+        return (clock_of_rate("rate", entries["rate"]),)
+    entry = entries.get("time", [])
+    if not isinstance(entry, list):
+        return (_clock("time", entry),)
+    if "time" in entries and not entry:
+        raise LogError("time needs the column of times of each file, got an empty list.")
+    return tuple(_clock(f"time {k}", each) for k, each in enumerate(entry, start=1))
+
+
+def _clock(where: str, entry: Any) -> Columns:
+    """A column of times, or of sample counts for `{ rate = HZ }`."""
+    if isinstance(entry, dict) and "rate" in entry:
+        check_keys(where, entry, ("rate",))
+        return clock_of_rate(f"{where}.rate", entry["rate"])
+    return single(where, entry, "time")
+
+
+def selection(entries: Mapping[str, Any]) -> Any:
+    """Rows and times that are selected."""
+    entry = table("select", entries.get("select", {}))
+    # One span `[FIRST, LAST]`, or a list of them.
+    several = {key: isinstance(x, list) and all(isinstance(each, list) for each in x) for key, x in entry.items()}
+    return made(Selection, "select", {key: x if several[key] else [x] for key, x in entry.items()})
+
+
+def couplings(
+    where: str, entry: Mapping[str, Any], joints: Sequence[str], matrix: np.ndarray, taken: Collection[str] = ()
+) -> dict[str, dict[str, float]]:
+    """Rows of coupled motors by their names, `NAME 1`, `NAME 2`; empty where rotors and friction belong to the joints.
+
+    They do where the mapping says so, and where every motor moves one joint.
+
+    Args:
+        where: Name of the motors' entry, `motors.NAME`.
+        entry: The entry.
+        joints: The joints.
+        matrix: R of `q_motor = R q` (n, n).
+        taken: Names that a motor must not have, those of all joints.
 
     Raises:
-        LogError: It is none; likewise for all functions here.
+        LogError: `friction` is none of `OWNERS`, or a motor has the name of a joint.
     """
-    if not isinstance(value, dict):
-        raise LogError(f"{where} needs a table of entries, got {short(value)}.")
-    return value
+    owner = choice(f"{where}.friction", entry.get("friction", OWNERS[0]), OWNERS)
+    if owner != OWNERS[0] or (np.count_nonzero(matrix, axis=1) < 2).all():
+        return {}
+    names = [f"{where.partition('.')[2]} {number}" for number in range(1, len(matrix) + 1)]
+    if twice := [name for name in names if name in taken]:
+        raise LogError(f"[{where}] has a motor '{twice[0]}', and a joint is named so too; rename the motors.")
+    rows = ({joint: float(x) for joint, x in zip(joints, row, strict=True) if x} for row in matrix)
+    return dict(zip(names, rows, strict=True))
 
 
-def check_keys(where: str, entry: Mapping[str, Any], choices: Sequence[str]) -> None:
-    """Refuses unknown keys."""
-    for key in entry:
-        if key not in choices:
-            raise LogError(f"{where} has no entry '{short(key)}'; valid are {', '.join(choices) or 'none'}.")
+def read_segments(path: Path) -> dict[str, Placed] | None:
+    """Segments of a person by body, from `[segments]` of a mapping file; None if it has no such table.
+
+    Raises:
+        LogError: The file is missing or malformed.
+    """
+    if path.suffix.lower() == LOADS:
+        return None
+    entries = toml(path, "a mapping of columns needs")
+    try:
+        return segments_of(entries["segments"]) if "segments" in entries else None
+    except LogError as error:
+        raise LogError(f"{path}: {error}") from None
 
 
-def vector(where: str, value: Any, size: int) -> np.ndarray:
-    """A list of `size` numbers as an array (size,)."""
-    numbers = isinstance(value, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in value)
-    if not numbers or len(value) != size:
-        raise LogError(f"{where} needs a list of {size} numbers, got {short(value)}.")
-    return np.array(value, float)
-
-
-def pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
-    """Pose from an entry's `position` and its `quaternion` or `rpy_deg` (4, 4)."""
-    if "quaternion" in entry and "rpy_deg" in entry:
-        raise LogError(f"[{where}] needs a quaternion or rpy_deg, got both.")
-    T = np.eye(4)
-    T[:3, 3] = vector(f"{where}.position", entry.get("position", [0, 0, 0]), 3)
-    if "rpy_deg" in entry:
-        T[:3, :3] = Rotation.from_euler("xyz", vector(f"{where}.rpy_deg", entry["rpy_deg"], 3), True).as_matrix()
-        return T
-    quaternion = vector(f"{where}.quaternion", entry.get("quaternion", [1, 0, 0, 0]), 4)
-    if not 0.99 < np.linalg.norm(quaternion) < 1.01:
-        raise LogError(f"{where}.quaternion needs four numbers w, x, y, z of norm 1, got {quaternion.tolist()}.")
-    T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    return T
+def segments_of(entries: Any) -> dict[str, Placed]:
+    """Segments by body, from entries `BODY = "SEGMENT"` or tables with the segment and its ends."""
+    given = {body: {"segment": x} if isinstance(x, str) else x for body, x in table("segments", entries).items()}
+    return {body: made(Placed, f"segments.{body}", entry) for body, entry in given.items()}

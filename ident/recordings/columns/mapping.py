@@ -8,19 +8,27 @@ from typing import Any
 from ident.arguments import OF_BODIES, checked_deviations, checked_rpy
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
-from ident.files.counted import clock_of_rate
 from ident.files.csv_file import Layout
-from ident.files.selection import Selection
+from ident.files.limits import toml
+from ident.files.schema import check_keys, pose, table, value_of
+from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.mechanism.follower import Follower
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates
-from ident.recordings.columns.column_entries import factor_of, joints_of_motors, several, single
-from ident.recordings.columns.entries import check_keys, pose, table, toml
+from ident.recordings.columns.entries import (
+    clocks,
+    factor_of,
+    joints_of_motors,
+    layouts,
+    segments_of,
+    selection,
+    several,
+    single,
+)
 from ident.recordings.columns.external_loads import LOADS, external_loads
-from ident.recordings.columns.file_entries import clocks, layouts, selection
 from ident.recordings.columns.plates import Plate
-from ident.recordings.columns.segments import segments_of
 from ident.recordings.servo import GAINS, SCALES, Servo, scale_of, servo_of
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, SETUP
@@ -53,6 +61,7 @@ class ColumnMapping:
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
         still: True if rows are poses at rest, as for `Recording`.
         followers: Joints that follow another one; until columns are complete, those that do if they have none.
+        mechanism: The mechanism, whose loops may determine joints without columns.
         clocks: Columns of times, one for each file, if they are stated one by one.
         layouts: Layouts of text files, one for all or one for each.
         selection: Rows and times that are selected.
@@ -73,6 +82,7 @@ class ColumnMapping:
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
     still: bool = False
     followers: Mapping[str, Follower] = field(default_factory=dict)
+    mechanism: Mechanism | None = None
     clocks: tuple[Columns, ...] = ()
     layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
@@ -113,7 +123,8 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
     Raises:
         LogError: The file is missing or malformed, or names joints or bodies that the mechanism does not have.
     """
-    entries = external_loads(path, tree.names) if path.suffix.lower() == LOADS else toml(path)
+    loads = path.suffix.lower() == LOADS
+    entries = external_loads(path, tree.names) if loads else toml(path, "a mapping of columns needs")
     try:
         return _mapping(entries, tree)
     except LogError as error:
@@ -162,9 +173,9 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
         mapping.columns["time"] = times[0]
     else:
         mapping.clocks = times
-    mapping.still = entries.get("poses", False)
-    if not isinstance(mapping.still, bool):
-        raise LogError(f"poses needs true, if each row is a pose at rest, or false; got {short(mapping.still)}.")
+    mapping.still = value_of(
+        "poses", entries.get("poses", False), bool, "true, if each row is a pose at rest, or false"
+    )
     if mapping.still:
         # Whatever is stated of times; rows need an order alone.
         mapping.clocks, mapping.columns["time"] = (), clock_of_rate("poses", 1.0)
@@ -202,9 +213,7 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
         check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
         if "rpy_deg" in entry:
             mapping.base_rpy_deg = checked_rpy("base.rpy_deg", entry["rpy_deg"], LogError)
-        mapping.held = entry.get("held")
-        if not isinstance(mapping.held, bool | None):
-            raise LogError(f"base.held needs true or false, got {short(mapping.held)}.")
+        mapping.held = value_of("base.held", entry.get("held"), bool | None)
         if entry.keys() - {"held", "rpy_deg"}:
             length = factor_of("base", entry, "unit", "length")
             mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
@@ -270,7 +279,5 @@ def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: P
         raise LogError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
     if name != GROUND and plate is None and body not in bodies:
         raise LogError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
-    applied = entry.get("applied_to_link", True)
-    if not isinstance(applied, bool):
-        raise LogError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
+    applied = value_of(f"{where}.applied_to_link", entry.get("applied_to_link", True), bool)
     return Sensor(body, pose(where, entry), applied) if plate is None else plate.sensor(applied)

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from ident.annotations import NotNegative
 from ident.errors import LogError
+from ident.files import schema
 from ident.files.table import short
 from ident.geometry.se3 import pose as pose_of
-from ident.recordings.columns import entries
 from ident.recordings.wrench import GROUND, Sensor
 
 KEYS = ("frame", "corners", "origin", "on", "among", "expected", "point", "point_unit", "free_moment", "threshold")
@@ -60,24 +61,24 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
     Raises:
         LogError: The entry contradicts itself, is incomplete, or names a body that the mechanism does not have.
     """
-    where, frame = f"wrenches.{name}", entry.get("frame", "body")
-    if frame not in FRAMES:
-        raise LogError(f"{where}.frame needs one of {', '.join(FRAMES)}; got {short(frame)}.")
+    where = f"wrenches.{name}"
+    frame = schema.choice(f"{where}.frame", entry.get("frame", "body"), FRAMES)
     if frame == "body":
         if extra := [key for key in KEYS[1:] if key in entry]:
             raise LogError(f'[{where}] has \'{extra[0]}\', which takes a frame that rests: "plate" or "world".')
         return None
     on, point = _bodies(name, entry, bodies), _point(where, entry)
     pose = _in_world(where, entry) if frame == "world" else _of_plate(where, entry)
-    low = entry.get("threshold", THRESHOLD if point is not None or len(on) > 1 else 0)
-    if type(low) not in (int, float) or not 0 <= low < np.inf:
-        raise LogError(f"{where}.threshold needs a force in N, zero or more, got {short(low)}.")
+    usual = THRESHOLD if point is not None or len(on) > 1 else 0.0
+    low = schema.value_of(
+        f"{where}.threshold", entry.get("threshold", usual), NotNegative, "a force in N, zero or more"
+    )
     expected = entry.get("expected", "")
     if "expected" in entry and (len(on) < 2 or expected not in on):
         raise LogError(
             f'{where}.expected needs one of the bodies among which on = "{AUTO}" looks, got {short(expected)}.'
         )
-    return Plate(pose, on, float(low), point, str(expected))
+    return Plate(pose, on, low, point, str(expected))
 
 
 def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:
@@ -114,7 +115,7 @@ def pose_of_corners(where: str, corners: np.ndarray) -> np.ndarray:
 
 
 def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple[str, ...]:
-    where, on, choices = f"wrenches.{name}", entry.get("on"), ", ".join(bodies)
+    where, on = f"wrenches.{name}", entry.get("on")
     if "body" in entry:
         raise LogError(f"[{where}] rests in the world: the body that touches it is stated by 'on', not by 'body'.")
     if "among" in entry and on != AUTO:
@@ -124,15 +125,11 @@ def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple
             raise LogError(f"[{where}] needs no 'on': the ground acts at the base; got {short(on)}.")
         return ()
     if on != AUTO:
-        if on not in bodies:
-            raise LogError(f'{where}.on needs the body on it, one of {choices}, or "{AUTO}"; got {short(on)}.')
-        return (str(on),)
+        return (schema.choice(f"{where}.on", on, (*bodies, AUTO)),)
     among = entry.get("among")
     if not isinstance(among, list) or len(among) < 2 or any(among.count(body) > 1 for body in among):
         raise LogError(f"{where}.among needs a list of the two bodies or more that may be on it, got {short(among)}.")
-    if unknown := [body for body in among if body not in bodies]:
-        raise LogError(f"{where}.among needs bodies out of {choices}; got {short(unknown[0])}.")
-    return tuple(among)
+    return tuple(schema.choice(f"{where}.among", body, bodies) for body in among)
 
 
 def _point(where: str, entry: Mapping[str, Any]) -> np.ndarray | None:
@@ -158,7 +155,7 @@ def _in_world(where: str, entry: Mapping[str, Any]) -> np.ndarray:
         raise LogError(f"[{where}] is in the world's axes, and '{extra[0]}' would turn them: say frame = \"plate\".")
     if "point" in entry and "position" in entry:
         raise LogError(f"[{where}] has its point in the world's frame, which leaves no use for 'position'.")
-    return entries.pose(where, entry)
+    return schema.pose(where, entry)
 
 
 def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
@@ -167,12 +164,12 @@ def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
             raise LogError(f"[{where}] needs the plate's pose in the world: 'position' with a rotation, or 'corners'.")
         if "origin" in entry:
             raise LogError(f"{where}.origin belongs to 'corners'; 'position' says where the frame's origin is.")
-        return entries.pose(where, entry)
+        return schema.pose(where, entry)
     if extra := [key for key in ("position", "quaternion", "rpy_deg") if key in entry]:
         raise LogError(f"[{where}] needs 'corners' or '{extra[0]}', got both.")
     corners = entry["corners"]
     if not isinstance(corners, list) or len(corners) != 4:
         raise LogError(f"{where}.corners needs four points [x, y, z] in the world, m, got {short(corners)}.")
-    T = pose_of_corners(f"{where}.corners", np.array([entries.vector(f"{where}.corners", x, 3) for x in corners]))
-    T[:3, 3] += T[:3, :3] @ entries.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
+    T = pose_of_corners(f"{where}.corners", np.array([schema.vector(f"{where}.corners", x, 3) for x in corners]))
+    T[:3, 3] += T[:3, :3] @ schema.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
     return T

@@ -350,11 +350,11 @@ BAD = {
     "no frame": ('body = "arm"\n' + POINT, '\'point\', which takes a frame that rests: "plate" or "world"'),
     "on a body frame": ('on = "arm"', "[wrenches.p] has 'on', which takes a frame that rests"),
     "body": ('frame = "world"\nbody = "arm"', "rests in the world: the body that touches it is stated by 'on'"),
-    "no body": ('frame = "world"', "wrenches.p.on needs the body on it, one of pelvis"),
-    "unknown body": ('frame = "world"\non = "hand"', 'arm, or "auto"; got hand'),
+    "no body": ('frame = "world"', "wrenches.p.on needs one of pelvis"),
+    "unknown body": ('frame = "world"\non = "hand"', "arm, auto; got hand"),
     "alone": ('frame = "world"\non = "auto"', "wrenches.p.among needs a list of the two bodies or more"),
     "twice": ('frame = "world"\non = "auto"\namong = ["arm", "arm"]', "among needs a list of the two bodies or more"),
-    "unknown among": ('frame = "world"\non = "auto"\namong = ["arm", "leg"]', "wrenches.p.among needs bodies out of"),
+    "unknown among": ('frame = "world"\non = "auto"\namong = ["arm", "leg"]', "wrenches.p.among needs one of pelvis"),
     "among one": (
         'frame = "world"\non = "arm"\namong = ["arm", "foot_r"]',
         'among belongs to on = "auto"; got on = arm',
@@ -386,7 +386,7 @@ BAD = {
     "moment of two": (ON + CORNERS + POINT.replace('"", "t"', '"t"'), "free_moment needs a list of 3 columns"),
     "point unit": (ON + CORNERS + POINT + 'point_unit = "in"', "wrenches.p.point_unit needs one of m, cm, mm; got in"),
     "position of a point": (ON.replace("plate", "world") + POINT + "position = [0, 0, 1]", "no use for 'position'"),
-    "threshold": (ON + CORNERS + "threshold = -1", "wrenches.p.threshold needs a force in N, zero or more, got -1"),
+    "threshold": (ON + CORNERS + "threshold = -1", "wrenches.p.threshold needs a force in N, zero or more; got -1"),
     "held": ('body = "arm"\n[base]\nheld = "no"', "base.held needs true or false, got no"),
 }
 

@@ -1,11 +1,12 @@
-"""Detection of clipped signals: a sensor at the limit of its range repeats one extreme value."""
+"""Faults of single channels: gross outliers, removed before a filter spreads them, and samples at a sensor's limit."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ident.recordings.resolution import white_noise
-from ident.recordings.runs import runs
+from ident.recordings.resolution import UNIFORM, quantum, white_noise
+from ident.recordings.runs import running_median, runs
+from ident.tolerances import NORMAL_MAD
 
 SHARE, FEWEST = 0.005, 5
 """Least share and least number of samples at an extreme value for it to be a limit."""
@@ -29,6 +30,16 @@ SAME = 1e-9
 STILL, BY_NOISE = 0.003, 6.0
 """A coordinate moves during a run at a limit if it changes by more than this share of its range plus this many standard
 deviations of its noise. During a rest sensors repeat a value without being clipped."""
+
+WINDOW = 11
+"""Samples of the running median."""
+
+GROSS = 8.0
+"""Multiple of the typical deviation from the running median beyond which a sample is an outlier, if it also exceeds
+the channel's own spread."""
+
+ISOLATED = 2
+"""Longest run of samples that counts as an outlier; an impact lasts longer."""
 
 
 class Limit(NamedTuple):
@@ -88,3 +99,43 @@ def moves(samples: np.ndarray, q: np.ndarray) -> bool:
     crossed = [(np.ptp(q[span], axis=0) > enough).any() for span in spans]
     # The mechanism has to move in most of the runs.
     return bool(np.mean(crossed or [0.0]) > 1 / 2)
+
+
+def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Channels with their isolated gross outliers interpolated (Hampel's filter).
+
+    A step of the resolution is no outlier, not even in a channel that is constant for a while.
+
+    Args:
+        x: Channels (N, C); those with NaN stay as they are.
+
+    Returns:
+        The channels (N, C), and the number of samples replaced in each (C,).
+    """
+    out, counts = np.array(x, float), np.zeros(x.shape[1], int)
+    for c in np.flatnonzero(np.isfinite(out).all(axis=0)):
+        bad = _isolated(_gross(out[:, c]))
+        counts[c] = bad.sum()
+        if bad.any() and not bad.all():
+            out[bad, c] = np.interp(np.flatnonzero(bad), np.flatnonzero(~bad), out[~bad, c])
+    return out, counts
+
+
+def _gross(x: np.ndarray) -> np.ndarray:
+    """Mask of the samples of a channel that are far from the running median (N,)."""
+    deviation = np.abs(x - running_median(x, WINDOW))
+    usual = max(np.median(deviation), UNIFORM * quantum(x))
+    least = NORMAL_MAD * max(GROSS * usual, np.median(np.abs(x - np.median(x))))
+    # The typical deviation around a sample matters for few of them, and takes most of the time.
+    out = deviation > least
+    far = np.flatnonzero(out)
+    out[far] = deviation[far] > NORMAL_MAD * GROSS * running_median(deviation, 5 * WINDOW, far)
+    return out
+
+
+def _isolated(samples: np.ndarray) -> np.ndarray:
+    """Mask without its longer runs (N,)."""
+    out = samples.copy()
+    for first, end in runs(samples):
+        out[first:end] = end - first <= ISOLATED
+    return out

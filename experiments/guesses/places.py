@@ -1,17 +1,15 @@
-"""Places of wrenches by the model: at the base, or of a sensor beyond a joint; their units, signs and axes."""
+"""Places of wrenches by the model: at the base, or of a sensor beyond a joint; its units, sign and axes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief, Entry, Group
-from experiments.guesses.chosen import CLEAR, ENOUGH, ENOUGH_OF_WRENCHES
-from experiments.guesses.explained import Model, explained, unexplained
-from experiments.guesses.log_contents import LogContents
-from experiments.guesses.measured import AGREES
+from experiments.guesses.model import Model, explained, unexplained
+from experiments.guesses.series import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES
 from experiments.guesses.words import LIKE, likeness, words
+from experiments.guesses.wrenches import set_turn, set_unit, size_ratio
 from ident.errors import ExcitationError
 from ident.estimation.equations import COMPONENTS
 from ident.payload.weight import TURNED, weighed
@@ -22,18 +20,6 @@ a payload of a tenth of the weight, in the base's axes, it explains .93."""
 
 TINY = 1e-6
 """Difference of unexplained shares that is rounding, as of bodies that are rigidly connected."""
-
-SNAPPED = 3.0
-"""Deviation from right angles, degrees, up to which a sensor's axes are taken to be at right angles."""
-
-HALF_WAY = np.sqrt(1000)
-"""Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
-
-OF_SIZE = {
-    "force": ("unit", {"N": 1.0, "mN": 1e3, "kN": 1e-3}),
-    "torque": ("torque_unit", {"N m": 1.0, "N mm": 1e3, "kN m": 1e-3}),
-}
-"""Key of the unit of forces and of moments, and the size of a column in each unit over that in the SI unit."""
 
 
 def place_wrenches(model: Model) -> None:
@@ -56,15 +42,11 @@ def place_wrenches(model: Model) -> None:
         if not group.is_open:
             group.is_inner = 1 - left.get(str(group.entries["body"].value), 1.0) >= AGREES
         elif best and 1 - left[best] >= AGREES and left[best] < CLEAR * at_base:
-            sizes = {body: _ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
+            sizes = {body: size_ratio(_varying(x), _varying(inside[body][:, part])) for body in left}
             _carry(group, model, left, sizes)
-        elif 1 - at_base < (ENOUGH if _is_of_size(_ratio(x, ground[:, part])) else ENOUGH_OF_WRENCHES):
-            ask_place(
-                belief,
-                group,
-                f"The model explains {explained(at_base)} of it as the ground's, and "
-                f"{explained(left.get(best, 1.0))} as that of what '{best}' carries.",
-            )
+        elif 1 - at_base < (ENOUGH if _is_of_size(size_ratio(x, ground[:, part])) else ENOUGH_OF_WRENCHES):
+            shares = f"{explained(at_base)} of it as the ground's, and {explained(left.get(best, 1.0))}"
+            ask_place(belief, group, f"The model explains {shares} as that of what '{best}' carries.")
         if group.is_inner:
             body = str(group.entries["body"].value)
             _turn_inner(group, model, inside[body])
@@ -79,13 +61,8 @@ def place_wrenches(model: Model) -> None:
 def ask_place(belief: Belief, group: Group, why: str) -> None:
     """Leaves a wrench a remark, with a question on the place where it is measured."""
     group.entries["body"] = Entry("?", "the body beyond the sensor", DOUBTFUL)
-    belief.open.append(f"It is open where the wrench '{group.own_name}' is measured. {why}")
+    belief.ask(f"It is open where the wrench '{group.own_name}' is measured. {why}")
     _rename(belief, group)
-
-
-def _ratio(measured: np.ndarray, predicted: np.ndarray) -> float:
-    """Size of columns over that of the prediction."""
-    return float(np.linalg.norm(measured)) / max(float(np.linalg.norm(predicted)), 1e-12)
 
 
 def _is_of_size(ratio: float) -> bool:
@@ -111,12 +88,12 @@ def _carry(group: Group, model: Model, left: Mapping[str, float], sizes: Mapping
     alike = [body for body in left if CLEAR * left[body] <= left[best] + TINY]
     rigid = [body for body in alike if model.mover(body) == model.mover(best)]
     named = [body for body in alike if likeness(words(group.own_name), words(body)) >= LIKE]
-    body = named[0] if len(named) == 1 else min(rigid, key=lambda body: abs(np.log(max(sizes[body], 1e-12))))
+    body = named[0] if len(named) == 1 else min(rigid, key=lambda body: abs(np.log(sizes[body])))
     why = f"the model explains {explained(left[body])} of it as the wrench of what '{body}' carries"
-    sure = LIKELY if len(named) == 1 or len(rigid) == len(alike) else DOUBTFUL
-    group.entries["body"] = Entry(body, why, sure)
-    if sure == DOUBTFUL:
-        model.belief.open.append(f"The wrench '{group.own_name}' may be that of what {' or '.join(alike)} carries.")
+    is_one = len(named) == 1 or len(rigid) == len(alike)
+    group.entries["body"] = Entry(body, why, LIKELY if is_one else DOUBTFUL)
+    if not is_one:
+        model.belief.ask(f"The wrench '{group.own_name}' may be that of what {' or '.join(alike)} carries.")
     _rename(model.belief, group)
 
 
@@ -125,55 +102,12 @@ def _turn_inner(group: Group, model: Model, predicted: np.ndarray) -> None:
     for key, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
         if key in group.entries:
             measured = _varying(model.level(group.entries[key].value))
-            set_unit(model.belief, model.contents, [group], key, _ratio(measured, _varying(predicted[:, part])))
+            set_unit(model.belief, [group], key, size_ratio(measured, _varying(predicted[:, part])))
     if "force" not in group.entries:
         return
-    force = model.level(group.entries["force"].value)
     with suppress(ExcitationError):
+        force = model.level(group.entries["force"].value)
         # The direction of gravity decides, whatever the payload weighs.
         fit = weighed(np.hstack([force, 0 * force]), -predicted[:, :3])
         turned = fit.angle > TURNED and "rpy_deg" not in group.entries
         set_turn(group, fit.rotation.T if turned else np.eye(3), "body", "gravity fits", opposite=fit.opposite)
-
-
-def set_unit(belief: Belief, contents: LogContents, groups: Sequence[Group], kind: str, ratio: float) -> bool:
-    """Sets the unit of forces or moments by their size, unless it is known, and returns True if it is not the SI unit.
-
-    Args:
-        belief: The belief, for a note on a size that no unit explains.
-        contents: The log.
-        groups: The wrenches.
-        kind: `force` or `torque`.
-        ratio: Size of the columns over what the model predicts in SI units.
-    """
-    key, choices = OF_SIZE[kind]
-    unit = min(choices, key=lambda u: abs(np.log(max(ratio, 1e-12) / choices[u])))
-    if abs(np.log(max(ratio, 1e-12) / choices[unit])) > np.log(HALF_WAY):
-        belief.notes.append(
-            f"The {kind}s have {ratio:.2g} times the size in {next(iter(choices))} that the model predicts, "
-            "which no other unit explains."
-        )
-        return False
-    changed = False
-    for group in groups:
-        columns = [name for k in (kind, "free_moment") if k in group.entries for name in group.entries[k].value]
-        if key not in group.entries and any(columns) and not any(name in contents.units for name in columns):
-            why = f"in {unit} it has {ratio / choices[unit]:.2g} times the size that the model predicts"
-            group.entries[key] = Entry(unit, why)
-            changed = changed or choices[unit] != 1
-    return changed
-
-
-def set_turn(group: Group, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
-    """Sets the sign and the axes of a wrench, at right angles if they nearly are."""
-    if opposite:
-        group.entries["applied_to_link"] = Entry(False, f"the opposite sign: {why}")
-    if not np.array_equal(rotation, np.eye(3)):
-        angles = Rotation.from_matrix(rotation).as_euler("xyz", degrees=True)
-        near = 90 * np.round(angles / 90)
-        angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
-        group.entries["rpy_deg"] = Entry(angles.tolist(), f"its axes in those of the {frame}: {why}")
-        # A frame that is not turned states no angles.
-        if "frame" in group.entries:
-            group.entries["frame"] = Entry("plate", "axes other than the world's")
-            group.entries["position"] = Entry([0, 0, 0], "the world's origin")

@@ -8,19 +8,22 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.guesses.belief import Belief
-from experiments.guesses.log_contents import LogContents
-from experiments.guesses.units import factor
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.recorded_motion import joint_states
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.mapping import joint_kinds
 from ident.recordings.smoothing import SETTLING, chosen_cutoff, low_pass, smoothed
 
 SAMPLES = 300
 """Samples at which the model is evaluated, evenly spaced."""
+
+STILL = 1e-6
+"""Range of a predicted channel, relative to the largest, up to which it does not depend on the motion."""
+
+States = Mapping[str, np.ndarray]
+"""Position and both derivatives by joint (3, M)."""
 
 
 class Left(NamedTuple):
@@ -37,43 +40,34 @@ class Left(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A mechanism beside a log: columns low-passed by one filter, at few samples.
+    """The model of a belief beside its log: columns low-passed by one filter, at few samples.
 
     Attributes:
         belief: The belief so far, which may change.
-        contents: The log.
-        mechanism: The mechanism, with a prior.
         states: Values and both derivatives of columns that may be positions (3, M).
         levels: Values of all columns (M,).
     """
 
     belief: Belief
-    contents: LogContents
-    mechanism: Mechanism
     states: Mapping[str, np.ndarray]
     levels: Mapping[str, np.ndarray]
 
-    @cached_property
-    def kinds(self) -> dict[str, str]:
-        """Kind of each joint."""
-        return joint_kinds(self.mechanism.tree)
-
     @classmethod
-    def of(cls, belief: Belief, contents: LogContents, mechanism: Mechanism, candidates: Iterable[str]) -> "Model":
+    def of(cls, belief: Belief, candidates: Iterable[str] = ()) -> "Model":
         """The model beside a log; the cut-off suits the known positions and the candidates.
 
         Raises:
             InputError: There are too few samples for a filter.
         """
-        known = [x.column for x in belief.of("position").values() if x.column in contents.columns]
-        names, rate = list(dict.fromkeys([*known, *candidates])), contents.rate
-        x = np.stack([contents.columns[name] for name in names], axis=1)
+        log, known = belief.log, [x.column for x in belief.of("position").values()]
+        names = [name for name in dict.fromkeys([*known, *candidates]) if name in log.columns]
+        x, rate = log.table(names), log.rate
         cutoff = chosen_cutoff(x, rate)
         edge = min(int(SETTLING * rate / cutoff), len(x) // 10)
         taken = np.unique(np.linspace(edge, len(x) - 1 - edge, SAMPLES).astype(int))
         states = np.stack(smoothed(x, rate, cutoff))[:, taken]
-        levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in contents.columns.items()}
-        return cls(belief, contents, mechanism, {name: states[:, :, k] for k, name in enumerate(names)}, levels)
+        levels = {name: low_pass(y, rate, cutoff)[taken] for name, y in log.columns.items()}
+        return cls(belief, {name: states[:, :, k] for k, name in enumerate(names)}, levels)
 
     def states_of(self, positions: Mapping[str, str], scale: float = 1.0) -> dict[str, np.ndarray]:
         """Positions and both derivatives of all joints (3, M); joints without columns are at rest.
@@ -82,40 +76,42 @@ class Model:
             positions: Columns taken as positions, by joint, beside those of the belief.
             scale: Factor to rad of angles whose unit is not known: a program has one unit for all angles.
         """
-        size, known = len(next(iter(self.levels.values()))), self.belief.of("position")
-        out = {joint: np.zeros((3, size)) for joint in self.kinds}
-        for joint, kind in self.kinds.items():
-            angle = scale if kind == "hinge" else 1.0
-            x = known.get(joint)
+        size, known, out = len(next(iter(self.levels.values()))), self.belief.of("position"), dict[str, np.ndarray]()
+        for joint, kind in self.belief.kinds.items():
+            angle, x = scale if kind == "hinge" else 1.0, known.get(joint)
+            out[joint] = np.zeros((3, size))
             if joint in positions:
                 out[joint] = self.states[positions[joint]] * angle
             elif x and x.column in self.states:
-                own = factor(self.contents, x, self.kinds) if x.unit else angle
-                out[joint] = self.states[x.column] * x.gain * own
-            elif x and x.column in self.contents.constant:
-                out[joint][0] = self.contents.constant[x.column] * factor(self.contents, x, self.kinds)
+                out[joint] = self.states[x.column] * x.gain * (self.belief.factor(x) if x.unit else angle)
+            elif x and x.column in self.belief.log.constant:
+                out[joint][0] = self.belief.log.constant[x.column] * self.belief.factor(x)
         return out
 
-    def predicted(self, states: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def predicted(self, states: States) -> dict[str, np.ndarray]:
         """Total wrench in the base frame and joint torques by channel (M,) each."""
-        motion = Motion(*_joint_states(self.mechanism.tree, states))
-        return predicted_channels(self.mechanism, motion, np.eye(4), torques=True)
+        motion = Motion(*_joint_states(self.belief.mechanism.tree, states))
+        return predicted_channels(self.belief.mechanism, motion, np.eye(4), torques=True)
 
-    def shares(self, states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray]) -> list[Left]:
+    def left(self, factors: Mapping[str, float] | None = None) -> Left | None:
+        """Mean of the unexplained shares, with factors on some positions; None without any wrench and torque."""
+        states = {joint: x * (factors or {}).get(joint, 1.0) for joint, x in self.states_of({}).items()}
+        shares = self.shares(states, self.predicted(states))
+        return Left(*np.mean(shares, axis=0).tolist()) if shares else None
+
+    def shares(self, states: States, predicted: Mapping[str, np.ndarray]) -> list[Left]:
         """Unexplained shares of the forces, the moments and each joint torque that the belief has."""
         wrench, out = [predicted[c] for c in COMPONENTS], list[Left]()
-        places = self.wrenches(states) if any(group.is_open for group in self.belief.groups.values()) else {}
+        groups = [group for group in self.belief.groups.values() if not group.is_inner]
+        places = self.wrenches(states) if any(group.is_open for group in groups) else {}
         for key, basis, part in (("force", wrench[:3], wrench[:3]), ("torque", wrench, wrench[3:])):
-            groups = [group for group in self.belief.groups.values() if key in group.entries and not group.is_inner]
-            each = [self.level(group.entries[key].value) for group in groups]
-            total = np.sum(each, axis=0) if each else np.zeros((1, 3))
+            total = sum((self.level(g.entries[key].value) for g in groups if key in g.entries), np.zeros((1, 3)))
             if np.ptp(total, axis=0).any():
-                inside = [unexplained(total, list(x.T)[: 3 if key == "force" else 6]) for x in places.values()]
+                inside = [unexplained(total, list(x.T)[: len(basis)]) for x in places.values()]
                 out.append(Left(min([unexplained(total, basis), *inside]), min([_beside_own(total, part), *inside])))
         for joint, quantity in self.belief.of("torque").items():
             if quantity.column in self.levels:
-                share = float(self.of_torques(states, predicted, [quantity.column])[joint][0])
-                out.append(Left(share, share))
+                out.append(Left(*2 * [float(self.of_torques(states, predicted, [quantity.column])[joint][0])]))
         return out
 
     def level(self, names: Sequence[str]) -> np.ndarray:
@@ -123,12 +119,16 @@ class Model:
         zero = np.zeros(len(next(iter(self.levels.values()))))
         return np.stack([self.levels.get(name, zero) for name in names], axis=1)
 
-    def left(self, states: Mapping[str, np.ndarray]) -> Left | None:
-        """Mean of the unexplained shares; None without any wrench and torque."""
-        shares = self.shares(states, self.predicted(states))
-        return Left(*np.mean(shares, axis=0).tolist()) if shares else None
+    def likeness(self, names: Sequence[str], predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[str]]:
+        """Squared correlations of columns with the predicted channels that change, and these channels' names."""
+        largest = max(float(np.ptp(x)) for x in predicted.values())
+        moving = {name: x for name, x in predicted.items() if np.ptp(x) > STILL * largest}
+        if not names or not moving:
+            return np.zeros((len(names), len(moving))), list(moving)
+        both = np.corrcoef(np.array([*(self.levels[name] for name in names), *moving.values()]))
+        return np.nan_to_num(both[: len(names), len(names) :]) ** 2, list(moving)
 
-    def wrenches(self, states: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def wrenches(self, states: States) -> dict[str, np.ndarray]:
         """Wrench that each joint's child exchanges with its parent, in the child's frame, by the body's name (M, 6)."""
         out = {}
         for body, part in self._parts.items():
@@ -142,56 +142,56 @@ class Model:
     @cached_property
     def _parts(self) -> dict[str, Mechanism]:
         """Each moved body with all bodies on it; of unit mass if the model states none."""
-        tree, out = self.mechanism.tree, dict[str, Mechanism]()
+        tree, out = self.belief.mechanism.tree, dict[str, Mechanism]()
         for i in (i for i in tree.inertial if self.mover(tree.names[i]) >= 0):
-            part = self.mechanism.beyond(tree.names[i])
+            part = self.belief.mechanism.beyond(tree.names[i])
             out[tree.names[i]] = part if part.known.any() else replace(part, prior=np.eye(len(part.known))[0])
         return out
 
     def mover(self, body: str) -> int:
         """Index of the body, of those that carry a body rigidly, on the last joint before it; -1 for the base."""
-        tree, i = self.mechanism.tree, self.mechanism.tree.names.index(body)
+        tree, i = self.belief.mechanism.tree, self.belief.mechanism.tree.names.index(body)
         while i >= 0 and not tree.bodies[i].moves:
             i = tree.bodies[i].parent
         return i
 
     def of_torques(
-        self, states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray], columns: Sequence[str]
+        self, states: States, predicted: Mapping[str, np.ndarray], columns: Sequence[str]
     ) -> dict[str, np.ndarray]:
         """Share of each column's variance that a joint's predicted torque, friction and an offset leave, by joint."""
-        if not columns:
-            return {joint: np.empty(0) for joint in states}
-        measured, out = np.stack([self.levels[name] for name in columns], axis=1), {}
-        for joint, (_, dq, _) in states.items():
-            rows = np.stack([np.ones_like(dq), dq, np.tanh(dq / SLIP)], axis=1)
-            rows = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-            both = np.column_stack([predicted[joint], measured])
-            both = both - rows @ np.linalg.lstsq(rows, both, rcond=1e-8)[0]
+        out = {joint: np.empty(0) for joint in states}
+        for joint, (_, dq, _) in states.items() if columns else ():
+            both = np.stack([predicted[joint], *(self.levels[name] for name in columns)], axis=1)
+            both = beside([np.ones_like(dq), dq, np.tanh(dq / SLIP)], both)
             x, y = both[:, 0], both[:, 1:]
             out[joint] = 1 - (x @ y) ** 2 / np.maximum((x @ x) * (y * y).sum(axis=0), 1e-300)
         return out
 
 
-def _joint_states(tree: Tree, states: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _joint_states(tree: Tree, states: States) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coordinates, velocities and accelerations of a tree's joints, each with one coordinate (M, n)."""
     size = len(next(iter(states.values()))[0])
     own = np.stack([states[joint] for joint in tree.joints], axis=-1) if tree.joints else np.zeros((3, size, 0))
     return joint_states(tree, own)
 
 
+def beside(rows: Sequence[np.ndarray], y: np.ndarray) -> np.ndarray:
+    """What regressors (M,) leave of columns by least squares (M,) or (M, k)."""
+    x = np.stack(rows, axis=1)
+    x = x / np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=1e-8)[0])
+
+
 def unexplained(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
     """Unexplained share of the variance of columns (M, k) in a regression on others (M,), gains and offsets free."""
-    x = np.stack([np.ones(len(measured)), *predicted], axis=1)
-    x = x / np.maximum(np.linalg.norm(x, axis=0), 1e-300)
-    left = measured - x @ np.linalg.lstsq(x, measured, rcond=1e-8)[0]
     whole = ((measured - measured.mean(axis=0)) ** 2).sum()
-    return float((left**2).sum() / whole) if whole > 0 else 1.0
+    left = (beside([np.ones(len(measured)), *predicted], measured) ** 2).sum()
+    return float(left / whole) if whole > 0 else 1.0
 
 
 def _beside_own(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
     """Unexplained share of the variance of components (M, 3) by their own predictions, with one positive gain."""
-    x, y = np.stack(predicted, axis=1), measured - measured.mean(axis=0)
-    x = x - x.mean(axis=0)
+    x, y = (each - each.mean(axis=0) for each in (np.stack(predicted, axis=1), measured))
     gain = max(float((x * y).sum()), 0.0) / max(float((x * x).sum()), 1e-300)
     return float(((y - gain * x) ** 2).sum() / (y**2).sum())
 

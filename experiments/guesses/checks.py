@@ -1,0 +1,274 @@
+"""Checks of beliefs against the model: units and signs of joints, the base's orientation, and gains of torques."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, Entry, Group, Quantity
+from experiments.guesses.model import Left, Model, beside, explained
+from experiments.guesses.series import ENOUGH, LITTLE
+from experiments.guesses.wrenches import set_axes, set_unit, size_ratio
+from experiments.guesses.written import toml_text
+from ident.errors import InputError
+from ident.estimation.equations import COMPONENTS
+from ident.estimation.loads import SLIP, predicted_channels
+from ident.estimation.preparation import Prepared, prepared
+from ident.files.column import CURRENT, UNITS
+from ident.judgement.gravity import recorded_gravity
+from ident.judgement.torque_checks import ALIKE, SCALE
+from ident.recordings.log import read_log
+
+BETTER, FAR_BETTER = 0.7, 0.5
+"""Largest ratios of unexplained shares, with over without, to accept another unit and another sign."""
+
+EXPLAINED = 0.02
+"""Unexplained share below which signs are not doubted."""
+
+CLEARLY = 0.01
+"""Difference of unexplained shares below which two units are a tie, whatever their ratio."""
+
+
+def check_positions(model: Model, by_size: list[str]) -> bool:
+    """Checks units and signs of joints against wrenches and torques, independent of the units and axes of these.
+
+    Likely columns that explain next to nothing become doubtful.
+
+    Args:
+        model: The model beside the log, with the believed positions.
+        by_size: Joints whose unit was chosen by size alone; cleared if the model shows it.
+
+    Returns:
+        True if no sign is open; an open one is indistinguishable from turned axes of a wrench.
+    """
+    here = model.left()
+    if here is None:
+        return True
+    if by_size:
+        here = _other_unit(model, by_size, here)
+    no_sign_is_open, left = _turn(model, here)
+    if no_sign_is_open and 1 - left < ENOUGH:
+        _doubt(model.belief, left)
+    return no_sign_is_open
+
+
+def _other_unit(model: Model, by_size: list[str], here: Left) -> Left:
+    """Exchanges radians and degrees if the model explains far more then; returns the shares left unexplained."""
+    positions = model.belief.of("position")
+    # A program has one unit for all angles.
+    unit = positions[by_size[0]].unit
+    other, scale = ("deg", np.pi / 180) if unit == "rad" else ("rad", 180 / np.pi)
+    there = model.left(dict.fromkeys(by_size, scale)) or here
+    if there.somehow <= min(BETTER * here.somehow, here.somehow - CLEARLY):
+        for joint in by_size:
+            positions[joint].unit = other
+            shares = f"{explained(there.somehow)} then, in {unit} {explained(here.somehow)}"
+            positions[joint].why.append(f"{other} since the model explains {shares}")
+        by_size.clear()
+        return there
+    if here.somehow < min(BETTER * there.somehow, there.somehow - CLEARLY, 1 - ENOUGH):
+        by_size.clear()
+    return here
+
+
+def _doubt(belief: Belief, left: float) -> None:
+    """Makes likely positions doubtful if the model explains next to nothing, and adds a note if it explains little."""
+    share = f"the model explains {explained(left)} of the wrenches and torques"
+    likely = [x for x in belief.of("position").values() if x.sure == LIKELY]
+    if not likely or not (belief.by_place or 1 - left < LITTLE):
+        belief.notes.append(f"With the columns that are named like positions {share}: see names, units and the model.")
+        return
+    listed = ", ".join(f"'{x.joint}' in {x.column}" for x in likely)
+    joints = {x.joint for x in likely}
+    belief.ask(f"The positions may be {listed}, but {share} then, so that they stay remarks.", joints)
+    for x in belief.quantities.values():
+        if x.joint in belief.undecided and x.sure == LIKELY:
+            x.sure = DOUBTFUL
+
+
+def _turn(model: Model, here: Left) -> tuple[bool, float]:
+    """Inverts joints whose opposite sign explains far more, one by one; if two do so equally, the sign stays open.
+
+    Returns:
+        True if no sign is open, and the unexplained share.
+    """
+    positions = {j: x for j, x in model.belief.of("position").items() if x.column in model.states}
+    while here.somehow > EXPLAINED:
+        ways = {joint: way for joint in positions if (way := model.left({joint: -1.0})) is not None}
+        good = [joint for joint in ways if ways[joint].somehow < FAR_BETTER * here.somehow]
+        if not good:
+            break
+        # The mirror image of a motion fits a plate that is turned by 180°; a plate that is not turned is likelier.
+        joint, *rest = sorted(good, key=lambda joint: (ways[joint].straight, ways[joint].somehow))
+        if rest and ways[joint].straight > FAR_BETTER * ways[rest[0]].straight:
+            model.belief.ask(
+                f"One of {', '.join(sorted(good))} has the opposite sign, which of them depends on how the "
+                "wrench's axes are turned: gain = -1 in its position."
+            )
+            return False, here.somehow
+        before, here = here, ways[joint]
+        positions[joint].gain *= -1
+        shares = f"{explained(here.somehow)} then, else {explained(before.somehow)}"
+        positions[joint].why.append(f"turned, since the model explains {shares}")
+    return True, here.somehow
+
+
+def set_orientation(belief: Belief, limit: int) -> None:
+    """Puts the mechanism on a base in the orientation that the log shows, if that explains far more than the model's.
+
+    It comes before any signs, which gravity in another direction would turn.
+    """
+    if belief.mechanism.base_rpy_deg is not None or BASE in belief.poses:
+        return
+    try:
+        check = recorded_gravity(_read(belief, limit))
+    except InputError:
+        return
+    if check is not None and check.suspicious:
+        shares = f"{100 * check.misfit:.0f} % unexplained then, as it is {100 * check.stated:.0f} %"
+        belief.poses[BASE] = Group(BASE, {"rpy_deg": Entry(list(check.rpy_deg), f"gravity: the model leaves {shares}")})
+        belief.mechanism = belief.mechanism.mounted(check.rpy_deg)
+
+
+def check_wrenches_and_torques(belief: Belief, limit: int, *, axes: bool) -> None:
+    """Reads the log by the belief, and sets units, signs, axes and gains of wrenches and torques by the model.
+
+    Args:
+        belief: The belief; units, signs and axes of wrenches and gains of torques are set.
+        limit: Bytes that an archive may take in memory.
+        axes: True if signs and axes of wrenches are checked.
+    """
+    if not (belief.outer or belief.of("torque")):
+        return
+    try:
+        log = _read(belief, limit)
+        if belief.outer and np.isfinite(log.wrench).any():
+            if _set_units(belief, log):
+                log = _read(belief, limit)
+            if axes:
+                set_axes(belief, log)
+        _set_gains(belief, log)
+    except InputError as error:
+        belief.notes.append(f"Units, signs and gains could not be checked against the model: {error}")
+        for quantity in belief.of("torque").values():
+            if quantity.is_current:
+                quantity.sure = DOUBTFUL
+                quantity.why.append("a current needs a gain")
+
+
+def _read(belief: Belief, limit: int) -> Prepared:
+    """The log, read by the belief; sensors between bodies measure no contact."""
+    for quantity in belief.of("torque").values():
+        if quantity.is_current:
+            quantity.unit = quantity.about.unit if quantity.about.unit in CURRENT else "A"
+    mapping = tomllib.loads(toml_text(replace(belief, groups=belief.outer)))
+    recording = read_log(belief.log.path, belief.mechanism, mapping, gaps=True, limit=limit)
+    return prepared(belief.mechanism, recording, cutoff="auto", name=str(belief.log.path))
+
+
+def _set_units(belief: Belief, log: Prepared) -> bool:
+    """Sets unknown units of forces and moments by their size, and returns True if one is not the SI unit."""
+    predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame)
+    there, changed = np.stack([predicted[c] for c in COMPONENTS], axis=1), False
+    for kind, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
+        measured = log.wrench[:, part]
+        known = np.isfinite(measured).all(axis=0)
+        if known.any() and np.ptp(there[:, part][:, known]):
+            ratio = size_ratio(measured[:, known], there[:, part][:, known])
+            changed |= set_unit(belief, belief.outer.values(), kind, ratio)
+    return changed
+
+
+class Gain(NamedTuple):
+    """Factor from a column to the torque that the model predicts.
+
+    Attributes:
+        gain: The factor.
+        deviation: Standard deviation of the factor.
+        alike: Share of the predicted torque's variance that it explains.
+    """
+
+    gain: float
+    deviation: float
+    alike: float
+
+
+def _set_gains(belief: Belief, log: Prepared) -> None:
+    """Sets gains, units and signs of joint torques by regression on the model's torques."""
+    measured, torques, gains = log.equations.torques, belief.of("torque"), dict[str, Gain]()
+    if not measured:
+        return
+    predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame, torques=True)
+    whole, motion = slice(log.edge, len(log.samples) - log.edge), log.samples.motion
+    for column, k in enumerate(measured, start=len(log.equations.channels) - len(measured)):
+        joint = log.mechanism.tree.freedoms[k]
+        if joint in torques:
+            # The mass on a slide moves like a rotor: only a hinge's rotor can be told from links.
+            rates = motion.dq[whole, k], motion.ddq[whole, k] * (belief.kinds[joint] == "hinge")
+            gains[joint] = _gain(log.samples.measured[whole, column], predicted[joint][whole], *rates)
+            share = f"beside friction and rotor the model explains {100 * gains[joint].alike:.0f} % of it"
+            torques[joint].why.append(share)
+    _set_units_of_torques(belief, {joint: torques[joint] for joint in gains}, gains)
+
+
+def _set_units_of_torques(belief: Belief, torques: Mapping[str, Quantity], gains: Mapping[str, Gain]) -> None:
+    """Sets units and signs of torques, and gains of currents and of torques without a unit, none of the model's size.
+
+    The log was read in N m, unless the unit was known. A program writes all torques in one unit: if some have the
+    model's size, one that has not is due to another body.
+    """
+    log, ratios, stated = belief.log, dict[str, float](), dict[str, str]()
+    for joint, x in torques.items():
+        units = UNITS[f"{belief.kinds[joint]} torque"]
+        stated[joint] = x.unit if x.is_current else belief.stated(x) or log.units.get(x.column, "")
+        x.unit = "" if x.column in log.units and not x.is_current else stated[joint] or next(iter(units))
+        if gains[joint].alike > ALIKE:
+            ratios[joint] = gains[joint].gain / units.get(x.unit, 1.0)
+        else:
+            x.why.append("sign and gain cannot be determined")
+            x.sure = DOUBTFUL if x.is_current else x.sure
+    free = [abs(ratio) for joint, ratio in ratios.items() if not stated[joint]]
+    in_newton = any(map(_is_near, free))
+    in_millimetres = bool(free) and not in_newton and all(_is_near(1e3 * ratio) for ratio in free)
+    for joint, ratio in ratios.items():
+        x, times = torques[joint], f"± {abs(gains[joint].deviation * ratio / gains[joint].gain):.1g}"
+        x.gain = float(np.sign(ratio))
+        larger = f"the model's torque is {abs(ratio):.3g} {times} times as large"
+        if x.is_current:
+            data_sheet = "so that identified masses are no more accurate than it: better put the data sheet's here"
+            x.gain, reason = float(f"{ratio:.4g}"), f"{ratio:.4g} {times} N m/A by the model's torque, {data_sheet}"
+        elif not stated[joint] and in_millimetres and belief.kinds[joint] == "hinge":
+            x.unit, reason = "N mm", "N mm by its size"
+        elif _is_near(abs(ratio)):
+            reason = larger
+        elif stated[joint] or in_newton or len(free) < 2:
+            other = "others are in N m" if in_newton else "one torque proves nothing"
+            other = f"its unit is {x.unit or 'the SI one'}" if stated[joint] else other
+            reason = f"{larger}, but no gain is put for it since {other}: look at the model's bodies and at gears"
+        else:
+            x.gain, reason = float(f"{ratio:.4g}"), f"a gain (a gear?) of {ratio:.4g} {times} by the model's torque"
+        x.why.append(reason)
+
+
+def _is_near(ratio: float) -> bool:
+    """True where a ratio of torques is consistent with one unit."""
+    return 1 / SCALE < ratio < SCALE
+
+
+def _gain(measured: np.ndarray, predicted: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> Gain:
+    """Factor from a column to the predicted torque, its standard deviation, and the share of variance explained.
+
+    `predicted = gain · measured + offset + friction + rotor`, least squares (N,). With autocorrelation ρ of the
+    residuals, `(1 - ρ) / (1 + ρ)` of the samples count.
+    """
+    rows = [np.ones_like(dq), dq, np.tanh(dq / SLIP), ddq]
+    x, y = beside(rows, np.stack([measured, predicted], axis=1)).T
+    power, other = max(float(x @ x), 1e-300), max(float(y @ y), 1e-300)
+    gain = float(x @ y) / power
+    residual = y - gain * x
+    own = max(float(residual @ residual), 1e-300)
+    rho = float(np.clip(residual[1:] @ residual[:-1] / own, 0, 0.999))
+    number = max((len(x) - len(rows) - 1) * (1 - rho) / (1 + rho), 1.0)
+    return Gain(gain, float(np.sqrt(own / number / power)), gain**2 * power / other)

@@ -1,0 +1,287 @@
+"""Closure of loops: joints whose coordinates follow from those of others, because constraints hold between bodies.
+
+    c(q_a, q_d) = 0        q̇_d = G q̇_a,  G = -J_d⁺ J_a        q̈_d = -J_d⁺ (J_a q̈_a + J̇ q̇)        τ_a += Gᵀ τ_d
+
+q_d follows by Newton's method, continued from the model's posture and along a recording. One step from there is part of
+the recorded equations: with it, the derivatives of all that depends on q_a are exact. Least squares take redundant
+constraints, as those of loops in a plane are.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ident.errors import ModelError
+from ident.mechanism.constraint import Coincidence, Constraint, Kinematics, applied, kinematics
+
+if TYPE_CHECKING:
+    from ident.mechanism.tree import Tree
+
+STEP = 0.1
+"""Largest step of the independent coordinates in the continuation, rad or lengths of the mechanism."""
+
+ITERATIONS = 12
+"""Steps of Newton's method, of which a start within `STEP` needs three or four."""
+
+OPEN = 1e-3
+"""Distance of a loop's ends that counts as open, over the mechanism's length: models state places with few digits."""
+
+CLOSED = 1e-9
+"""Distance up to which random states are closed, likewise."""
+
+SINGULAR = 0.01
+"""Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
+one in which bodies are aligned."""
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Loops of a tree and the joints that they make dependent.
+
+    Attributes:
+        part: The bodies that the loops go through, as a tree of their own, in which all joints are independent. What
+            carries a loop as a whole does not matter to it.
+        constraints: Constraints of the loops.
+        dependent: Names of the dependent joints, each with one coordinate.
+        anchors: Coordinates of the part in which the loops are closed (K, n_q), from which Newton's method starts.
+    """
+
+    part: "Tree"
+    constraints: tuple[Constraint, ...]
+    dependent: tuple[str, ...]
+    anchors: np.ndarray = field(compare=False, repr=False)
+
+    @cached_property
+    def independent(self) -> tuple[str, ...]:
+        """Names of the other joints of the part."""
+        return tuple(joint for joint in self.part.joints if joint not in self.dependent)
+
+    @cached_property
+    def _coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Indices of the independent and of the dependent coordinates of the part."""
+        sizes = [self.part.bodies[i].coordinates for i in self.part.moving]
+        return self._split(np.repeat(self.part.joints, sizes))
+
+    @cached_property
+    def _freedoms(self) -> tuple[np.ndarray, np.ndarray]:
+        """Indices of the independent and of the dependent velocities of the part."""
+        sizes = [self.part.bodies[i].freedoms for i in self.part.moving]
+        return self._split(np.repeat(self.part.joints, sizes))
+
+    def _split(self, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        depends = np.isin(owners, self.dependent)
+        return np.flatnonzero(~depends), np.flatnonzero(depends)
+
+    @cached_property
+    def _length(self) -> float:
+        """Length of the part, m."""
+        return length_of(self.part)
+
+    @cached_property
+    def _scale(self) -> np.ndarray:
+        """Factors that make the independent coordinates comparable: 1 for angles, one over the length for slides."""
+        moving = [self.part.bodies[i] for i in self.part.moving]
+        factors = [1.0 if body.is_ball or body.turns else 1 / self._length for body in moving]
+        return np.repeat(factors, [body.coordinates for body in moving])[self._coordinates[0]]
+
+    @property
+    def posture(self) -> dict[str, np.ndarray]:
+        """Coordinates of the part's joints at the first anchor, by name."""
+        own = self.part.body_coordinates(self.anchors[0])
+        return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
+
+    def completed(self, x: np.ndarray, start: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
+        """Dependent coordinates, and their velocities and accelerations, from the independent ones.
+
+        Args:
+            x: Independent coordinates, numbers (…, n_q) or signals of a tape (n_q,).
+            start: Dependent coordinates close to the loops' closure (…, d).
+            rates: Independent velocities and accelerations (…, n), if those are wanted.
+
+        Returns:
+            Up to three arrays (…, d).
+        """
+        a, d = self._freedoms
+        residual, J, _ = self.rows(self._joined(self._coordinates, x, start))
+        y = start - _least_squares(J[..., d], residual[..., None])[..., 0]
+        if not rates:
+            return [y]
+        dx, q = rates[0], self._joined(self._coordinates, x, y)
+        _, J, _ = self.rows(q)
+        dy = -_least_squares(J[..., d], applied(J[..., a], dx)[..., None])[..., 0]
+        if len(rates) == 1:
+            return [y, dy]
+        _, _, bias = self.rows(q, self._joined(self._freedoms, dx, dy))
+        moved = applied(J[..., a], rates[1]) + bias
+        return [y, dy, -_least_squares(J[..., d], moved[..., None])[..., 0]]
+
+    def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
+        a, d = self._freedoms
+        (y,) = self.completed(x, start)
+        _, J, _ = self.rows(self._joined(self._coordinates, x, y))
+        return -_least_squares(J[..., d], J[..., a])
+
+    def solved(self, x: np.ndarray) -> np.ndarray:
+        """Dependent coordinates by Newton's method from the nearest anchor, as close as they come (…, d).
+
+        Args:
+            x: Independent coordinates (…, n_q).
+        """
+        own, other = self._coordinates
+        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(own))
+        nearest = self._nearest(flat)[1]
+        start, y = self.anchors[nearest][:, own], self.anchors[nearest][:, other]
+        far = np.abs((flat - start) * self._scale).max(initial=0)
+        for share in np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)[1:]:
+            y = self._newton(start + share * (flat - start), y, ITERATIONS if share == 1 else 4)
+        y = y if far else self._newton(flat, y, ITERATIONS)
+        return y.reshape(*np.shape(x)[:-1], len(other))
+
+    def in_posture(self) -> "Closure":
+        """The closure with its loops closed at its only anchor, the posture of a model.
+
+        Raises:
+            ModelError: They cannot be closed, or are singular there.
+        """
+        own, other = self._coordinates
+        x, y = self.anchors[:, own], self.anchors[:, other]
+        q = self._joined(self._coordinates, x, self._newton(x, y, ITERATIONS))
+        self._check(q, None)
+        return replace(self, anchors=q)
+
+    def along(self, x: np.ndarray, time: np.ndarray) -> "Closure":
+        """The closure with anchors along a recording.
+
+        Args:
+            x: Independent coordinates (N, n_q).
+            time: Times of the samples, s (N,).
+
+        Raises:
+            ModelError: The loops cannot be closed in a sample, or are singular there.
+        """
+        cells = np.unique(np.round(x * self._scale / STEP), axis=0, return_index=True)[1]
+        left, out = np.sort(cells), self
+        while len(left):
+            distance = out._nearest(x[left])[0]
+            near = distance <= max(2 * STEP, distance.min())
+            q = out._joined(out._coordinates, x[left[near]], out.solved(x[left[near]]))
+            out._check(q, time[left[near]])
+            out, left = replace(out, anchors=np.concatenate([out.anchors, q])), left[~near]
+        out._check(out._joined(out._coordinates, x, out.solved(x)), time)
+        return out
+
+    def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
+        """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
+        own, kept = self._coordinates[0], [np.zeros((0, len(self._coordinates[0])))]
+        for reach in np.pi / 2.0 ** np.arange(8):
+            start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, own]
+            x = start + rng.uniform(-reach, reach, start.shape) / self._scale
+            apart, least = self._defects(self._joined(self._coordinates, x, self.solved(x)))
+            kept.append(x[(apart < CLOSED) & (least > SINGULAR)])
+            if sum(map(len, kept)) >= samples:
+                break
+        x = np.resize(np.concatenate(kept), (samples, len(own)))
+        owners = np.repeat(self.part.joints, [self.part.bodies[i].coordinates for i in self.part.moving])[own]
+        return {joint: x[:, owners == joint] for joint in self.independent}
+
+    def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
+        if not x.shape[1]:
+            return np.zeros(len(x)), np.zeros(len(x), int)
+        distance, nearest = cKDTree(self.anchors[:, self._coordinates[0]] * self._scale).query(x * self._scale)
+        return distance, nearest
+
+    def _newton(self, x: np.ndarray, y: np.ndarray, iterations: int) -> np.ndarray:
+        for _ in range(iterations):
+            residual, J, _ = self.rows(self._joined(self._coordinates, x, y))
+            step = _least_squares(J[..., self._freedoms[1]], residual[..., None])[..., 0]
+            size = np.abs(step).max(axis=-1, initial=0, keepdims=True)
+            y = y - step / np.maximum(1, 2 * size)
+            if size.max(initial=0) < 1e-12:
+                break
+        return y
+
+    def _check(self, q: np.ndarray, time: np.ndarray | None) -> None:
+        """Refuses samples of the part's coordinates (N, n_q) in which the loops are open or singular."""
+        apart, least = self._defects(q)
+        for bad, what in ((apart > OPEN, self._open), (least < SINGULAR, self._singular)):
+            if bad.any():
+                k = int(bad.argmax())
+                raise ModelError(what(apart[k], "in the model's posture" if time is None else f"at {time[k]:.6g} s"))
+
+    def _defects(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances that are left open (N,), and the smallest singular values of the dependent joints' columns (N,)."""
+        residual, J, _ = self.rows(q)
+        columns = J[..., self._freedoms[1]]
+        norms = np.linalg.norm(columns, axis=-2, keepdims=True)
+        least = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False).min(axis=-1, initial=1)
+        return np.linalg.norm(residual, axis=-1), least
+
+    def _open(self, apart: float, when: str) -> str:
+        names = ", ".join(f"'{each.name}'" for each in self.constraints)
+        return (
+            f"The loops of {names} cannot be closed {when}: {apart * self._length:.2g} m remain. Check the model's "
+            f"posture, and the zeros, signs and units of {', '.join(self.independent) or 'its joints'}."
+        )
+
+    def _singular(self, _: float, when: str) -> str:
+        return (
+            f"The loops are singular {when}: {', '.join(self.independent) or 'no joint'} there does not determine "
+            f"{', '.join(self.dependent)}. Leave that posture out, or log one of these joints."
+        )
+
+    def _joined(self, places: tuple[np.ndarray, np.ndarray], own: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Values of the part (…, n) from those of its independent and dependent joints."""
+        return np.concatenate([own, other], axis=-1)[..., np.argsort(np.concatenate(places))]
+
+    def rows(self, q: np.ndarray, dq: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals (…, m), derivatives by the part's velocities (…, m, n), and accelerations for given velocities."""
+        at, parts = kinematics(self.part, q, dq), []
+        for each in self.constraints:
+            residual, by_body, bias = each.rows(self.part, at)
+            # Lengths and angles count alike.
+            unit = np.ones(residual.shape[-1])
+            unit[:3] /= self._length if isinstance(each, Coincidence) else 1
+            J = _by_freedoms(self.part, at, residual, by_body)
+            parts.append((unit * residual, unit[:, None] * J, unit * bias))
+        residuals, Js, biases = zip(*parts, strict=True)
+        return np.concatenate(residuals, -1), np.concatenate(Js, -2), np.concatenate(biases, -1)
+
+
+def length_of(tree: "Tree") -> float:
+    """The largest distance between a body's frame and its parent's, m; 1 if all coincide."""
+    return max((float(np.linalg.norm(body.home[:3, 3])) for body in tree.bodies), default=0.0) or 1.0
+
+
+def _by_freedoms(tree: "Tree", at: Kinematics, residual: np.ndarray, by_body: dict[int, np.ndarray]) -> np.ndarray:
+    """Derivatives by the velocities of a tree (…, m, n), from those by the rates of its bodies' joints (…, m, f)."""
+    nothing = 0.0 * residual[..., None]
+    own = [by_body.get(i, np.repeat(nothing, body.freedoms, -1)) for i, body in enumerate(tree.bodies)]
+    leads = {body.joint: i for i, body in enumerate(tree.bodies)}
+    for i in tree.followers:
+        if (lead := tree.bodies[i].follows) is not None and i in by_body:
+            k = leads[lead.joint]
+            own[k] = own[k] + lead.slope(at.states[k][0])[..., None] * own[i]
+    return np.concatenate([nothing[..., :0], *(own[i] for i in tree.moving)], axis=-1)
+
+
+def _least_squares(J: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Solutions x (…, d, k) of J x = b by least squares, of numbers or of signals, which are not pivoted."""
+    transposed = np.swapaxes(J, -1, -2)
+    A, x = transposed @ J, transposed @ b
+    if A.dtype != object:
+        # A singular posture leaves its direction where it is.
+        ridge = 1e-14 * np.trace(A, axis1=-2, axis2=-1)[..., None, None] + 1e-300
+        return np.linalg.solve(A + ridge * np.eye(A.shape[-1]), x)
+    n = len(A)
+    for k in range(n):
+        for i in range(k + 1, n):
+            factor = 0.0 if A[i, k] == 0 else A[i, k] / A[k, k]
+            A[i], x[i] = A[i] - factor * A[k], x[i] - factor * x[k]
+    for k in reversed(range(n)):
+        x[k] = (x[k] - sum((A[k, i] * x[i] for i in range(k + 1, n)), 0 * x[k])) / A[k, k]
+    return x

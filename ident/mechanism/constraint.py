@@ -1,0 +1,158 @@
+"""Constraints of positions between bodies of a mechanism: frames or points that coincide, and sums of coordinates."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from ident.geometry.se3 import Ad, ad, hat
+from ident.mechanism.body import BASE
+from ident.mechanism.follower import horner
+
+if TYPE_CHECKING:
+    from ident.mechanism.tree import Tree
+
+
+class Kinematics(NamedTuple):
+    """Poses (…, 4, 4), screws (…, 6, f), twists and their rates (…, 6) of bodies, and their joints' states."""
+
+    poses: list[np.ndarray]
+    screws: list[np.ndarray]
+    twists: list[np.ndarray]
+    rates: list[np.ndarray]
+    states: list[tuple[np.ndarray, ...]]
+
+
+Rows = tuple[np.ndarray, dict[int, np.ndarray], np.ndarray]
+"""Residuals (…, m), derivatives by the rates of bodies' joints (…, m, f), and accelerations without those (…, m)."""
+
+
+@dataclass(frozen=True)
+class Coincidence:
+    """Two frames or points that coincide, each on a body.
+
+    Attributes:
+        name: Name of the constraint.
+        bodies: Names of both bodies.
+        places: Poses of the frames on them, row by row (16,).
+        whole: True for frames, False for points.
+    """
+
+    name: str
+    bodies: tuple[str, str]
+    places: tuple[tuple[float, ...], tuple[float, ...]]
+    whole: bool = False
+
+    def rows(self, tree: "Tree", at: Kinematics) -> Rows:
+        """Rows of the constraint, in base axes."""
+        ends = [tree.names.index(name) if name in tree.names else BASE for name in self.bodies]
+        chains = [tree.chain(i) for i in ends]
+        common = set(chains[0]) & set(chains[1])
+        residual, bias, by_body, R = np.zeros(3), np.zeros(6 if self.whole else 3), dict[int, np.ndarray](), []
+        for sign, i, chain, place in zip((1, -1), ends, chains, self.places, strict=True):
+            own = np.reshape(place, (4, 4))
+            T, V, A = (own, np.zeros(6), np.zeros(6)) if i == BASE else (at.poses[i] @ own, at.twists[i], at.rates[i])
+            p, w = T[..., :3, 3], V[..., 3:]
+            arm = -hat(p)
+            to_point = np.concatenate([np.zeros_like(arm) + np.eye(3, dtype=int), arm], axis=-1)
+            velocity = applied(to_point, V)
+            residual, acceleration = residual + sign * p, applied(to_point, A) + applied(hat(w), velocity)
+            bias = bias + sign * (np.concatenate([acceleration, A[..., 3:]], axis=-1) if self.whole else acceleration)
+            for k in set(chain) - common:
+                S = at.screws[k]
+                rows = to_point @ S
+                by_body[k] = sign * (np.concatenate([rows, S[..., 3:, :]], axis=-2) if self.whole else rows)
+            R.append(T[..., :3, :3])
+        if self.whole:
+            E = R[0] @ np.swapaxes(R[1], -1, -2)
+            turn = [(E[..., j, k] - E[..., k, j]) / 2 for j, k in ((2, 1), (0, 2), (1, 0))]
+            residual = np.concatenate([residual, np.stack(turn, axis=-1)], axis=-1)
+        return residual, by_body, bias
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A sum of joint coordinates that is a polynomial of another such sum.
+
+    Attributes:
+        name: Name of the constraint.
+        first: Weights of the coordinates by the names of the bodies that the joints carry.
+        second: Weights of the others.
+        coefficients: Coefficients of the polynomial, the constant first.
+    """
+
+    name: str
+    first: tuple[tuple[str, float], ...]
+    second: tuple[tuple[str, float], ...]
+    coefficients: tuple[float, ...]
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that the joints carry."""
+        return tuple(name for name, _ in (*self.first, *self.second))
+
+    def fixed(self, body: str, value: float) -> "Relation":
+        """The relation with one coordinate fixed."""
+        shift = sum(weight * value for name, weight in self.second if name == body)
+        constant = sum(weight * value for name, weight in self.first if name == body)
+        law = Polynomial(self.coefficients)(Polynomial([shift, 1])) - constant
+        first, second = (tuple(x for x in own if x[0] != body) for own in (self.first, self.second))
+        return replace(self, first=first, second=second, coefficients=tuple(law.coef.tolist()))
+
+    def rows(self, tree: "Tree", at: Kinematics) -> Rows:
+        """The row of the constraint."""
+        sums, by_body, law = [], dict[int, np.ndarray](), Polynomial(self.coefficients)
+        for weights in (self.first, self.second):
+            own = [[weight * x for x in at.states[tree.names.index(name)]] for name, weight in weights]
+            sums.append([sum(terms) for terms in zip(*own, strict=True)] or [np.zeros(1)] * 3)
+        (left, _, ddleft), (x, dx, ddx) = sums
+        value, slope, bend = (horner(tuple(each.coef.tolist()), x) for each in (law, law.deriv(), law.deriv(2)))
+        for weights, factor in ((self.first, 1.0), (self.second, -slope)):
+            for name, weight in weights:
+                i = tree.names.index(name)
+                by_body[i] = by_body.get(i, 0) + (factor * weight + 0 * at.states[i][0])[..., None]
+        return left - value, by_body, ddleft - slope * ddx - bend * dx * dx
+
+
+Constraint = Coincidence | Relation
+"""A constraint of positions."""
+
+
+def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> Kinematics:
+    """Kinematics of a tree on a base at rest, without the joints' accelerations."""
+    at = Kinematics([], [], [], [], [])
+    still = 0 * q[..., :1] + np.zeros(len(tree.freedoms))
+    at.states.extend(tree.body_states(q, still if dq is None else dq, still))
+    for body, (x, dx, ddx) in zip(tree.bodies, at.states, strict=True):
+        on_base = body.parent == BASE
+        T = body.home @ body.joint_pose(x)
+        T = T if on_base else at.poses[body.parent] @ T
+        S = Ad(T) @ body.motions
+        own, V = applied(S, dx), np.zeros(6) if on_base else at.twists[body.parent]
+        A = np.zeros(6) if on_base else at.rates[body.parent]
+        at.poses.append(T)
+        at.screws.append(S)
+        at.twists.append(V + own)
+        at.rates.append(A + applied(S, ddx) + applied(ad(V), own))
+    return at
+
+
+def applied(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Matrices (…, m, n) times vectors (…, n)."""
+    return (matrix @ x[..., None])[..., 0]
+
+
+def members_of(tree: "Tree", rows: Collection[Constraint]) -> set[int]:
+    """Indices of the bodies through which the loops of constraints go."""
+    members = set[int]()
+    for each in rows:
+        chains = [tree.chain(tree.names.index(name) if name in tree.names else BASE) for name in each.bodies]
+        common = set.intersection(*map(set, chains)) if isinstance(each, Coincidence) else set()
+        members |= set().union(*map(set, chains)) - common if isinstance(each, Coincidence) else {c[-1] for c in chains}
+    leads = {body.joint: i for i, body in enumerate(tree.bodies) if body.joint}
+    for i in tuple(members):
+        if (lead := tree.bodies[i].follows) is not None:
+            members.add(leads[lead.joint])
+    return members

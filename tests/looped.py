@@ -1,0 +1,179 @@
+"""Mechanisms with loops, drawn by hand in MJCF, and their dynamics by MuJoCo's constraint Jacobian."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+from scipy.linalg import null_space
+
+import sim
+from ident.mechanism.mechanism import Mechanism
+
+INERTIAL = '<inertial mass="{}" pos="0.02 {} 0.05" diaginertia="1e-3 1.2e-3 8e-4"/>'
+
+
+def body(name, joint, pos, mass, inner="", axis="0 1 0", more=""):
+    """A link on a hinge, or a slide, with others on it."""
+    return (
+        f'<body name="{name}" pos="{pos}"><joint name="{joint}" axis="{axis}" {more}/>'
+        f"{INERTIAL.format(mass, 0.01 * mass)}{inner}</body>"
+    )
+
+
+def text(links, equality, more=""):
+    """An MJCF file of links on a base."""
+    return (
+        '<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size=".02" mass="1"/><site name="foot"/>'
+        f"{links}</body></worldbody><equality>{equality}</equality>{more}"
+        '<sensor><force site="foot"/><torque site="foot"/></sensor></mujoco>'
+    )
+
+
+CRANK = body("crank", "crank", "0 0 0.1", 0.5, body("rod", "rod", "0 0 0.1", 0.8))
+ROCKER = body("rocker", "rocker", "0.25 0 0.1", 0.7)
+PIN = '<connect name="pin" body1="rod" body2="rocker" anchor="0.3 0 0.12"/>'
+FOUR_BAR = text(CRANK + ROCKER, PIN)
+
+_SIDES = CRANK + body("right", "right", "0.2 0 0.1", 0.5, body("arm", "arm", "0 0 0.15", 0.6))
+FIVE_BAR = text(_SIDES, '<connect name="tip" body1="rod" body2="arm" anchor="0.1 0 0.2"/>')
+
+# Of the rod, one half is on the crank and one on the rocker.
+WELDED = text(
+    CRANK + body("rocker", "rocker", "0.25 0 0.1", 0.7, body("half", "half", "0.05 0 0.15", 0.3)),
+    '<weld name="joined" body1="rod" body2="half"/>',
+)
+SLIDER = text(
+    CRANK + body("piston", "piston", "0.25 0 0", 0.4, axis="1 0 0", more='type="slide"'),
+    '<connect name="pin" body1="rod" body2="piston" anchor="0.15 0 0.1"/>',
+)
+# A crank in a plane that turns with its carrier, and a link that follows it.
+TURNED = text(
+    body("turret", "yaw", "0 0 0.05", 1, CRANK + ROCKER + body("flap", "flap", "0.1 0 0", 0.3), axis="0 0 1"),
+    '<connect name="pin" body1="rod" body2="rocker" anchor="0.25 0 0.07"/>'
+    '<joint name="gear" joint1="flap" joint2="rocker" polycoef="0.1 -1.5 0.3 0 0"/>',
+)
+TENDONS = text(
+    CRANK + ROCKER,
+    '<tendon name="sum" tendon1="both" tendon2="third" polycoef="0.05 0.7 0.2 0 0"/>',
+    '<tendon><fixed name="both"><joint joint="crank" coef="0.6"/><joint joint="rod" coef="0.9"/></fixed>'
+    '<fixed name="third"><joint joint="rocker" coef="1"/></fixed></tendon>',
+)
+
+
+def _finger(side, sign):
+    """A finger that stays parallel: a driver, the finger on it, and a link behind."""
+    return (
+        body(f"{side}_driver", f"{side}_driver", f"{sign * 0.02} 0 0.05", 0.05,
+             body(f"{side}_finger", f"{side}_finger", f"{sign * 0.03} 0 0.04", 0.08), axis=f"0 {sign} 0")
+        + body(f"{side}_link", f"{side}_link", f"{sign * 0.005} 0 0.06", 0.03, axis=f"0 {sign} 0")
+    )  # fmt: skip
+
+
+def _pin(side, sign):
+    anchor = f"{-sign * 0.015} 0 0.01"
+    return f'<connect name="{side}_pin" body1="{side}_finger" body2="{side}_link" anchor="{anchor}"/>'
+
+
+GRIPPER_LINKS = _finger("left", -1) + _finger("right", 1)
+GRIPPER_EQUALITY = (
+    _pin("left", -1) + _pin("right", 1) + '<joint name="same" joint1="right_driver" joint2="left_driver"/>'
+)
+GRIPPER = text(GRIPPER_LINKS, GRIPPER_EQUALITY)
+
+PARALLELOGRAM = text(
+    CRANK + body("rocker", "rocker", "0.25 0 0.1", 0.7),
+    '<connect name="pin" body1="rod" body2="rocker" anchor="0.25 0 0"/>',
+)
+
+# Springs, dampers and rotors of passive joints.
+DRIVEN = FOUR_BAR.replace('name="rod" axis', 'name="rod" damping="0.03" armature="0.002" axis').replace(
+    'name="rocker" axis', 'name="rocker" damping="0.05" stiffness="0.7" springref="0.2" axis'
+)
+
+WRIST = text(
+    body(
+        "upper", "lift", "0 0 0.2", 1.0,
+        body(
+            "fore", "bend", "0 0 0.3", 0.6, axis="1 0 0",
+            inner=body("palm", "roll", "0 0 0.2", 0.4, GRIPPER_LINKS, axis="0 0 1"),
+        ),
+    ),
+    GRIPPER_EQUALITY,
+)  # fmt: skip
+"""The gripper on an arm of three joints."""
+
+MODELS = {
+    "four-bar": (FOUR_BAR, ("crank",)),
+    "five-bar": (FIVE_BAR, ("crank", "right")),
+    "welded": (WELDED, ("crank",)),
+    "slider": (SLIDER, ("crank",)),
+    "turned": (TURNED, ("yaw", "crank")),
+    "tendons": (TENDONS, ("crank", "rocker")),
+    "gripper": (GRIPPER, ("left_driver",)),
+    "driven": (DRIVEN, ("crank",)),
+}
+"""Mechanisms with the joints that are driven."""
+
+
+@cache
+def opened(name: str) -> Mechanism:
+    """A mechanism of `MODELS` before its loops are closed."""
+    return sim.mechanism(mujoco.MjSpec.from_string(MODELS[name][0]))
+
+
+def closed(name: str) -> Mechanism:
+    """The same with its dependent joints."""
+    arm, driven = opened(name), MODELS[name][1]
+    arm = arm.following({joint: lead for joint, lead in arm.mimics.items() if lead.joint in driven})
+    return arm.closed([joint for joint in arm.tree.joints if joint not in driven], driven)
+
+
+def whole_states(name, arm, states):
+    """States of all joints in MuJoCo's order, from those of the independent ones, three (N, n)."""
+    tree, joints = arm.tree, opened(name).tree.joints
+    own = dict(zip((body.name for body in tree.bodies), tree.body_states(*states), strict=True))
+    carried = [body.name for joint in joints for body in opened(name).tree.bodies if body.joint == joint]
+    return tuple(np.concatenate([own[body][k] for body in carried], axis=1) for k in range(3))
+
+
+def by_mujoco(name, arm, states):
+    """Gaps and rates of the constraints (N, m), torques of the driven joints (N, n), wrenches at the base (N, 6).
+
+    The torques follow by virtual work from those of a tree, along the null space of MuJoCo's constraint Jacobian; the
+    accelerations are those that the constraint forces, from Lagrange's multipliers, leave with these torques.
+    """
+    model = mujoco.MjModel.from_xml_string(MODELS[name][0])
+    data, driven = mujoco.MjData(model), [model.joint(joint).id for joint in arm.tree.joints]
+    gaps, rates, torques, wrenches, accelerations = [], [], [], [], []
+
+    def jacobian(q):
+        data.qpos[:] = q
+        mujoco.mj_fwdPosition(model, data)
+        J = data.efc_J.reshape(data.nefc, -1).copy()
+        equalities = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        return J[equalities], data.efc_pos[equalities].copy()
+
+    for q, dq, ddq in zip(*whole_states(name, arm, states), strict=True):
+        step = 1e-5
+        dJ = (jacobian(q + step * dq)[0] - jacobian(q - step * dq)[0]) / (2 * step)
+        J, gap = jacobian(q)
+        Z = null_space(J, rcond=1e-9)
+        Z = Z @ np.linalg.inv(Z[driven])
+        model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
+        mujoco.mj_inverse(model, data)
+        model.opt.disableflags = 0
+        tau = Z.T @ data.qfrc_inverse
+        wrenches.append(data.sensordata.copy())
+        M = np.zeros((model.nv, model.nv))
+        for column, unit in zip(M, np.eye(model.nv), strict=True):
+            mujoco.mj_mulM(model, data, column, unit)
+        force = np.zeros(model.nv)
+        force[driven] = tau
+        system = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+        right = np.concatenate([force + data.qfrc_passive - data.qfrc_bias, -dJ @ dq])
+        accelerations.append(np.linalg.lstsq(system, right, rcond=1e-11)[0][: model.nv] - ddq)
+        gaps.append(gap)
+        rates.append(J @ dq)
+        torques.append(tau)
+    return tuple(map(np.array, (gaps, rates, torques, wrenches, accelerations)))

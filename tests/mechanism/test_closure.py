@@ -1,0 +1,238 @@
+"""Loops against MuJoCo's constraints, by virtual work and Lagrange's multipliers; and loops that cannot be closed."""
+
+import mujoco
+import numpy as np
+import pytest
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, opened, text
+
+import ident
+import sim
+from experiments.studies.excitation import problem
+from ident.errors import InputError, ModelError
+from ident.estimation.loads import stated_drive_torques
+from ident.estimation.preparation import prepared
+from ident.mechanism.motion import Motion
+from ident.model.pullback import pulled_back
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.parameters.structure import Sensors
+
+pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+
+
+def reachable(name, samples, seed=0):
+    """The closed mechanism, and random states of its independent joints."""
+    arm, rng = closed(name), np.random.default_rng(seed)
+    tree = arm.tree
+    drawn = tree.closure.drawn(rng, samples)
+    q = np.concatenate([drawn.get(joint, rng.uniform(-1, 1, (samples, 1))) for joint in tree.joints], axis=1)
+    return arm, (q, *rng.uniform(-2, 2, (2, *q.shape)))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_closed_loops_are_mujocos(name):
+    arm, states = reachable(name, 12)
+    tree, gravity = arm.tree, arm.gravity
+    assert tree.joints == MODELS[name][1]
+    gaps, rates, torques, wrenches, accelerations = by_mujoco(name, arm, states)
+    assert abs(gaps).max() < 1e-9 and abs(rates).max() < 1e-9
+    of_links = joint_torque_regressor(tree, *states, gravity=gravity) @ arm.known
+    found = of_links + stated_drive_torques(arm, Motion(*states))
+    np.testing.assert_allclose(found, torques, atol=1e-8 * abs(torques).max())
+    assert abs(accelerations).max() < 1e-5 * max(1, abs(states[2]).max())
+    Y = base_wrench_regressor(tree, *states, gravity=gravity)
+    np.testing.assert_allclose(Y @ arm.known, wrenches, atol=1e-8 * abs(wrenches).max())
+
+
+@pytest.mark.parametrize("name", ["five-bar", "turned"])
+def test_derivatives_by_the_independent_coordinates_are_exact(name):
+    arm, states = reachable(name, 6)
+    rng = np.random.default_rng(1)
+    seeds = rng.normal(size=(6, len(arm.tree.freedoms), len(arm.known)))
+
+    def total(*moved):
+        return np.sum(joint_torque_regressor(arm.tree, *moved, gravity=arm.gravity) * seeds, axis=(1, 2))
+
+    found = pulled_back(arm, Motion(*states), range(len(arm.known)), seeds, torques=True)
+    for kind, derivative in enumerate(found):
+        for k in range(derivative.shape[1]):
+            step = np.zeros((3, 1, derivative.shape[1]))
+            step[kind, 0, k] = 1e-6
+            sides = [total(*(x + sign * dx for x, dx in zip(states, step, strict=True))) for sign in (1, -1)]
+            expected = (sides[0] - sides[1]) / 2e-6
+            np.testing.assert_allclose(derivative[:, k], expected, atol=1e-6 * abs(expected).max() + 1e-6)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("torques", [False, True])
+def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
+    arm, states = reachable(name, 150, seed=3)
+    sensors = Sensors(base_wrench=not torques, joint_torques=torques)
+    base = ident.find_base_parameters(arm, sensors=sensors)
+    regressor = joint_torque_regressor if torques else base_wrench_regressor
+    Y = regressor(arm.tree, *states, gravity=arm.gravity).reshape(-1, len(arm.known))
+    assert np.linalg.matrix_rank(Y, rtol=1e-10) == base.rank
+    np.testing.assert_allclose(base.reduce(Y) @ base.regroup(arm.known), Y @ arm.known, atol=1e-8 * abs(Y).max())
+
+
+def log_of(q, names=("crank",), more=None):
+    """A log of joints and of a torque on the first."""
+    columns = {f"{name}_position": x for name, x in zip(names, q, strict=True)}
+    return {"time": np.arange(len(q[0])) / 100, **columns, f"{names[0]}_torque": np.cos(q[0]), **(more or {})}
+
+
+def swings(t, amplitudes, frequencies):
+    """A sum of sines and its derivatives, each (N, 1)."""
+    a, w = np.array(amplitudes), np.array(frequencies)
+    angle = np.outer(t, w)
+    return ((x @ own)[:, None] for x, own in ((np.sin(angle), a), (np.cos(angle), a * w), (-np.sin(angle), a * w**2)))
+
+
+def read(model):
+    return sim.mechanism(mujoco.MjSpec.from_string(model))
+
+
+T = np.arange(300) / 100
+SWING = 0.6 * np.sin(3 * T)
+
+
+def test_a_mechanism_prints_its_independent_and_dependent_joints():
+    assert "joints: crank\n  dependent: rod, rocker" in str(read(FOUR_BAR))
+    assert "joints: crank, right\n  dependent: rod, arm" in str(read(FIVE_BAR))
+
+
+def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
+    arm, rng, t = closed("four-bar"), np.random.default_rng(0), np.arange(500) / 100
+    q, dq, ddq = swings(t, [0.8, 0.25], [2, 5.3])
+    phi, log = 1.2 * arm.known, {"time": t, "crank_position": q[:, 0] + 1e-3 * rng.normal(size=len(t))}
+    log["crank_torque"] = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi)[:, 0]
+    wrench = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi
+    names = [f"ground_{letter}{x}" for letter in "fm" for x in "xyz"]
+    log |= dict(zip(names, wrench.T, strict=True))
+    noisy = {key: x + 0.01 * rng.normal(size=len(t)) for key, x in log.items() if key not in ("time", "crank_position")}
+    estimate = ident.identify(read(FOUR_BAR), log | noisy, drive=())
+    distance = (estimate.psi - estimate.base.regroup(phi)) / estimate.std_setup
+    assert estimate.verdict().usable and abs(distance).max() < 4
+
+
+@pytest.mark.slow
+def test_a_parallel_gripper_is_weighed_from_a_wrist():
+    arm, rng, t = read(WRIST), np.random.default_rng(0), np.arange(800) / 100
+    waves = {"lift": (0.8, 0.3), "bend": (0.9, 0.3), "roll": (1.2, 0.4), "left_driver": (0.35, 0.12)}
+    own = {name: list(swings(t + k, a, [1.1 + k / 3, 2.9 + k / 3])) for k, (name, a) in enumerate(waves.items())}
+    part = arm.beyond("palm")
+    moving = part.following(part.mimics).closed(["left_finger", "left_link", "right_finger", "right_link"])
+    base = moving.carrier.motion(*(np.hstack([own[name][k] for name in moving.carrier.joints]) for k in range(3)))
+    phi = part.known.reshape(-1, 10).copy()
+    # Heavier fingers than in the model.
+    phi[[part.bodies.index("left_finger"), part.bodies.index("right_finger")]] *= 1.6
+    Y = base_wrench_regressor(moving.tree, *own["left_driver"], gravity=part.gravity, base=base)
+    wrench = Y @ phi.ravel() + rng.normal(size=(len(t), 6)) * [0.05, 0.05, 0.05, 0.003, 0.003, 0.003]
+    log = {"time": t} | {f"{name}_position": x[0][:, 0] + 2e-4 * rng.normal(size=len(t)) for name, x in own.items()}
+    log |= dict(zip([f"ground_{letter}{x}" for letter in "fm" for x in "xyz"], wrench.T, strict=True))
+    estimate = ident.identify(part, ident.read_log(log, arm))
+    distance = (estimate.psi - estimate.base.regroup(phi.ravel())) / estimate.std_setup
+    assert estimate.verdict().usable and abs(distance).max() < 4
+    assert abs(estimate["m1"].value - phi[:, 0].sum()) < 0.02 * phi[:, 0].sum()
+
+
+@pytest.mark.parametrize("estimator", ["ordinary", pytest.param("trajectory", marks=pytest.mark.slow)])
+def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimator):
+    arm, t = closed("driven"), np.arange(500) / 100
+    q, dq, ddq = swings(t, [1.2, 0.5, 0.2], [1.5, 4.3, 7.9])
+    torque = joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ arm.known
+    more = {"crank_velocity": dq[:, 0], "crank_acceleration": ddq[:, 0]} if estimator == "ordinary" else {}
+    torque += stated_drive_torques(arm, Motion(q, dq, ddq)) + 1e-4 * np.random.default_rng(0).normal(size=q.shape)
+    log = {"time": t, "crank_position": q[:, 0], "crank_torque": torque[:, 0], **more}
+    estimate = ident.identify(read(MODELS["driven"][0]), log, estimator=estimator, drive=("rotor", "viscous", "spring"))
+    for name, true in {"Fv(rod)": 0.03, "Fv(rocker)": 0.05, "K(rocker)": 0.7, "Ia(rod)": 0.002}.items():
+        each = estimate[name]
+        assert abs(each.value - true) < max(4 * each.std, 1e-4), (name, each)
+
+
+@pytest.mark.parametrize(
+    ("model", "log", "message"),
+    [
+        (
+            FOUR_BAR.replace("0.3 0 0.12", "0.3 0 -0.08"),
+            log_of([2.5 * np.sin(T)]),
+            r"The loops of 'pin' cannot be closed at 0\.\d+ s: .* m remain\. Check",
+        ),
+        (PARALLELOGRAM, log_of([1.1 * T]), r"The loops are singular at 1\.\d+ s: crank there does not determine"),
+        (
+            text(CRANK, '<joint name="a" joint1="rod" joint2="crank"/><joint name="b" joint1="rod" joint2="crank" '
+            'polycoef="0 2 0 0 0"/>'),
+            log_of([SWING, SWING], ("crank", "rod")),
+            "The constraints a, b contradict each other: they leave crank, rod no motion. Leave the wrong one out",
+        ),
+        (
+            text(CRANK + ROCKER.replace("<inertial", '<site name="end" pos="0 0 2"/><inertial'), "").replace(
+                "<equality>", '<equality><connect name="far" site1="foot" site2="end"/>'),
+            log_of([SWING, SWING], ("crank", "rod")),
+            "The loops of 'far' cannot be closed in the model's posture: ",
+        ),
+        (
+            FOUR_BAR,
+            log_of([SWING], more={"rod_torque": SWING}),
+            "Loops make 'rod' depend on crank: its torque or command cannot be used. Log its",
+        ),
+        (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
+        (
+            FOUR_BAR.replace('name="rod" axis="0 1 0"', 'name="rod" type="ball"'),
+            log_of([SWING, SWING], ("crank", "rocker")),
+            "Loops through the ball joint 'rod' are not closed. Put three hinges in its place",
+        ),
+    ],
+    ids=["unreachable", "singular", "contradictory", "posture", "two drives", "undetermined", "ball"],
+)  # fmt: skip
+def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
+    with pytest.raises(InputError, match=message):
+        ident.identify(read(model), log, estimator="ordinary")
+
+
+def test_a_column_of_a_dependent_joint_is_compared_with_the_loops():
+    angles = closed("four-bar").tree.closure.solved(SWING[:, None])
+    log = log_of([SWING, angles[:, 1] + 0.02], ("crank", "rocker"))
+    arm = read(FOUR_BAR)
+    ready = prepared(arm, ident.read_log(log, arm), drive=())
+    assert ready.mechanism.tree.joints == ("crank",)
+    assert ready.notes[-2:] == (
+        "rod, rocker depend on crank, by the constraints 'pin'.",
+        "The column of 'rocker' is not used; it differs from the closed loops by 0.02 (rms).",
+    )
+
+
+def test_loops_are_not_excited():
+    with pytest.raises(ModelError, match=r"joints of a tree; crank, rod, rocker are coupled by pin\. Name others"):
+        problem(read(FOUR_BAR), None, sensors="torque")
+
+
+def test_a_joint_that_a_weld_locks_rests():
+    arm = read(text(CRANK, '<weld name="glue" body1="crank" body2="rod"/>'))
+    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
+    assert ready.mechanism.tree.dependent == ("rod",) and ready.equations.parameters.rank == 3
+    welded = arm.fixed({"rod": [0.0]})
+    states = np.random.default_rng(0).normal(size=(3, 7, 1))
+    Y, expected = (base_wrench_regressor(each.tree, *states, gravity=arm.gravity) for each in (ready.mechanism, welded))
+    np.testing.assert_allclose(Y, expected, atol=1e-12)
+
+
+def test_parts_have_their_own_loops():
+    arm = read(WRIST)
+    assert arm.beyond("palm").in_loops == arm.in_loops
+    with pytest.raises(ModelError, match="constraint 'left_pin' is between a body of this part and one outside it"):
+        arm.beyond("left_driver")
+
+
+def test_joints_that_follow_from_those_with_a_column_are_determined():
+    assert opened("gripper").determined({"left_driver"}).keys() == {*opened("gripper").tree.joints} - {"left_driver"}
+    assert opened("five-bar").determined({"crank", "right"}) == dict.fromkeys(("rod", "arm"), "crank, right")
+    assert "right" not in opened("five-bar").determined({"crank"})
+
+
+def test_a_loop_that_is_measured_whole_and_not_driven_stays_open():
+    assert read(FOUR_BAR).closed((), ()).tree.joints == ("crank", "rod", "rocker")
+    assert read(FOUR_BAR).closed((), ("rocker",)).tree.joints == ("rocker",)
+    assert read(FOUR_BAR).closed(("crank",), ()).tree.dependent == ("crank", "rocker")
+    assert not read(text(CRANK + ROCKER, PIN.replace("<connect", '<connect active="false"'))).constraints.rows
+    fixed = read(FOUR_BAR).fixed({"crank": [0.0], "rod": [0.0], "rocker": [0.0]})
+    assert not fixed.constraints.rows and not fixed.in_loops

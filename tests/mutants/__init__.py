@@ -1,1 +1,0 @@
-"""Small faults put into the code one at a time: each has to make a test fail."""
