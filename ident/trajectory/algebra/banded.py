@@ -11,6 +11,7 @@ BLAS and LAPACK are column-major and numpy is row-major: they are given transpos
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -60,22 +61,15 @@ class Banded:
             numpy.linalg.LinAlgError: The matrix is not positive definite.
         """
         functions, n, width, _ = self.rows.shape
-        together, reach, rows = min(max(-(-WIDE // n), 1), LOCAL), width * n, self.rows.reshape(functions, n, -1)
-        blocks = -(-functions // together)
-        band = np.zeros((blocks * together, n, reach))
+        reach, rows = width * n, self.rows.reshape(functions, n, -1)
+        band = np.zeros((functions, n, reach))
         for i in range(n):
-            band[:functions, i, : reach - i] = rows[:, i, i:]
+            band[:, i, : reach - i] = rows[:, i, i:]
         band[:, :, 0][band[:, :, 0] == 0] = 1
         factor, failed = lapack.dpbtrf(band.reshape(-1, reach).T, lower=1, overwrite_ab=1)
         if failed:
             raise np.linalg.LinAlgError("The matrix is not positive definite.")
-        band = factor.T.reshape(band.shape)
-        upper = np.zeros((blocks, together * n, (together - 1) * n + reach))
-        for u in range(together):
-            for i in range(n):
-                upper[:, u * n + i, u * n + i : u * n + reach] = band[u::together, i, : reach - i]
-        size = together * n
-        return Factor(upper[:, :, :size].copy(), upper[:, :, size:].copy(), functions, n)
+        return Factor(factor.T.reshape(band.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,16 +77,27 @@ class Factor:
     """A Cholesky factor.
 
     Attributes:
-        own: Upper triangular blocks U_k (K, b, b).
-        beside: Blocks C_k of the functions that follow (K, b, m).
-        functions: Number of functions; blocks may have some more.
-        coordinates: Number n of coordinates.
+        band: Entries of each row of U from the diagonal on (functions, n, w n).
     """
 
-    own: np.ndarray
-    beside: np.ndarray
-    functions: int
-    coordinates: int
+    band: np.ndarray
+
+    def _blocks(self, together: int) -> tuple[np.ndarray, np.ndarray]:
+        """Blocks U_k of some functions (K, b, b), the last one filled with ones, and C_k beside them (K, b, m)."""
+        functions, n, reach = self.band.shape
+        count, size = -(-functions // together), together * n
+        upper = np.zeros((count, size, size - n + reach))
+        upper[-1, range(size), range(size)] = 1
+        for u in range(together):
+            own = self.band[u::together]
+            for i in range(n):
+                upper[: len(own), u * n + i, u * n + i : u * n + reach] = own[:, i, : reach - i]
+        return upper[:, :, :size].copy(), upper[:, :, size:].copy()
+
+    @cached_property
+    def _solving(self) -> tuple[np.ndarray, np.ndarray]:
+        """Blocks by which equations are solved."""
+        return self._blocks(min(max(-(-WIDE // self.band.shape[1]), 1), LOCAL))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """`A⁻¹ right` for right sides (functions n, p)."""
@@ -100,8 +105,8 @@ class Factor:
 
     def solve_lower(self, right: np.ndarray) -> np.ndarray:
         """`U⁻ᵀ right` for right sides (functions n, p)."""
-        x, b = self._extended(right), self.own.shape[1]
-        for k, (own, beside) in enumerate(zip(self.own, self.beside, strict=True)):
+        x, b = self._extended(right), self._solving[0].shape[1]
+        for k, (own, beside) in enumerate(zip(*self._solving, strict=True)):
             here = x[k * b : (k + 1) * b]
             here[:] = blas.dtrsm(1, own.T, here.T, side=1, lower=1, trans_a=1).T
             x[(k + 1) * b : (k + 1) * b + beside.shape[1]] -= beside.T @ here
@@ -109,29 +114,35 @@ class Factor:
 
     def solve_upper(self, right: np.ndarray) -> np.ndarray:
         """`U⁻¹ right` for right sides (functions n, p)."""
-        x, b = self._extended(right), self.own.shape[1]
-        for k in reversed(range(len(self.own))):
-            rest = x[k * b : (k + 1) * b] - self.beside[k] @ x[(k + 1) * b : (k + 1) * b + self.beside.shape[2]]
-            x[k * b : (k + 1) * b] = blas.dtrsm(1, self.own[k].T, rest.T, side=1, lower=1, overwrite_b=1).T
+        x, (blocks, others) = self._extended(right), self._solving
+        b, m = others.shape[1:]
+        for k in reversed(range(len(blocks))):
+            rest = x[k * b : (k + 1) * b] - others[k] @ x[(k + 1) * b : (k + 1) * b + m]
+            x[k * b : (k + 1) * b] = blas.dtrsm(1, blocks[k].T, rest.T, side=1, lower=1, overwrite_b=1).T
         return x[: len(right)]
 
     def _extended(self, right: np.ndarray) -> np.ndarray:
         """Right sides with zeros for all that the last block has beside it."""
-        blocks, b, m = self.beside.shape
+        blocks, b, m = self._solving[1].shape
         out = np.zeros((blocks * b + m, right.shape[1]))
         out[: len(right)] = right
         return out
 
     def inverse_windows(self, number: int) -> np.ndarray:
-        """Blocks of the inverse for windows of seven functions (number, 7 n, 7 n), zero where the band is narrower."""
-        (blocks, b, m), n = self.beside.shape, self.coordinates
+        """Blocks of the inverse for windows of seven functions (number, 7 n, 7 n), zero where the band is narrower.
+
+        The recursion is over six functions: over fewer it loses all digits where the matrix is ill-conditioned, as with
+        coordinates at rest.
+        """
+        blocks, others = self._blocks(LOCAL)
+        (count, b, m), n = others.shape, self.band.shape[1]
         windows, inverse = np.zeros((number, WINDOW * n, WINDOW * n)), np.zeros((m, m))
         first = WINDOW - 1 - m // n
         inside, below = slice(first * n, None), np.tri(b, k=-1, dtype=bool)
-        for k in reversed(range(blocks)):
-            own = lapack.dpotri(self.own[k].T, lower=1)[0].T
+        for k in reversed(range(count)):
+            own = lapack.dpotri(blocks[k].T, lower=1)[0].T
             np.copyto(own, own.T, where=below)
-            G = blas.dtrsm(1, self.own[k].T, self.beside[k].T, side=1, lower=1).T
+            G = blas.dtrsm(1, blocks[k].T, others[k].T, side=1, lower=1).T
             across, whole = G @ inverse, np.empty((b + m, b + m))
             whole[:b, :b] = own + across @ G.T
             whole[:b, b:], whole[b:, :b], whole[b:, b:] = -across, -across.T, inverse

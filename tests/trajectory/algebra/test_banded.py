@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from ident.trajectory.algebra.banded import WINDOW, Banded
+from ident.trajectory.algebra.spline import LOCAL, Spline
 
 
 def problem(seed, width=WINDOW):
@@ -44,6 +45,30 @@ def test_solutions_and_inverse_are_those_of_the_dense_matrix(seed, width):
         np.testing.assert_allclose(
             window[-width * n :, -width * n :], inverse[own, own], atol=1e-9 * abs(inverse).max()
         )
+
+
+@pytest.mark.parametrize("width", [WINDOW - 1, WINDOW])
+def test_the_inverse_is_right_beside_coordinates_at_rest(width):
+    """A recursion over single functions loses all digits there."""
+    rng, n, number, spline = np.random.default_rng(0), 30, 60, Spline(0.0, 0.02, 60)
+    first, rest = WINDOW - width, np.where(np.arange(n) < 12, 1e3, 1e-4) / 1e-6
+    matrix, dense = Banded(number + LOCAL, n, width), np.zeros(((number + LOCAL) * n,) * 2)
+    roots = rng.normal(size=(number, 6, width * n))
+    windows = (roots.swapaxes(1, 2) @ roots + 1e4 * np.eye(width * n)).reshape(number, width, n, width, n)
+    matrix.add(first, windows, np.arange(n))
+    matrix.add_separate(1, (spline.penalty[..., None] * spline.step**5 * rest)[None])
+    for k, window in enumerate(windows):
+        own = slice((first + k) * n, (first + k + width) * n)
+        dense[own, own] += window.reshape(width * n, -1)
+        for j in range(n):
+            at = (1 + k + np.arange(LOCAL)) * n + j
+            dense[at[:, None], at] += spline.penalty * spline.step**5 * rest[j]
+    dense[: first * n, : first * n] = np.eye(first * n)
+    inverse = np.linalg.inv(dense)
+    for k, window in enumerate(matrix.factored().inverse_windows(number)):
+        own = slice((k + first) * n, (k + WINDOW) * n)
+        expected = inverse[own, own]
+        np.testing.assert_allclose(window[-width * n :, -width * n :], expected, atol=1e-6 * abs(expected).max())
 
 
 def test_an_indefinite_matrix_has_no_factor():
