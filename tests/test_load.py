@@ -13,6 +13,7 @@ from docs.tools.noise.recordings import sinusoids
 from experiments import payload
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
+from ident.payload.joint_fit import joint_fit
 from ident.payload.load import identify_load
 from sim.models.mechanism import mechanism
 from sim.simulation.simulate import simulate
@@ -61,6 +62,19 @@ def test_a_load_is_weighed_by_torques_alone(load):
     assert np.abs(z).max() < 3.5
     assert load.verdict().usable and load.verdict().mass == pytest.approx(MASS, abs=0.05)
     assert "The load" in repr(load)
+
+
+def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_shows_open(load, arm):
+    """Torques show one moment of inertia of what is on the first link, whose axis is vertical."""
+    body = arm.bodies[1]
+    columns = load.without.base.regroup(np.eye(10 * len(arm.bodies))[10:20]).T
+    size = np.repeat([arm.mass, 1.0], [1, 9])
+    joint = joint_fit(load.without.trajectory, load.estimate.trajectory, columns, size, np.zeros(10))
+    on_link = replace(load, body=body, joint=joint)
+    hidden = ~columns.any(axis=0)
+    assert hidden.any()
+    np.testing.assert_allclose(np.sqrt(np.diag(joint.fit.covariance)[:10][hidden]), size[hidden], rtol=1e-6)
+    assert not on_link.in_frame().identifiable[0]
 
 
 def test_links_and_drives_are_those_without_the_load(load, arm):

@@ -70,6 +70,8 @@ def _joined(
         np.any([np.abs(mask @ T) > 0 for mask, T in zip(masks, (A, B), strict=True)], axis=0)
         for masks in ((first.free, last.free), (first.bound, last.bound))
     )
+    # Its prior alone determines what no torque shows of a load, such as its mass beside an axis through its body.
+    free[:10] = True
     fit = replace(
         first,
         names=names,

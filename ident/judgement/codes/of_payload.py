@@ -37,7 +37,8 @@ PAYLOAD = {
     ),
     "payload_inertia_unknown": Row(_inertias, doubt=False),
     "load_not_shown": Row(
-        "The recordings show no load: {mass:.2g} ± {std:.1g} kg. Check which of them carry it, and move its body more.",
+        "The recordings do not show the load's mass: {mass:.2g} ± {std:.1g} kg. Check which carry it, and on which "
+        "body; turn that about several axes.",
         doubt=True,
     ),
     "load_changes_friction": Row("Friction is another with the load, and was fitted apart.", doubt=False),
