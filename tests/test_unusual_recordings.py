@@ -40,7 +40,7 @@ def on_a_curve(samples=400):
 
 
 def test_angles_without_any_noise_are_refused_in_one_sentence():
-    with pytest.raises(ExcitationError, match=r"equations are singular but for rounding: .* \(--prior on\)\.$"):
+    with pytest.raises(ExcitationError, match=r"does not determine all parameters\. .* \(--prior on\)\.$"):
         ident.identify(PENDULUM, on_a_curve(), known=False)
 
 

@@ -25,6 +25,7 @@ from ident.regression.filtered import FilteredLeastSquares, filtered_least_squar
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit
 from ident.trajectory.estimate import trajectory_estimate
+from ident.trajectory.fit.precision import UNDETERMINED
 from ident.trajectory.result import TrajectoryEstimate
 
 
@@ -144,9 +145,8 @@ def _solvable(estimate: Callable[..., TrajectoryEstimate], **known: Mapping[str,
         return estimate(**known)
     except np.linalg.LinAlgError:
         raise ExcitationError(
-            "The trajectory estimate's equations are singular but for rounding: some joint angles follow a curve "
-            "exactly, as computed or smoothed ones do, or hardly move in what is fitted. Take the angles as they were "
-            "measured, hold joints that rest (--fix), or fit what the model knows as well (--prior on)."
+            "Some joint angles follow a curve exactly, as computed or smoothed ones do, or hardly move: but for "
+            f"rounding, the {UNDETERMINED}"
         ) from None
 
 

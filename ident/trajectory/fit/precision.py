@@ -12,6 +12,12 @@ from ident.trajectory.fit.restricted_likelihood import TINIEST
 LEAST_SCATTER = 0.05
 """Least variance over that of the working model, in any direction: smaller estimates of the noise are chance."""
 
+UNDETERMINED = (
+    "recording does not determine all parameters. Move all joints further, take their angles as they were measured, "
+    "hold those that rest (--fix), or fit what the model knows as well (--prior on)."
+)
+"""End of messages on parameters that a recording does not determine."""
+
 
 def inverse_of_precision(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
     """Inverse of a precision matrix.
@@ -42,12 +48,12 @@ def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndar
         ExcitationError: It is not positive definite or not finite; the error carries the names.
     """
     if not np.isfinite(precision).all():
-        raise ExcitationError("The fit diverges: the recording does not determine all parameters.", tuple(names))
+        raise ExcitationError(f"The fit diverges: the {UNDETERMINED}", tuple(names))
     scale = np.sqrt(np.maximum(np.diag(precision), TINIEST))
     try:
         factor = linalg.cholesky(precision / np.outer(scale, scale))
     except linalg.LinAlgError:
-        raise ExcitationError("The recording does not determine all parameters.", tuple(names)) from None
+        raise ExcitationError(f"The {UNDETERMINED}", tuple(names)) from None
     # LAPACK complains of matrices without rows.
     inverse = lapack.dtrtri(factor)[0] if len(factor) else factor
     return np.asarray(inverse) / scale[:, None]
