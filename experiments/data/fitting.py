@@ -1,6 +1,6 @@
 """Identification of one model from one recording, by least squares and by the trajectory estimate."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,7 +132,7 @@ def trajectory_fit(mechanism: Mechanism, recording: Recording, base: BaseParamet
         ExcitationError: The motion does not separate the base parameters.
         KeyboardInterrupt: The estimate was interrupted, which reports itself that it has not converged.
     """
-    angles_alone = without(recording, [f"{joint}_{rate}" for joint in mechanism.tree.joints for rate in STATES[1:]])
+    angles_alone = recording.without([f"{joint}_{rate}" for joint in mechanism.tree.joints for rate in STATES[1:]])
     log = prepared(mechanism, angles_alone)
     log = replace(log, equations=replace(log.equations, parameters=base))
     estimate = identified(log, offsets=False, holdout=0, setup=dict.fromkeys(PRIORS, 0.0), known=False)
@@ -148,15 +148,6 @@ def trajectory_fit_if_determined(mechanism: Mechanism, recording: Recording, bas
     except (ExcitationError, np.linalg.LinAlgError):
         unknown = np.full(base.rank, np.nan)
         return TrajectoryTrial(unknown, unknown, base.regroup(mechanism.known))
-
-
-def without(recording: Recording, channels: Collection[str]) -> Recording:
-    """The recording without some of its channels."""
-    measured, true = (
-        {name: x for name, x in values.items() if name not in channels}
-        for values in (recording.measured, recording.true)
-    )
-    return replace(recording, measured=measured, true=true)
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

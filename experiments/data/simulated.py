@@ -13,7 +13,6 @@ from experiments.data.fitting import (
     measured_poses,
     trajectory_fit,
     trajectory_fit_if_determined,
-    without,
 )
 from experiments.data.study_file import StudyFile
 from ident.errors import InputError, ModelError
@@ -65,7 +64,7 @@ class Problem:
         sensors = {
             site: Sensor(*self.known.sites[name], applied_to_link=False) for name, site in cells if name not in ignored
         }
-        return without(recording, channels).with_sensors(sensors)
+        return recording.without(channels).with_sensors(sensors)
 
     def total(self, recording: Recording, ignored: Collection[str] = (), tree: Tree | None = None) -> TotalWrench:
         """Total wrench (Eq. 17): the ground's less those of the links on all contacts that are not ignored.

@@ -176,7 +176,7 @@ def _joint_states(tree: Tree, states: States) -> tuple[np.ndarray, np.ndarray, n
 
 
 def beside(rows: Sequence[np.ndarray], y: np.ndarray) -> np.ndarray:
-    """What regressors (M,) leave of columns by least squares (M,) or (M, k)."""
+    """Residuals of columns fitted with regressors (M,) by least squares (M,) or (M, k)."""
     x = np.stack(rows, axis=1)
     x = x / np.maximum(np.linalg.norm(x, axis=0), 1e-300)
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=1e-8)[0])

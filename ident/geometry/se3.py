@@ -34,6 +34,11 @@ def hat(x: np.ndarray) -> np.ndarray:
     return out
 
 
+def applied(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Matrices (…, m, n) times vectors (…, n)."""
+    return (matrix @ x[..., None])[..., 0]
+
+
 def exp(xi: np.ndarray, theta: np.ndarray | float = 1.0) -> np.ndarray:
     """Pose reached by moving along a joint twist: `expm(hat(xi) * theta)`.
 

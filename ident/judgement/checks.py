@@ -10,7 +10,7 @@ from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import predicted_channels
 from ident.estimation.preparation import Prepared
-from ident.geometry.se3 import coAd, inverse
+from ident.geometry.se3 import applied, coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
 from ident.judgement.gravity import GravityCheck, recorded_gravity
@@ -220,12 +220,12 @@ def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
             continue
         pose = pose_in_base(wrench, poses[:, names.index(str(wrench.body))], base)
         in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
-        felt = (in_frame @ wrench.on_mechanism[..., None])[..., 0]
+        felt = applied(in_frame, wrench.on_mechanism)
         missing = np.where(kept, predicted - (prepared.wrench - felt), 0)
         if np.isfinite(missing).all():
             back = np.linalg.inv(in_frame)
-            own = wrench.on_mechanism if kept.all() else (back @ np.where(kept, felt, 0)[..., None])[..., 0]
-            missing = (back @ missing[..., None])[..., 0]
+            own = wrench.on_mechanism if kept.all() else applied(back, np.where(kept, felt, 0))
+            missing = applied(back, missing)
             checks[name] = diagnosis.check_frame(own, missing, wrench.pose[:3, :3])
     return checks
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.estimation.preparation import LeftOut, Prepared
 from ident.estimation.recorded_motion import recorded_motion
-from ident.geometry.se3 import coAd
+from ident.geometry.se3 import applied, coAd
 from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
 from ident.judgement.diagnosis import NEAR, ContactCheck, check_contact
 from ident.recordings.runs import running_median, runs
@@ -168,7 +168,7 @@ def _spans(missing: np.ndarray, limit: float, shortest: int) -> list[tuple[int, 
 def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:
     if not np.isfinite(residual).all():
         return None
-    in_base, unloaded = (coAd(prepared.frame) @ residual[..., None])[..., 0], _unloaded(prepared, part)
+    in_base, unloaded = applied(coAd(prepared.frame), residual), _unloaded(prepared, part)
     q, up_in_base = prepared.samples.motion.q[part], up @ prepared.frame[:3, :3].T
     return check_contact(prepared.mechanism.tree, q, in_base, unloaded, up_in_base)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.errors import InputError
-from ident.geometry.se3 import Ad, ad, inverse
+from ident.geometry.se3 import Ad, ad, applied, inverse
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
@@ -54,7 +54,7 @@ class Carrier:
             step = body.home @ body.joint_pose(q_i) if body.moves else body.home
             T, across = T @ step, Ad(inverse(step))
             own = dq_i @ body.motions.T
-            V = (across @ V[..., None])[..., 0] + own
+            V = applied(across, V) + own
             dV = (across @ dV[..., None] + ad(V) @ own[..., None])[..., 0] + ddq_i @ body.motions.T
         return BaseMotion(T, V, dV)
 

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ident.errors import ModelError
-from ident.mechanism.constraint import Coincidence, Constraint, Kinematics, applied, kinematics
+from ident.geometry.se3 import applied
+from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, kinematics
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
@@ -192,8 +193,13 @@ class Closure:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""
         if not x.shape[1]:
             return np.zeros(len(x)), np.zeros(len(x), int)
-        distance, nearest = cKDTree(self.anchors[:, self._coordinates[0]] * self._scale).query(x * self._scale)
+        distance, nearest = self._places.query(x * self._scale)
         return distance, nearest
+
+    @cached_property
+    def _places(self) -> cKDTree:
+        """The anchors' independent coordinates, to search among."""
+        return cKDTree(self.anchors[:, self._coordinates[0]] * self._scale)
 
     def _newton(self, x: np.ndarray, y: np.ndarray, iterations: int) -> np.ndarray:
         for _ in range(iterations):
@@ -257,7 +263,7 @@ def length_of(tree: "Tree") -> float:
     return max((float(np.linalg.norm(body.home[:3, 3])) for body in tree.bodies), default=0.0) or 1.0
 
 
-def _by_freedoms(tree: "Tree", at: Kinematics, residual: np.ndarray, by_body: dict[int, np.ndarray]) -> np.ndarray:
+def _by_freedoms(tree: "Tree", at: BodyKinematics, residual: np.ndarray, by_body: dict[int, np.ndarray]) -> np.ndarray:
     """Derivatives by the velocities of a tree (…, m, n), from those by the rates of its bodies' joints (…, m, f)."""
     nothing = 0.0 * residual[..., None]
     own = [by_body.get(i, np.repeat(nothing, body.freedoms, -1)) for i, body in enumerate(tree.bodies)]

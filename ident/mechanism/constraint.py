@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ident.geometry.se3 import Ad, ad, hat
+from ident.geometry.se3 import Ad, ad, applied, hat
 from ident.mechanism.body import BASE
 from ident.mechanism.follower import horner
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
 
 
-class Kinematics(NamedTuple):
+class BodyKinematics(NamedTuple):
     """Poses (…, 4, 4), screws (…, 6, f), twists and their rates (…, 6) of bodies, and their joints' states."""
 
     poses: list[np.ndarray]
@@ -45,7 +45,7 @@ class Coincidence:
     places: tuple[tuple[float, ...], tuple[float, ...]]
     whole: bool = False
 
-    def rows(self, tree: "Tree", at: Kinematics) -> Rows:
+    def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
         """Rows of the constraint, in base axes."""
         ends = [tree.names.index(name) if name in tree.names else BASE for name in self.bodies]
         chains = [tree.chain(i) for i in ends]
@@ -101,7 +101,7 @@ class Relation:
         first, second = (tuple(x for x in own if x[0] != body) for own in (self.first, self.second))
         return replace(self, first=first, second=second, coefficients=tuple(law.coef.tolist()))
 
-    def rows(self, tree: "Tree", at: Kinematics) -> Rows:
+    def rows(self, tree: "Tree", at: BodyKinematics) -> Rows:
         """The row of the constraint."""
         sums, by_body, law = [], dict[int, np.ndarray](), Polynomial(self.coefficients)
         for weights in (self.first, self.second):
@@ -120,9 +120,9 @@ Constraint = Coincidence | Relation
 """A constraint of positions."""
 
 
-def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> Kinematics:
+def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> BodyKinematics:
     """Kinematics of a tree on a base at rest, without the joints' accelerations."""
-    at = Kinematics([], [], [], [], [])
+    at = BodyKinematics([], [], [], [], [])
     still = 0 * q[..., :1] + np.zeros(len(tree.freedoms))
     at.states.extend(tree.body_states(q, still if dq is None else dq, still))
     for body, (x, dx, ddx) in zip(tree.bodies, at.states, strict=True):
@@ -137,11 +137,6 @@ def kinematics(tree: "Tree", q: np.ndarray, dq: np.ndarray | None) -> Kinematics
         at.twists.append(V + own)
         at.rates.append(A + applied(S, ddx) + applied(ad(V), own))
     return at
-
-
-def applied(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Matrices (…, m, n) times vectors (…, n)."""
-    return (matrix @ x[..., None])[..., 0]
 
 
 def members_of(tree: "Tree", rows: Collection[Constraint]) -> set[int]:

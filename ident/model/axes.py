@@ -13,6 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ident.geometry.se3 import applied
 from ident.mechanism.tree import Tree
 
 Couplings = Mapping[str, Mapping[str, float]]
@@ -106,5 +107,5 @@ class Axes:
         actuated = len(self.freedoms) + len(self.motors)
         out = torques[..., :actuated] @ self.matrix[:actuated]
         if self.dependent:
-            out = out + (np.swapaxes(tree.slopes(q), -1, -2) @ torques[..., actuated:, None])[..., 0]
+            out = out + applied(np.swapaxes(tree.slopes(q), -1, -2), torques[..., actuated:])
         return np.asarray(out)

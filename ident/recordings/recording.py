@@ -174,9 +174,11 @@ class Recording(Brief):
 
     def without(self, channels: Collection[str]) -> "Recording":
         """The recording without some channels."""
-        measured = {name: x for name, x in self.measured.items() if name not in channels}
+        measured, true = (
+            {name: x for name, x in values.items() if name not in channels} for values in (self.measured, self.true)
+        )
         streams = {name: x for name, x in self.streams.items() if name not in channels}
-        return replace(self, measured=measured, streams=streams)
+        return replace(self, measured=measured, true=true, streams=streams)
 
     @property
     def without_streams(self) -> "Recording":

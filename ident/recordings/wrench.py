@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.annotations import typed
 from ident.errors import InputError, LogError
-from ident.geometry.se3 import coAd, inverse
+from ident.geometry.se3 import applied, coAd, inverse
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
 
@@ -139,7 +139,7 @@ def transform_wrench(T_ab: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     """
     wrench, A = np.asarray(wrench, float), coAd(T_ab)
     # One pose for all samples needs a single matrix product, which is much faster.
-    return wrench @ A.T if A.ndim == 2 else (A @ wrench[..., None])[..., 0]
+    return wrench @ A.T if A.ndim == 2 else applied(A, wrench)
 
 
 def transform_covariance(T_ab: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from urllib.parse import unquote, urlsplit
 
 import mujoco
 
+from ident.display.brief import listed
 from ident.errors import ModelError
 from sim.models.notes import note
 from sim.models.refusals import refusals
@@ -142,13 +143,13 @@ class _Meshes:
         faults = [fault for fault in self._lost.values() if fault]
         if nowhere:
             note(
-                f"{_number(nowhere)} not found, and left out of collisions and pictures: {_listed(nowhere)}; "
+                f"{_number(nowhere)} not found, and left out of collisions and pictures: {listed(nowhere, NAMED)}; "
                 "--packages FOLDER names where their packages are."
             )
         if faults:
             note(
                 f"{_number(faults)} not what MuJoCo reads, and left out of collisions and pictures: "
-                f"{_listed(faults)}; STL, OBJ and MSH files will do."
+                f"{listed(faults, NAMED)}; STL, OBJ and MSH files will do."
             )
 
 
@@ -174,7 +175,3 @@ def _is_package(folder: Path, name: str) -> bool:
 
 def _number(several: Sequence[str]) -> str:
     return "A mesh is" if len(several) == 1 else f"{len(several)} meshes are"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")

@@ -1,4 +1,4 @@
-"""What an estimate answers in an interpreter and in a notebook."""
+"""Answers of an estimate in an interpreter and in a notebook."""
 
 import re
 import sys

@@ -46,7 +46,7 @@ GALLERY = {
     "two_recordings": r"along X: root mean square [3-9]\.\d\naxes as they are: root mean square (0\.\d|1\.[0-3])",
     "updated_model": r"came: [1-9]\d\.\d mrad\nupdated model: [01]\.\d mrad",
 }
-"""What each script of the gallery prints of its picture."""
+"""Text that each script of the gallery prints of its picture."""
 
 
 @pytest.fixture(scope="module")
