@@ -135,6 +135,8 @@ def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]
         panels: Measured and predicted values (N,) by title; they may be NaN.
     """
     high, gap = HEIGHT / len(panels) - 22, 22
+    start, end = np.nanmin(time), np.nanmax(time)
+    x = 8 + (RIGHT - 8) * (time - start) / max(end - start, 1e-12)
     parts = []
     for k, (title, pair) in enumerate(panels.items()):
         top = HEAD + k * (high + gap) + 8
@@ -142,10 +144,10 @@ def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]
         room = (most - low) or 1.0
         parts += [_line(8, y, RIGHT, y) for y in (top, top + high)]
         for style, y in zip(("measured", "predicted"), pair, strict=True):
-            d = _path(8 + (RIGHT - 8) * (time - time[0]) / max(np.ptp(time), 1e-12), top + high * (most - y) / room)
+            d = _path(x, top + high * (most - y) / room)
             parts.append(f'<path class="{style}" d="{d}"/>')
         parts.append(_text(8, top - 5, title, "start"))
-    parts.append(_text(RIGHT, HEAD + HEIGHT + 8, f"{time[-1] - time[0]:.3g} s", "end"))
+    parts.append(_text(RIGHT, HEAD + HEIGHT + 8, f"{end - start:.3g} s", "end"))
     legend = [
         ('<path class="measured" d="M-8 0H8"/>', "measured"),
         ('<path class="predicted" d="M-8 0H8"/>', "predicted"),
@@ -164,9 +166,9 @@ def _path(x: np.ndarray, y: np.ndarray) -> str:
         kept = np.unique([part[k] for part in parts for k in (low[part].argmin(), low[part].argmax())])
     points, drawing = [], False
     for i in kept:
-        if np.isfinite(y[i]):
+        if np.isfinite(x[i] + y[i]):
             points.append(f"{'L' if drawing else 'M'}{x[i]:.1f} {y[i]:.1f}")
-        drawing = bool(np.isfinite(y[i]))
+        drawing = bool(np.isfinite(x[i] + y[i]))
     return "".join(points)
 
 
