@@ -13,16 +13,16 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.result_folder import results_folder, write_json
 
     with extra("symbolic"):
-        from experiments.symbols import derivation, report
+        from experiments.symbols import derivation
 
     derived = derivation.derivation(args.mechanism, args.base, args.ignore)
     out = args.out / derived.name
     with results_folder(out, inputs=[Path(args.mechanism)]) as folder:
-        for file, text in report.sources(derived).items():
+        for file, text in derivation.sources(derived).items():
             (folder / file).write_text(text, encoding="utf-8")
         choices = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
         write_json(folder / "provenance.json", provenance(choices))
-    print(report.text(derived))
+    print(derivation.text(derived))
     print(f"LaTeX, Python and C are in {out}.")
 
 

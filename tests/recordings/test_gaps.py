@@ -1,7 +1,7 @@
 import numpy as np
 
-from ident.recordings.gaps import INTERPOLATED, covered, longest_step, stretches
 from ident.recordings.recording import Recording
+from ident.recordings.runs import INTERPOLATED, covered, longest_step, stretches
 from ident.recordings.sampled import Sampled
 
 
