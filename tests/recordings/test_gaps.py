@@ -17,13 +17,6 @@ def recorded(*gaps, rate=100.0, plate=100.0):
     return Recording.from_streams(streams, rate=100.0)
 
 
-def test_what_lies_in_a_gap_of_a_channel_is_not_covered():
-    recording = recorded((2.0, 5.4), (7.0, 7.03))
-    inside = covered(recording, ("hip_position", "ground_force", "not_there"))
-    np.testing.assert_array_equal(inside, (recording.time < 2.005) | (recording.time > 5.395))
-    assert covered(recording, ("ground_force",)).all()
-
-
 def test_a_slow_stream_has_no_gaps_between_its_samples():
     recording = recorded(plate=8.0)
     assert covered(recording, ("ground_force",)).all()
