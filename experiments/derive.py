@@ -4,15 +4,15 @@ import argparse
 from pathlib import Path
 
 from experiments.cli import options, running
-from experiments.runs.environment import extra
 
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model, and writes and prints it."""
     from experiments.document.provenance import provenance
     from experiments.document.result_folder import results_folder, write_json
+    from ident.files.limits import library
 
-    with extra("symbolic"):
+    with library("symbolic", "This"):
         from experiments.symbols import derivation
 
     derived = derivation.derivation(args.mechanism, args.base, args.ignore)
