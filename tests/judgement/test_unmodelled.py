@@ -44,11 +44,6 @@ def test_errors_of_the_set_up_are_none(fault):
     assert not coded(estimated(3, **fault), "unmodelled")
 
 
-@pytest.mark.parametrize("wrench", [True, False])
-def test_nothing_is_doubted_beside_torques_where_the_model_is_right(wrench):
-    assert ident.identify(PENDULUM, with_torques(2, wrench=wrench)).verdict().usable
-
-
 def compared(mechanism, wrench):
     """Hypotheses on exact samples of two random motions."""
     equations = Equations.of_wrench(mechanism)

@@ -305,7 +305,7 @@ def test_units_start_with_those_of_the_si():
 
 
 FUZZ = settings(
-    max_examples=100,
+    max_examples=50,
     derandomize=True,
     deadline=None,
     database=None,
