@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from collections import Counter
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -110,3 +111,13 @@ def test_no_modules_import_each_other():
 
 def test_what_is_installed_needs_nothing_that_only_a_clone_has():
     assert not [path for path in MODULES if any(name.partition(".")[0] == "docs" for name in imported(path))]
+
+
+SHARED = {"Factor", "Place", "Table"}
+"""Public classes of one name: of algebra and OpenSim, of findings and model files, of logs and documents."""
+
+
+def test_public_classes_have_names_of_their_own():
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in MODULES)
+    classes = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    assert {name for name, number in classes.items() if number > 1 and name[0] != "_"} <= SHARED

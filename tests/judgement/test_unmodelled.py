@@ -10,7 +10,7 @@ import scenes
 import sim
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
-from ident.judgement.unmodelled import Comparison, unmodelled
+from ident.judgement.unmodelled import HypothesisFit, unmodelled
 from ident.mechanism.motion import Motion
 
 
@@ -54,7 +54,7 @@ def compared(mechanism, wrench):
     fitted, judged = (Samples(m, wrench(m) + e) for m, e in zip(motions, noise, strict=True))
     prior = np.zeros((len(values), len(values)))
     counting = np.ones((200, 6), bool)
-    return unmodelled([Comparison(equations, values, prior, fitted, counting, judged)])
+    return unmodelled([HypothesisFit(equations, values, prior, fitted, counting, judged)])
 
 
 def test_a_length_and_a_force_are_found_exactly():

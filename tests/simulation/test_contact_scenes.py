@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import scenes
-from experiments.data.simulated import Problem
+from experiments.data.simulated import StudyProblem
 from experiments.studies.study_entries import packaged
 from ident.geometry import se3
 from ident.model.regressor import base_wrench_regressor
@@ -46,7 +46,7 @@ def test_the_mechanism_ends_at_the_load_cells(contact):
 
 
 def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact, recording):
-    problem = Problem.of(packaged("multicontact", contact=contact))
+    problem = StudyProblem.of(packaged("multicontact", contact=contact))
     known = problem.known
     states = recording.joint_states(known.tree.joints)
     data = mujoco.MjData(FREE)
