@@ -73,7 +73,7 @@ ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class PersonStudy:
     """Results of the study.
 
     Attributes:

@@ -23,7 +23,6 @@ from experiments.reports.identify_figures import (
     replay,
     spectra_figure,
 )
-from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
@@ -87,7 +86,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
     )
-    return table.without(result.undetermined, undetermined_sentence(result))
+    return table.without(result.undetermined, result.undetermined_sentence)
 
 
 def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
@@ -208,7 +207,7 @@ def data_lines(result: Estimate) -> list[str]:
         f"Fit: {filtered}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
         f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. "
-        f"{undetermined_sentence(result) or published}",
+        f"{result.undetermined_sentence or published}",
     ]
     if (weight := checks.weight) is not None:
         lines.append(
