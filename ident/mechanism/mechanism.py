@@ -85,7 +85,7 @@ class Mechanism(Brief):
     @property
     def _in_short(self) -> dict[str, object]:
         driven = [name for name, drive in self.drives.items() if drive.actuators]
-        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.tree.joints, driven)
+        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, driven)
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),

@@ -89,7 +89,7 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, lis
     notes = [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}."]
     for k, joint in enumerate(closure.dependent):
         if (own := measured.get(f"{joint}_position")) is not None:
-            apart = float(np.sqrt(np.mean((own - y[:, k]) ** 2)))
+            apart = round(float(np.sqrt(np.mean((own - y[:, k]) ** 2))), 12)
             notes.append(f"The column of '{joint}' is not used; it differs from the closed loops by {apart:.2g} (rms).")
     return replace(mechanism, tree=replace(tree, closure=closure)), notes
 
