@@ -217,14 +217,18 @@ class Closure:
         out._check(out._joined(out._coordinates, x, out.solved(x)), time)
         return out
 
+    def closes(self, x: np.ndarray) -> np.ndarray:
+        """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
+        apart, least = self._defects(self._joined(self._coordinates, x, self.solved(x)))
+        return np.asarray((apart < CLOSED) & (least > SINGULAR))
+
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
         own, kept = self._coordinates[0], [np.zeros((0, len(self._coordinates[0])))]
         for reach in np.pi / 2.0 ** np.arange(8):
             start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, own]
             x = start + rng.uniform(-reach, reach, start.shape) / self._scale
-            apart, least = self._defects(self._joined(self._coordinates, x, self.solved(x)))
-            kept.append(x[(apart < CLOSED) & (least > SINGULAR)])
+            kept.append(x[self.closes(x)])
             if sum(map(len, kept)) >= samples:
                 break
         x = np.resize(np.concatenate(kept), (samples, len(own)))

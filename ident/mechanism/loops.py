@@ -35,6 +35,8 @@ class Constraints:
     def dependent(self, tree: "Tree", lacking: Collection[str] = (), driven: Collection[str] = ()) -> tuple[str, ...]:
         """Names of the joints that the others determine: first those without a column, then those without a drive.
 
+        Of the latter, joints that the model makes polynomials of others are first.
+
         Args:
             tree: The tree, without a closure.
             lacking: Names of the joints whose positions are not measured.
@@ -43,10 +45,12 @@ class Constraints:
         if not self.rows:
             return ()
         closure = self._closure(tree, ())
+        follow = self.followers(tree)
         kinds = {
-            body.joint: 2 if body.is_ball else -1 if body.joint in lacking else int(body.joint in driven)
+            body.joint: 3 if body.is_ball else -1 if body.joint in lacking else 2 * (body.joint in driven)
             for body in closure.part.bodies
         }
+        kinds |= {joint: 1 for joint, kind in kinds.items() if not kind and joint not in follow}
         owners = np.repeat(closure.part.joints, [closure.part.bodies[i].freedoms for i in closure.part.moving])
         chosen = _independent_columns(closure.rows(closure.anchors)[1][0], [kinds[joint] for joint in owners])
         names = {str(joint) for joint in owners[chosen]}

@@ -7,7 +7,6 @@ from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER
 
 import ident
 import sim
-from experiments.studies.excitation import problem
 from ident.errors import InputError, ModelError
 from ident.estimation.loads import stated_drive_torques
 from ident.estimation.preparation import prepared
@@ -226,11 +225,6 @@ def test_locks_and_what_follows_a_locked_joint_do_not_contradict():
     arm = read(text(CRANK + ROCKER, locks + '<joint name="gear" joint1="rod" joint2="crank"/>'))
     closure = arm.closed(("crank", "rod", "rocker")).tree.closure
     np.testing.assert_allclose(closure.solved(np.zeros((1, 0))), [[0.1, 0.1, 0.1]], atol=1e-12)
-
-
-def test_loops_are_not_excited():
-    with pytest.raises(ModelError, match=r"joints of a tree; crank, rod, rocker are coupled by pin\. Name others"):
-        problem(read(FOUR_BAR), None, sensors="torque")
 
 
 def test_a_joint_that_a_weld_locks_rests():
