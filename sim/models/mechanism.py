@@ -129,7 +129,9 @@ def _from_mujoco(
     constraints = constraints_of(model, tree, ignore, posture).checked(tree)
     held = {row.name for row in constraints.rows}
     loops = {name: joints for name, joints in loops_of(model, tree).items() if name not in held}
-    return replace(arm, mimics=constraints.followers(tree), loops=loops, constraints=constraints)
+    # Drives of its own act on a joint that depends on others, not on one that follows another.
+    mimics = {joint: lead for joint, lead in constraints.followers(tree).items() if joint not in driven}
+    return replace(arm, mimics=mimics, loops=loops, constraints=constraints).rested()
 
 
 def _drives(source: Source, model: mujoco.MjModel, tree: Tree) -> dict[str, Drive]:
