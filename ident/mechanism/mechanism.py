@@ -85,7 +85,7 @@ class Mechanism(Brief):
     @property
     def _in_short(self) -> dict[str, object]:
         driven = [name for name, drive in self.drives.items() if drive.actuators]
-        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.tree.joints, driven)
+        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, driven)
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),
@@ -124,7 +124,7 @@ class Mechanism(Brief):
         """
         if self.carrier:
             raise InputError(f"The part beyond '{body}' is taken from the whole mechanism, not from a part of it.")
-        carrier, tree, members = divided(self.tree, body)
+        carrier, tree, members = divided(self.tree, body, self.constraints)
         rows = [self.tree.inertial.index(i) for i in members if i in self.tree.inertial]
         prior = None if self.prior is None else self.prior.reshape(-1, 10)[rows].ravel()
         sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
@@ -138,7 +138,14 @@ class Mechanism(Brief):
         """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
         tree, owners = self.tree.fixed(coordinates), {body.joint: body.name for body in self.tree.bodies}
         held = self.constraints.fixed({owners[joint]: q for joint, q in coordinates.items()}, tree)
-        return replace(self, tree=tree, **self._of_joints(tree), constraints=held)
+        return replace(self, tree=tree, **self._of_joints(tree), constraints=held).rested()
+
+    def rested(self) -> "Mechanism":
+        """The mechanism with those joints welded as well that loops hold because others are fixed."""
+        names = self.constraints.dependent(self.tree, self.tree.joints) if self.tree.still else ()
+        if not names or {*names} != {*self.in_loops}:
+            return self
+        return self.fixed(self.constraints.closure(self.tree, names).posture)
 
     @property
     def in_world(self) -> np.ndarray:

@@ -174,6 +174,11 @@ class Tree:
         own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
         return np.concatenate([q, self.closure.solved(self._of_part(own))], axis=-1)
 
+    def closes(self, q: np.ndarray) -> np.ndarray:
+        """True for joint coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
+        own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
+        return self.closure.closes(self._of_part(own)) if self.closure else np.ones(len(q), bool)
+
     def _of_part(self, own: Mapping[str, np.ndarray]) -> np.ndarray:
         """States of the loops' independent joints (…, n) from those of all joints."""
         independent = self.closure.independent if self.closure else ()
