@@ -225,6 +225,11 @@ def identified(
     logs = [logs] if isinstance(logs, Prepared) else list(logs)
     if not logs:
         raise InputError("An identification needs at least one recording, got none.")
+    if carried := [log.recording.loaded for log in (*logs, *judges) if log.recording.loaded]:
+        raise InputError(
+            f"A log states a load on '{carried[0]}', under [load] in its columns file: `payload` (in Python "
+            "`identify_load`) identifies it beside logs without it."
+        )
     logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
     check_choices(estimator, own=own, physical=physical, setup=setup)
     if ESTIMATORS[estimator].filters:

@@ -10,7 +10,7 @@ from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
 from ident.files.limits import toml
-from ident.files.schema import check_keys, pose, table, value_of
+from ident.files.schema import check_keys, choice, pose, table, value_of
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.mechanism.follower import Follower
@@ -59,7 +59,7 @@ class ColumnMapping:
         couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
-        still: True if rows are poses at rest, as for `Recording`.
+        still: True if rows are poses at rest, as for `Recording`; likewise `loaded`.
         followers: Joints that follow another one; until columns are complete, those that do if they have none.
         mechanism: The mechanism, whose loops may determine joints without columns.
         clocks: Columns of times, one for each file, if they are stated one by one.
@@ -81,6 +81,7 @@ class ColumnMapping:
     scales: dict[str, float] = field(default_factory=dict)
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
     still: bool = False
+    loaded: str = ""
     followers: Mapping[str, Follower] = field(default_factory=dict)
     mechanism: Mechanism | None = None
     clocks: tuple[Columns, ...] = ()
@@ -162,7 +163,7 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 
 def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     joints, bodies, of_rows = joint_kinds(tree), tree.names, ("time", "rate", "poses")
-    tables = (*of_rows, "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
+    tables = (*of_rows, "joints", "motors", "wrenches", "base", "load", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
@@ -179,6 +180,9 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     if mapping.still:
         # Whatever is stated of times; rows need an order alone.
         mapping.clocks, mapping.columns["time"] = (), clock_of_rate("poses", 1.0)
+    if "load" in entries:
+        check_keys("[load]", table("load", entries["load"]), ("body",))
+        mapping.loaded = choice("load.body", entries["load"].get("body"), bodies)
     of_joints = table("joints", entries.get("joints", {}))
     still = (name for joint in tree.still for name in _columns_in(of_joints.get(joint, {})))
     mapping.of_fixed = tuple(name for name in still if isinstance(name, str))
