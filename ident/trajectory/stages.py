@@ -62,6 +62,11 @@ over those of the prior, above which it is used otherwise: noise, or a contact l
 WEIGHED = 20
 """Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
+HOPELESS, STEADY = 8, 2.0
+"""Rounds after which correlated noise that does not predict better is given up, and step of θ, in standard deviations,
+below which it then is: of seven recordings six were decided by then, and a person who bows gained only while θ still
+moved by five."""
+
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
 
@@ -277,7 +282,15 @@ class Stages:
 
     def _coloured(self, white: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with white noise, or with correlated noise if that predicts clearly better."""
-        return better(white, "correlated noise", lambda: self.refitted(replace(white, coloured=True), rounds=WEIGHED))
+
+        def tried() -> TrajectoryEstimate:
+            soon = self.refitted(replace(white, coloured=True), rounds=HOPELESS)
+            if soon.fit.status != "stopped":
+                return soon
+            hopeless = soon.fit.trace[-1] < STEADY and not better(white, "", lambda: soon, 0.0).coloured
+            return soon if hopeless else self.refitted(soon, rounds=WEIGHED - HOPELESS)
+
+        return better(white, "correlated noise", tried)
 
     @cached_property
     def _is_drive(self) -> np.ndarray:
