@@ -13,7 +13,7 @@ from experiments.document.document import Document
 from experiments.document.replay import Replay
 from experiments.document.sheet import INKS
 from experiments.document.symbols import visible
-from experiments.runs.environment import extra
+from ident.files.limits import library
 from ident.mechanism.body import BASE
 from sim.models.shapes import Shape, shapes
 
@@ -45,7 +45,7 @@ def check_installed() -> None:
     Raises:
         InputError: It is not.
     """
-    with extra("rerun"):
+    with library("rerun", "This"):
         import rerun  # noqa: F401
 
 
@@ -65,7 +65,7 @@ def write_rerun(replay: Replay, path: Path) -> None:
     Raises:
         InputError: The library is not installed.
     """
-    with extra("rerun"):
+    with library("rerun", "This"):
         import rerun
 
     stream = rerun.RecordingStream(APPLICATION, recording_id=APPLICATION, send_properties=False)

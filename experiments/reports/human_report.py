@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.person import MOVED, Laboratory, Study
+from experiments.data.person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
@@ -34,7 +34,7 @@ OUTPUTS = (*RESULTS, *(recording_file("*", activity) for activity in ACTIVITIES)
 """Patterns of the files that it writes."""
 
 
-def table_segments(study: Study) -> tabular.Table:
+def table_segments(study: PersonStudy) -> tabular.Table:
     """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
     phi, std = study.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
@@ -56,7 +56,7 @@ def table_segments(study: Study) -> tabular.Table:
     return tabular.Table(title, tuple(columns), tuple(rows), deviations=deviations, heads=heads)
 
 
-def table_prediction(study: Study) -> tabular.Table:
+def table_prediction(study: PersonStudy) -> tabular.Table:
     """Errors of the wrench of motions that were not recorded."""
     rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, errors)) for name, errors in study.errors.items()]
     title = "Errors of the wrench of motions that were not recorded, over its standard deviation"
@@ -96,7 +96,7 @@ def _counted(persons: Sequence[Mapping[str, Any]]) -> tuple[tabular.Cell, ...]:
     return tuple(out)
 
 
-def numbers(study: Study) -> dict[str, Any]:
+def numbers(study: PersonStudy) -> dict[str, Any]:
     """Key numbers for scripts."""
     estimate, (phi, std) = study.estimate, study.segments
     segments = {
@@ -148,7 +148,7 @@ def count(persons: Sequence[Mapping[str, Any]], laboratory: Laboratory, provenan
     )
 
 
-def document(study: Study, feet_alone: Study, provenance: dict[str, Any]) -> Document:
+def document(study: PersonStudy, feet_alone: PersonStudy, provenance: dict[str, Any]) -> Document:
     """Results of a person who holds the rail and of one who does not, with a replay."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "

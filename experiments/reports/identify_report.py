@@ -16,7 +16,6 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
-from ident.display.text import undetermined_sentence
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
@@ -81,7 +80,7 @@ def parameters_table(result: Estimate) -> tabular.Table:
         units=_units(result),
         carriers=carried(result),
     )
-    return table.without(result.undetermined, undetermined_sentence(result))
+    return table.without(result.undetermined, result.undetermined_sentence)
 
 
 def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
@@ -202,7 +201,7 @@ def data_lines(result: Estimate) -> list[str]:
         f"Fit: {filtered}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
         f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. "
-        f"{undetermined_sentence(result) or published}",
+        f"{result.undetermined_sentence or published}",
     ]
     if (weight := checks.weight) is not None:
         lines.append(

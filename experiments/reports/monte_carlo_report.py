@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.paper import REDRAWN
-from experiments.data.simulated import Study
+from experiments.data.simulated import SimulatedStudy
 from experiments.document import styles, symbols, tabular
 from experiments.document.document import Document, Plot
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
@@ -119,7 +119,7 @@ def _limit(error: float) -> float:
 
 def document(
     distributions: Mapping[str, Distribution],
-    study: Study,
+    study: SimulatedStudy,
     redrawn: str,
     provenance: dict[str, Any],
 ) -> Document:
@@ -156,7 +156,7 @@ def document(
     )
 
 
-def _model(study: Study, name: str) -> str:
+def _model(study: SimulatedStudy, name: str) -> str:
     """Model of a study whose trials have a name."""
     trials = study.file.trials
     return trials[name] if name in trials else trials[name.removesuffix(TRAJECTORY)]

@@ -16,7 +16,7 @@ from experiments.reports import identify_page, identify_report
 from ident.estimation.preparation import length
 from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
-from ident.payload.payload import QUANTITIES, Payload, RigidBody, SensorParameter
+from ident.payload.payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
 from ident.recordings.several_files import name_of
 from ident.tolerances import INTERVAL
 from sim.models.model_update import write_model
@@ -24,9 +24,6 @@ from sim.models.urdf import parsed
 
 OUTPUTS = (*RESULTS, "payload.json", "payload.txt", "model.xml", "model.urdf")
 """Patterns of the files that it writes."""
-
-UNITS = ("kg", *3 * ["m"], *6 * ["kg m²"])
-"""Units of `QUANTITIES`."""
 
 
 def urdf(values: np.ndarray) -> str:

@@ -129,6 +129,7 @@ EXAMPLES = {
     "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
+    "setup_centre": [JOINT | {"axis": "y"}, JOINT | {"axis": "z", "link": "-hip"}],
     "gravity_direction": [
         {**GRAVITY, "joint": None},
         {**GRAVITY, "joint": "hip"},

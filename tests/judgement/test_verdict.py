@@ -13,14 +13,10 @@ from test_torque_checks import NO_HAND, log
 
 import ident
 import sim
-from ident.estimation.preparation import LeftOut, Part
 from ident.judgement.candidates import NOTABLY
 from ident.judgement.finding import Finding
-from ident.judgement.fit_findings import prior_findings
 from ident.judgement.torque_findings import bound_findings
 from ident.judgement.verdict import Outcome, Verdict, decided
-from ident.judgement.wrench_findings import unmeasured_findings
-from ident.parameters.prior import known_covariance
 
 
 def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
@@ -79,18 +75,6 @@ def with_ratios(estimate, **rivals):
     other = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals), filtered_at=3.21)
     vars(other)["model_error"] = np.zeros(6)
     return other
-
-
-def test_all_three_candidates_are_compared_and_the_best_is_named(estimate):
-    assert set(estimate.rivals) == {"model", "least squares"} and estimate.filtered_at > 0
-    other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1.2, 1.0, 0.95, 1.3, 0.85])
-    verdict = other.verdict()
-    better = verdict.candidates.better
-    assert verdict.usable and better("estimate", "least squares", NOTABLY) == ("Fy", "My")
-    assert better("least squares", "estimate", NOTABLY) == ("Mz",)
-    assert better("estimate", "model", NOTABLY) == ("Fy", "Fz", "Mx", "My", "Mz")
-    assert "Over all channels the estimate predicts best." in str(verdict) and "Beside" not in str(verdict)
-    assert other.to_dict()["best_candidate"] == "estimate" and other.to_dict()["filtered_at_hz"] == 3.21
 
 
 def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(estimate):
@@ -178,15 +162,6 @@ def test_channels_are_named_where_they_are_fewer_than_five(estimate, missed, wor
     assert verdict.channels == words and words in str(verdict) and words in verdict.brief
 
 
-def test_channels_that_do_not_count_are_named_with_the_reason(estimate):
-    """The first component is along the pendulum's axis."""
-    verdict = estimate.verdict()
-    assert dict(verdict.idle) == {"Fx": "plane"} and verdict.usable and "Fx" not in verdict.counted
-    assert "in all 5 channels. Not counted: Fx (out of the plane that the model moves in)." in str(verdict)
-    none = Verdict.of(replace(estimate.evidence, idle=dict.fromkeys(estimate.channels, "noise")), [])
-    assert none.outcome is Outcome.NOT and str(none).startswith("Not usable: it predicts nothing, as no channel counts")
-
-
 def test_what_is_known_is_in_the_verdict(estimate):
     verdict = estimate.verdict()
     assert not verdict.precision.poor and f"Of {estimate.base.rank} base parameters it knows" in str(verdict)
@@ -200,12 +175,6 @@ def test_what_is_known_is_in_the_verdict(estimate):
     assert "the mass of 7 of 8 bodies." in str(replace(verdict, precision=many)) and "deviations of 5 of them" in str(
         replace(verdict, precision=many)
     )
-
-
-def test_worse_in_a_channel_and_better_overall_is_no_doubt(estimate):
-    other = with_ratios(estimate, squares=[0.5, 3, 3, 3, 3])
-    assert other.verdict().usable
-    assert other.verdict().candidates.better("least squares", "estimate", NOTABLY) == ("Fy",)
 
 
 @pytest.mark.parametrize("name", ["least squares", "model"])
@@ -226,13 +195,6 @@ def test_a_candidate_that_is_better_in_the_median_channel_is_the_first_sentence(
     assert one.worse is None and one.best == "estimate"
 
 
-def test_weighted_least_squares_are_compared_with_the_model():
-    estimate = ident.identify(PENDULUM, sines(3, seconds=8, size=1), estimator="weighted")
-    candidates = estimate.verdict().candidates
-    assert set(estimate.rivals) == {"model"} and set(candidates.ratios) == {"estimate", "model"}
-    assert "Fy" not in candidates.better("estimate", "model", NOTABLY)
-
-
 def test_drives_at_their_bound_are_at_most_so_much(estimate):
     assert estimate.to_dict()["bounded"] == {} and not list(bound_findings(estimate.evidence))
     one = replace(estimate, bounded={"Fc(joint1)": (0.131, 0.08)})
@@ -243,29 +205,6 @@ def test_drives_at_their_bound_are_at_most_so_much(estimate):
     two = replace(one, bounded={"Fc(joint1)": (0.131, 0.08), "Ia(joint2)": (0.02, 0.01)})
     (finding,) = bound_findings(two.evidence)
     assert "Fc(joint1), Ia(joint2) are at their bound of zero: at most 0.13 N m, 0.02 kg m² (95 %)" in finding.text
-
-
-def test_a_prior_that_the_data_do_not_need_is_not_blamed_on_the_motion(estimate):
-    (beside,) = prior_findings(replace(estimate, trajectory=replace(estimate.trajectory, known=True)).evidence)
-    assert beside.code == "prior_beside_data"
-    base, fit = estimate.base, estimate.fit
-    covariance = fit.covariance.copy()
-    covariance[: base.rank, : base.rank] = estimate.widening**2 * known_covariance(PENDULUM, base)
-    poor = replace(
-        estimate, trajectory=replace(estimate.trajectory, known=True), fit=replace(fit, covariance=covariance)
-    )
-    (needed,) = prior_findings(poor.evidence)
-    assert needed.code == "prior_needed"
-
-
-def test_spans_of_several_logs_say_which_log(estimate):
-    prepared = replace(estimate.prepared, left_out=(LeftOut(1.0, 2.0, 0.3, None),))
-    alone, part = replace(estimate, logs=[Part(prepared, estimate.part)]), estimate.part
-    assert [each.values["log"] for each in unmeasured_findings(alone.evidence)] == [None]
-    several = replace(estimate, logs=[Part(estimate.prepared, part), Part(prepared, part)])
-    (finding,) = unmeasured_findings(several.evidence)
-    assert finding.values == {"start": 1.0, "end": 2.0, "carries": 0.3, "body": None, "log": 2}
-    assert finding.place.span == (1.0, 2.0) and finding.place.log == 1
 
 
 def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):

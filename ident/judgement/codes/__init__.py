@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 
-from ident.judgement.codes.of_bodies import BODIES
+from ident.judgement.codes.of_bodies import BODIES, PAYLOAD
 from ident.judgement.codes.of_fit import FIT
-from ident.judgement.codes.of_payload import PAYLOAD
 from ident.judgement.codes.of_prediction import PREDICTION
-from ident.judgement.codes.of_sensors import SENSORS
-from ident.judgement.codes.of_setup import SETUP
+from ident.judgement.codes.of_sensors import SENSORS, SETUP
 from ident.judgement.codes.of_torques import TORQUES
 from ident.judgement.codes.of_wrenches import WRENCHES
 from ident.judgement.codes.row import Row
