@@ -96,7 +96,7 @@ def test_what_cannot_be_told_is_in_the_second_interval(fault):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_forgotten_base_is_named(tmp_path, capsys):
-    estimate = by_command(tmp_path, [shortened(faulty(), 600)])
+    estimate = by_command(tmp_path, [shortened(faulty(), 600)], "--verbose")
     assert estimate["outcome"] == "not" and "other_base" in {each["code"] for each in estimate["findings"]}
     assert "Try --base base." in " ".join(capsys.readouterr().out.split())
 
@@ -109,7 +109,7 @@ def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
     assert "delay(ground)" not in [each["name"] for each in without["setup"]]
     given = [str(MODEL), str(tmp_path / "log0.csv"), "--columns", str(tmp_path / "columns.toml"), "--base", "base"]
     for wrong, message in (
-        ("[setup]\nlate = 1", "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, rotation_deg"),
+        ("[setup]\nlate = 1", "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, centre, rotation_deg"),
         ("[setup]\ndelay = -1", "setup.delay needs a standard deviation, zero or false, got -1"),
         ("[known]\nmass = true", "known.mass needs a standard deviation"),
     ):
