@@ -35,7 +35,7 @@ def by_command(tmp_path, recordings, *options, columns=""):
     if columns:
         (tmp_path / "columns.toml").write_text(columns, encoding="utf-8")
         options = (*options, "--columns", str(tmp_path / "columns.toml"))
-    assert identify.main([str(MODEL), *logs, *options, "--name", "out", "--out", str(tmp_path)]) == 0
+    assert identify.main([str(MODEL), *logs, *options, "--name", "out", "--out", str(tmp_path), "--verbose"]) == 0
     return json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
 
 
@@ -96,7 +96,7 @@ def test_what_cannot_be_told_is_in_the_second_interval(fault):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_forgotten_base_is_named(tmp_path, capsys):
-    estimate = by_command(tmp_path, [shortened(faulty(), 600)], "--verbose")
+    estimate = by_command(tmp_path, [shortened(faulty(), 600)])
     assert estimate["outcome"] == "not" and "other_base" in {each["code"] for each in estimate["findings"]}
     assert "Try --base base." in " ".join(capsys.readouterr().out.split())
 
