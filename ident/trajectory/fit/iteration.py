@@ -261,9 +261,9 @@ class _Problem:
         return out
 
     def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
-        """Results of a function of each piece, its noise, coefficients and parameters, and more."""
+        """Results of a function of each piece, its coefficients, parameters and noise, and more."""
         noises, thetas = [at.noises[piece.log] for piece in self.pieces], [at.theta[own] for own in self.selections]
-        return self.run(work, self.pieces, noises, at.coefficients, thetas, *more)
+        return self.run(work, self.pieces, at.coefficients, thetas, noises, *more)
 
     def root(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Root of the covariance of the fitted parameters (k, k)."""
@@ -306,7 +306,7 @@ class _Problem:
 
     def _misfits(self, at: Start) -> list[Misfit]:
         """Misfits of all pieces."""
-        return list(self._run(partial(_misfit, self.measurement), at))
+        return list(self._run(partial(misfit, self.measurement), at))
 
     def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
         """Cost of all pieces and of θ."""
@@ -314,12 +314,8 @@ class _Problem:
         return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
 
 
-def _misfit(measurement: Predictor, piece: Piece, noise: Noise, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
-    return misfit(measurement, piece, coefficients, theta=theta, noise=noise)
-
-
 def _share(
-    measurement: Predictor, piece: Piece, noise: Noise, coefficients: np.ndarray, theta: np.ndarray
+    measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> tuple[np.ndarray, np.ndarray]:
     """Precision and right side of all of a piece's θ."""
     equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
@@ -331,9 +327,9 @@ def _linearised(
     wanted: np.ndarray,
     root: np.ndarray | None,
     piece: Piece,
-    noise: Noise,
     coefficients: np.ndarray,
     theta: np.ndarray,
+    noise: Noise,
     own: np.ndarray,
 ) -> Linearised:
     """Linearised piece, derivatives by its own θ placed among the wanted entries."""
