@@ -51,7 +51,7 @@ TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class HypothesisFit:
     """Samples with one set-up, to which base parameters and hypotheses are fitted.
 
     Attributes:
@@ -104,7 +104,7 @@ class Comparison:
             yield (kind, body), self.error(more)
 
 
-def unmodelled(comparisons: Sequence[Comparison]) -> tuple[Unmodelled, ...]:
+def unmodelled(comparisons: Sequence[HypothesisFit]) -> tuple[Unmodelled, ...]:
     """Hypotheses with their residuals of what is judged, over those without, the best first; none of few samples.
 
     Args:

@@ -3,10 +3,12 @@
     c(q_a, q_d) = 0        q̇_d = G q̇_a,  G = -J_d⁺ J_a        q̈_d = -J_d⁺ (J_a q̈_a + J̇ q̇)        τ_a += Gᵀ τ_d
 
 q_d follows by Newton's method, continued from the model's posture and along a recording. One step from there is part of
-the recorded equations: with it, the derivatives of all that depends on q_a are exact. Least squares take redundant
+the recorded equations: with it, the derivatives of all that depends on q_a are exact. Where c is linear in q_d, one
+step from anywhere is the solution; where it is linear in q_a too, q_d = G q_a + k. Least squares take redundant
 constraints, as those of loops in a plane are.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from ident.errors import ModelError
 from ident.geometry.se3 import applied
-from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, kinematics
+from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, Relation, kinematics
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
@@ -32,6 +34,9 @@ OPEN = 1e-3
 
 CLOSED = 1e-9
 """Distance up to which random states are closed, likewise."""
+
+LINEAR = 2
+"""Coefficients of a linear polynomial."""
 
 SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
@@ -94,6 +99,26 @@ class Closure:
         own = self.part.body_coordinates(self.anchors[0])
         return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
 
+    def _linear_in(self, joints: Collection[str]) -> bool:
+        """True if all constraints are linear in the coordinates of some joints."""
+        bodies = [body for body in self.part.bodies if (body.follows.joint if body.follows else body.joint) in joints]
+        curved = any(body.follows and len(body.follows.coefficients) > LINEAR for body in bodies)
+        names = {body.name for body in bodies}
+        return not curved and all(isinstance(each, Relation) and each.linear_in(names) for each in self.constraints)
+
+    @cached_property
+    def direct(self) -> bool:
+        """True if the constraints are linear in the dependent coordinates."""
+        return self._linear_in(self.dependent)
+
+    @cached_property
+    def _affine(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """G (d, n) and k (d,) of constraints that are linear in all coordinates, None for others."""
+        if not self._linear_in(self.part.joints):
+            return None
+        (a, d), (residual, J, _) = self._freedoms, self.rows(np.zeros(self.part.size))
+        return -_least_squares(J[:, d], J[:, a]), -_least_squares(J[:, d], residual[:, None])[:, 0]
+
     def completed(self, x: np.ndarray, start: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Dependent coordinates, and their velocities and accelerations, from the independent ones.
 
@@ -105,6 +130,9 @@ class Closure:
         Returns:
             Up to three arrays (…, d).
         """
+        if self._affine:
+            G, k = self._affine
+            return [applied(G, x) + k, *(applied(G, rate) for rate in rates)]
         a, d = self._freedoms
         residual, J, _ = self.rows(self._joined(self._coordinates, x, start))
         y = start - _least_squares(J[..., d], residual[..., None])[..., 0]
@@ -121,6 +149,8 @@ class Closure:
 
     def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
+        if self._affine:
+            return np.broadcast_to(self._affine[0], (*np.shape(x)[:-1], *self._affine[0].shape))
         a, d = self._freedoms
         (y,) = self.completed(x, start)
         _, J, _ = self.rows(self._joined(self._coordinates, x, y))
@@ -133,6 +163,8 @@ class Closure:
             x: Independent coordinates (…, n_q).
         """
         own, other = self._coordinates
+        if self.direct:
+            return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(other))))[0]
         flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(own))
         nearest = self._nearest(flat)[1]
         start, y = self.anchors[nearest][:, own], self.anchors[nearest][:, other]
@@ -142,17 +174,25 @@ class Closure:
         y = y if far else self._newton(flat, y, ITERATIONS)
         return y.reshape(*np.shape(x)[:-1], len(other))
 
+    @cached_property
+    def _posed(self) -> np.ndarray:
+        """Coordinates of the part in the model's posture, closed as far as Newton's method gets (1, n_q)."""
+        x, y = (self.anchors[:1, own] for own in self._coordinates)
+        return self._joined(self._coordinates, x, self._newton(x, y, ITERATIONS))
+
+    @property
+    def apart(self) -> float:
+        """What stays open in the model's posture, rad or lengths of the mechanism."""
+        return float(self._defects(self._posed)[0][0])
+
     def in_posture(self) -> "Closure":
         """The closure with its loops closed at its only anchor, the posture of a model.
 
         Raises:
             ModelError: They cannot be closed, or are singular there.
         """
-        own, other = self._coordinates
-        x, y = self.anchors[:, own], self.anchors[:, other]
-        q = self._joined(self._coordinates, x, self._newton(x, y, ITERATIONS))
-        self._check(q, None)
-        return replace(self, anchors=q)
+        self._check(self._posed, None)
+        return replace(self, anchors=self._posed)
 
     def along(self, x: np.ndarray, time: np.ndarray) -> "Closure":
         """The closure with anchors along a recording.
@@ -164,6 +204,8 @@ class Closure:
         Raises:
             ModelError: The loops cannot be closed in a sample, or are singular there.
         """
+        if self.direct:
+            return self
         cells = np.unique(np.round(x * self._scale / STEP), axis=0, return_index=True)[1]
         left, out = np.sort(cells), self
         while len(left):
@@ -175,14 +217,18 @@ class Closure:
         out._check(out._joined(out._coordinates, x, out.solved(x)), time)
         return out
 
+    def closes(self, x: np.ndarray) -> np.ndarray:
+        """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
+        apart, least = self._defects(self._joined(self._coordinates, x, self.solved(x)))
+        return np.asarray((apart < CLOSED) & (least > SINGULAR))
+
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
         own, kept = self._coordinates[0], [np.zeros((0, len(self._coordinates[0])))]
         for reach in np.pi / 2.0 ** np.arange(8):
             start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, own]
             x = start + rng.uniform(-reach, reach, start.shape) / self._scale
-            apart, least = self._defects(self._joined(self._coordinates, x, self.solved(x)))
-            kept.append(x[(apart < CLOSED) & (least > SINGULAR)])
+            kept.append(x[self.closes(x)])
             if sum(map(len, kept)) >= samples:
                 break
         x = np.resize(np.concatenate(kept), (samples, len(own)))
