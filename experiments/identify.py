@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
         rerun_file.check_installed()
     _, document, out = identified_from(args, own_model.folder(args))
     document = rerun_file.with_rerun(document) if args.rerun else document
-    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args))
+    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args), verbose=args.verbose)
 
 
 def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate", "Document", "Output"]:
@@ -123,6 +123,7 @@ def parser() -> argparse.ArgumentParser:
         help=f"{options.LOGS}; several share their parameters",
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
+    out.add_argument("--verbose", action="store_true", help="print more than a screen: remarks, notes and bodies")
     add_options(out)
     options.add_rerun(out)
     otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"

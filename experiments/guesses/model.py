@@ -40,7 +40,7 @@ class Left(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ComparedModel:
     """The model of a belief beside its log: columns low-passed by one filter, at few samples.
 
     Attributes:
@@ -54,7 +54,7 @@ class Model:
     levels: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, belief: Belief, candidates: Iterable[str] = ()) -> "Model":
+    def of(cls, belief: Belief, candidates: Iterable[str] = ()) -> "ComparedModel":
         """The model beside a log; the cut-off suits the known positions and the candidates.
 
         Raises:

@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.data.outcomes import Streamed
 from experiments.document import tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Headline
 from experiments.document.tabular import Regrouped
 from experiments.document.terminal import wrapped
 from ident.estimation.equations import COMPONENTS
@@ -38,10 +38,8 @@ def table(estimate: Fit) -> tabular.Table:
 def numbers(result: Streamed) -> dict[str, Any]:
     """All numbers of the estimate for scripts, as `Estimate.to_dict` has them."""
     estimate = result.estimate
-    number, offsets = estimate.condition_number, estimate.offsets
-    common = summary(estimate, result.verdict, result.findings, condition_number=number, offsets=offsets)
     return {
-        **common,
+        **summary(result.evidence, result.verdict, result.findings),
         "singular_values": estimate.singular_values.tolist(),
         "residual_norms": estimate.residual_norms.tolist(),
         "samples": estimate.samples,
@@ -70,8 +68,9 @@ def document(result: Streamed, model: Path, recordings: Sequence[Path], provenan
     reasons = [finding.line for finding in result.findings]
     return Document(
         f"{model.name}, identified from {', '.join(file.name for file in recordings)} in pieces",
+        headline=Headline.of(result.verdict),
         verdict=verdict,
-        findings=[(finding.text, finding.doubt) for finding in result.findings],
+        findings=[*map(Card.of, result.findings)],
         lines=[*lines, *result.notes],
         tables={"base_parameters": shown},
         numbers={

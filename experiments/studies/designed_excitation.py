@@ -12,7 +12,7 @@ from experiments.data import paper
 from experiments.data.outcomes import Design, Excited
 from experiments.data.paper import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
 from experiments.studies import criteria, excitation
-from experiments.studies.excitation import Problem
+from experiments.studies.excitation import DesignProblem
 from ident.errors import InputError
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.mechanism.motion import Motion
@@ -66,7 +66,7 @@ def sample_times(seconds: float, harmonics: int) -> np.ndarray:
     return np.arange(round(seconds * RATE) + 1) / RATE
 
 
-def joint_limits(bounds: Bounds, problem: Problem, reference: Motion | None) -> Limits:
+def joint_limits(bounds: Bounds, problem: DesignProblem, reference: Motion | None) -> Limits:
     """Limits from the options, else from the paper's motion, else from the model.
 
     Raises:
@@ -87,7 +87,7 @@ def joint_limits(bounds: Bounds, problem: Problem, reference: Motion | None) -> 
     return Limits(low, high, velocity, acceleration)
 
 
-def _ranges(problem: Problem, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+def _ranges(problem: DesignProblem, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     """The part of the given range that the model allows for each joint, off its stops: lower and upper limits (n,)."""
     limits, given = [], bounds.position
     for joint in problem.joints:
@@ -122,7 +122,7 @@ def problem_of(
     packages: Sequence[Path] = (),
     drive: Sequence[str] | None = (),
     base_rpy_deg: Sequence[float] | None = None,
-) -> Problem:
+) -> DesignProblem:
     """Problem of exciting a model or a scene.
 
     Args:
@@ -141,7 +141,7 @@ def problem_of(
 
 
 def designed(
-    problem: Problem,
+    problem: DesignProblem,
     model: str,
     *,
     bounds: Bounds,
@@ -214,7 +214,7 @@ def designed(
     )
 
 
-def _within_loops(problem: Problem, limits: Limits) -> tuple[Problem, Limits]:
+def _within_loops(problem: DesignProblem, limits: Limits) -> tuple[DesignProblem, Limits]:
     """Limits in which the loops close, and the problem with loops closed all over them."""
     tree = problem.mechanism.tree
     if tree.closure is None:
@@ -228,7 +228,7 @@ def _within_loops(problem: Problem, limits: Limits) -> tuple[Problem, Limits]:
     return replace(problem, mechanism=mechanism), replace(limits, low=low, high=high)
 
 
-def recorded(problem: Problem, log: Path, columns: Path | None = None) -> Motion:
+def recorded(problem: DesignProblem, log: Path, columns: Path | None = None) -> Motion:
     """Motion of a log's joints, of those that the problem moves, at the rate of designed motions.
 
     Raises:
@@ -250,11 +250,11 @@ def _series(trajectory: FourierTrajectory, joints: Sequence[str]) -> dict[str, A
     return {"duration": trajectory.duration, "joints": list(joints), **coefficients}
 
 
-def _excited(problem: Problem, motion: Motion) -> Excited:
+def _excited(problem: DesignProblem, motion: Motion) -> Excited:
     return Excited(motion, criteria.quality(problem, motion), criteria.predicted_deviations(problem, motion))
 
 
-def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
+def recording(problem: DesignProblem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
     """Recording of the motion of all hinge and slide joints."""
     measured, units = {}, {}
     still, tree = np.zeros(len(time)), problem.mechanism.tree

@@ -29,7 +29,7 @@ from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class DesignProblem:
     """A mechanism to excite, and the measurements to design for.
 
     Attributes:
@@ -93,7 +93,7 @@ def problem(
     ignore: Sequence[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
     drive: Sequence[str] | None = (),
-) -> Problem:
+) -> DesignProblem:
     """Problem of exciting some joints of a mechanism on a fixed base.
 
     Args:
@@ -131,7 +131,7 @@ def problem(
     units = {joint: "m" if kinds[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for joint in joints}
     wrench = sensors == "wrench"
     parameters = find_base_parameters(locked, sensors=Sensors(base_wrench=wrench, joint_torques=not wrench))
-    return Problem(
+    return DesignProblem(
         locked,
         mechanism,
         {joint: float(rest[joint][0]) for joint in joints},

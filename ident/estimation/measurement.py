@@ -27,6 +27,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.adjoint import Value, gradient
+from ident.model.inverse_dynamics import joint_torques
 from ident.model.regressor import CHUNK
 from ident.model.tape import Program, Signal, Tape
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
@@ -245,7 +246,7 @@ class Measurement:
 
         Those of the mechanism's own loops are before those of its carrier's.
         """
-        equations, tree = self.equations, self.tilted(theta)
+        equations, tree = self.equations, self.corrected_tree(theta)
         motion = self.motion(states, starts[len(tree.dependent) :])
         motion = replace(motion, q=np.concatenate([motion.q, starts[: len(tree.dependent)]]))
         root, base = self._root(motion, theta)
@@ -257,7 +258,7 @@ class Measurement:
         def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
             """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
             wrench = self._in_sensor(np.sum(felt, axis=0), base, at)
-            torques = loads.joint_torques(tree, motions, motion.q, felt) if equations.torques else []
+            torques = joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
             return [*wrench, *(torques[k] + drives[k] for k in equations.torques)]
 
         own = read(loads.inertial_wrenches(equations, motions, theta), drives, theta)
@@ -314,14 +315,19 @@ class Measurement:
         out[list(equations.offsets)] = theta[first : first + len(equations.offsets)]
         return out
 
-    def tilted(self, theta: np.ndarray) -> Tree:
-        """Tree with its hinges' axes tilted, each about its point closest to the body's origin."""
+    def corrected_tree(self, theta: np.ndarray) -> Tree:
+        """Tree with joints displaced, and hinges' axes tilted, each about its point closest to the body's origin."""
         bodies = list(self.tree.bodies)
         for i, body in enumerate(bodies):
             if body.joint and self.of_kind("axis", body.joint):
                 v, w = body.twist[:3], body.twist[3:]
                 axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
                 bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
+        for i, body in enumerate(self.tree.bodies):
+            if body.joint and self.of_kind("centre", body.joint):
+                first = bodies[k := self.tree.first_link(i)]
+                place = first.home[:3, 3] + self._vector("centre", body.joint, theta)
+                bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
         return replace(self.tree, bodies=tuple(bodies))
 
     @property

@@ -43,6 +43,7 @@ class Mechanism(Brief):
         loops: Joints whose torques a coupling that the equations leave out changes, by its name.
         base_rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees, if they are others than in the model.
         constraints: Constraints that close loops of the tree, for `closed`.
+        centre_std: Standard deviation with which the centres of its joints are known, m; None for the default.
     """
 
     tree: Tree
@@ -59,6 +60,7 @@ class Mechanism(Brief):
     loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
     base_rpy_deg: tuple[float, ...] | None = None
     constraints: Constraints = field(default_factory=Constraints)
+    centre_std: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -131,7 +133,7 @@ class Mechanism(Brief):
         part = Mechanism(tree, self.gravity, prior, sites, **self._of_joints(tree), carrier=carrier)
         part = replace(part, constraints=self.constraints.within(tree))
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
-        return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg)
+        return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg, centre_std=self.centre_std)
 
     @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":

@@ -1,5 +1,6 @@
 """A mechanism as in Table II: for every body its home pose and the twist of its joint."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -157,6 +158,24 @@ class Tree:
     def chain(self, i: int) -> tuple[int, ...]:
         """Indices of the bodies from the base to body i; none for the base itself."""
         return () if i == BASE else (*self.chain(self.bodies[i].parent), i)
+
+    @cached_property
+    def compounds(self) -> dict[str, tuple[int, ...]]:
+        """Indices of the moving bodies of each joint with coordinates, massless links first, by its first joint's name.
+
+        Several joints between two bodies with mass are one compound joint.
+        """
+        members = defaultdict[int, list[int]](list)
+        for i, body in enumerate(self.bodies):
+            if body.moves:
+                members[self.first_link(i)].append(i)
+        names = {first: [joint for i in own if (joint := self.bodies[i].joint)] for first, own in members.items()}
+        return {names[first][0]: tuple(own) for first, own in members.items() if names[first]}
+
+    def first_link(self, i: int) -> int:
+        """Index of the first of the massless links that precede body i; that of the body itself without any."""
+        parent = self.bodies[i].parent
+        return self.first_link(parent) if parent != BASE and self.bodies[parent].massless else i
 
     def closed(self, closure: Closure) -> "Tree":
         """The tree with the joints dependent that loops determine; they lose their names."""

@@ -17,7 +17,7 @@ import pytest
 from fuzz.here import Here
 
 from experiments import batch, identify
-from experiments.data.batch import Outcome, agreement, spreads
+from experiments.data.batch import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
 from experiments.runs import checkpoint
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
@@ -102,7 +102,7 @@ def test_an_interrupted_run_goes_on_with_what_is_left(folder, capsys, monkeypatc
     assert "are of another run: files (run1.csv) differ" in capsys.readouterr().err
 
 
-DONE = Outcome(
+DONE = LogOutcome(
     "run0.csv", "run0", "usable", [], ["q"], [], {"q": 0.5}, {"m1": 1.0}, {"m1": 0.1}, {"m1": "kg"}, 2.0
 ).to_dict()
 
@@ -344,10 +344,10 @@ def test_a_batch_is_not_resumed_with_another_included_file(folder, capsys, here)
 def test_the_spread_over_logs_tells_if_their_deviations_are_right():
     rng = np.random.default_rng(0)
     outcomes = [
-        Outcome(f"{k}", "x", values={"m1": 2 + 0.1 * rng.normal()}, std={"m1": 0.1}, units={"m1": "kg"})
+        LogOutcome(f"{k}", "x", values={"m1": 2 + 0.1 * rng.normal()}, std={"m1": 0.1}, units={"m1": "kg"})
         for k in range(400)
     ]
-    (spread,) = spreads([*outcomes, Outcome("bad", error="No.")])
+    (spread,) = spreads([*outcomes, LogOutcome("bad", error="No.")])
     assert spread.logs == 400 and spread.unit == "kg" and abs(spread.mean - 2) < 3 * spread.std
     assert spread.std == pytest.approx(0.1 / 20) and spread.between == pytest.approx(0.1, rel=0.1)
     assert spread.rms_z == pytest.approx(1, rel=0.1)
@@ -373,7 +373,7 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     agreed = agreement(values, covariances)
     assert np.flatnonzero(agreed.differ).tolist() == list(moved) and agreed.spread < 1.5
     outcomes = [
-        Outcome(
+        LogOutcome(
             f"run{k}.csv",
             f"run{k}",
             "usable",
@@ -383,9 +383,9 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
         )
         for k, each in enumerate(values)
     ]
-    failed = Outcome("bad.csv", error="No.")
+    failed = LogOutcome("bad.csv", error="No.")
     document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, ("base", "shank"), {})
-    (sentence, doubt), _ = document.findings
+    (_, sentence, doubt), _ = document.findings
     names = ", ".join(f"run{k}.csv" for k in moved)
     assert (
         doubt
@@ -410,7 +410,7 @@ def test_logs_that_differ_by_noise_alone_agree():
 def test_what_all_logs_differ_by_is_said_of_all():
     agreed = agreement(*drawn(np.random.default_rng(2), 12, std=20.0))
     assert not agreed.differ.any() and agreed.spread > 10
-    outcomes = [Outcome(f"{k}", f"{k}", "usable") for k in range(12)]
+    outcomes = [LogOutcome(f"{k}", f"{k}", "usable") for k in range(12)]
     sentence, doubt = batch_report.verdict(outcomes, agreed, ("base", "shank"))
     assert doubt and "differ from each other by" in sentence and "None stands out" in sentence
 
@@ -425,7 +425,7 @@ def test_nothing_is_left_of_a_log_when_the_next_begins(monkeypatch):
         figure = Figure()
         figure.itself = figure
         left.append(weakref.ref(figure))
-        return Outcome("run0.csv", error="No.")
+        return LogOutcome("run0.csv", error="No.")
 
     monkeypatch.setattr(batch, "outcome_of", outcome)
     gc.disable()

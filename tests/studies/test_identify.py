@@ -137,7 +137,8 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert abs(value["m1"] - 61.65) < 0.1
     assert abs(value["m3rz3"] - 8.5) < 0.4
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
-    assert "It predicts 3 of 3 channels. Not counted: Fy, Mx, Mz" in " ".join(printed.split())
+    assert printed.startswith("✕ Not usable. One finding speaks against it; it predicts all 3 channels.")
+    assert "It predicts all 3 channels. Not counted: Fy, Mx, Mz" in estimate["verdict"]
     suffix = Path(model).suffix
     phi = parameters_from_model(tmp_path / "bow" / f"model{suffix}")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
@@ -146,7 +147,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
         "report.html",
         f"model{suffix}",
-        "figure_held_out.png",
+        "figure_held_out.svg",
     }
 
 
@@ -295,12 +296,12 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys,
     assert_predicts_as_well(aligned[1], phi)
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "me" / "model.xml")).nu == 2
     page = (tmp_path / "me" / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64") == 3 and "http" not in page.replace("http-equiv", "")
+    assert page.count("data:image/svg+xml;base64") == 3 and "http" not in page.replace("http-equiv", "")
     assert "<h1>double_pendulum.xml, identified from log.csv</h1>" in page and "2 is link1, 3 is link2" in page
     links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
-    assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
+    assert {"table_base_parameters.csv", "figure_held_out.svg"} <= links
     assert all((tmp_path / "me" / link).is_file() for link in links)
-    assert "Usable to predict wrenches: held-out residuals are at most" in capsys.readouterr().out
+    assert "✓ Usable. It predicts all 5 channels; held-out residuals are at most" in capsys.readouterr().out
 
 
 def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
@@ -474,7 +475,7 @@ def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     path = tmp_path / "log.csv"
     with_channels(log, ground_force=force).save(path)
     arguments = [str(PENDULUM), str(path), "--base", "base", "--name", "stuck", "--out", str(tmp_path)]
-    assert identify.main(arguments) == 0
+    assert identify.main([*arguments, "--verbose"]) == 0
     printed = capsys.readouterr().out
     assert "Stuck at one value, though the model" in printed and "Fz (0)" in printed
     assert "channels Fx, Fy, Mx, My, Mz." in printed
@@ -524,11 +525,14 @@ def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, mon
     monkeypatch.setattr(Estimate, "findings", findings)
     recording().save(tmp_path / "log.csv")
     arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path), "--name", "x"]
-    assert identify.main([*arguments, "--estimator", "weighted"]) == 0
+    assert identify.main([*arguments, "--estimator", "weighted", "--formats", "none"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("Verdict: ") and len(lines) <= 50
-    shown = " ".join(lines)
-    assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
-    assert "more remark" in shown
+    assert lines[0].startswith("✓ Usable. It predicts ") and len(lines) <= 24
+    assert max(map(len, lines[:-1])) <= 120 and "open report.html" in lines[-1]
+    assert lines[3].split() == ["channel", "estimate", "model", "best"] and lines[-2].startswith("--verbose prints ")
+    assert sum(line.startswith("  - ") for line in lines) == 5
     page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
     assert page.count("Constant offsets are taken out") >= 20
+    assert identify.main([*arguments, "--estimator", "weighted", "--formats", "none", "--verbose"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("Verdict: ") and "more remark" in shown and "table_base_parameters.md (" in shown

@@ -16,7 +16,7 @@ from same_recording import assert_same_recording
 from experiments import misaligned
 from experiments.data import fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
-from experiments.document.styles import WIDTHS
+from experiments.document.sheet import WIDTHS
 from experiments.reports import study_figures
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
@@ -175,7 +175,7 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
     """The trajectory estimates are those of the fixture, which the tables of the first run equal."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
     trajectory = study.trajectory
-    monkeypatch.setattr(simulated.Study, "trajectory", lambda self, model: trajectory(model))
+    monkeypatch.setattr(simulated.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
     assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "3"]) == 0
     files = [file for file in tmp_path.iterdir() if file.name not in ("provenance.json", "report.html")]
     assert {file.suffix for file in files} == {".csv", ".md", ".tex", ".png", ".json", ".npz"}

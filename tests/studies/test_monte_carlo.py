@@ -11,7 +11,7 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 from experiments import misaligned, multicontact
 from experiments.data import paper
 from experiments.data.errors import Distribution
-from experiments.data.simulated import Problem
+from experiments.data.simulated import StudyProblem
 from experiments.document import figures
 from experiments.reports import monte_carlo_report
 from experiments.runs import workers
@@ -117,7 +117,7 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
 def test_standard_deviations_are_right_with_two_contacts(tmp_path):
     # 250 trials determine a standard deviation to 4.5 %, and the coverage of all 13 parameters to about half a percent.
     source = draw(tmp_path, "--redraw", "wrench", samples="300", contact="pad handle")
-    analyse = partial(trial, Problem.of(packaged("multicontact", contact="pad handle")), ("contact",))
+    analyse = partial(trial, StudyProblem.of(packaged("multicontact", contact="pad handle")), ("contact",))
     errors_of = distribution(run(source, 250, tmp_path, analyse=analyse))
     np.testing.assert_allclose(errors_of.std / errors_of.predicted_std, 1, atol=0.14)
     assert 0.93 <= errors_of.coverage.mean() <= 0.97

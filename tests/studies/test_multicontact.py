@@ -16,7 +16,7 @@ from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import fit
 from experiments.data.key_numbers import summary as summary_of
-from experiments.data.simulated import Problem
+from experiments.data.simulated import StudyProblem
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
 from experiments.studies.study_entries import packaged
@@ -94,7 +94,7 @@ def test_true_total_wrench_is_what_the_parameters_give(result, contact):
 @pytest.mark.slow
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
 def test_weights_help_where_only_the_wrenches_are_noisy(contact):
-    problem = Problem.of(packaged("multicontact", contact=contact))
+    problem = StudyProblem.of(packaged("multicontact", contact=contact))
     known, recording = problem.known, study("multicontact", contact=contact).recording
     noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
     errors, ordinary, weighted = [], [], []

@@ -145,7 +145,7 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     trials = [shortened(faulty(seed), 250) for seed in range(6)]
     heavier = trials[3].measured | {"ground_force": 1.2 * trials[3]["ground_force"]}
     trials[3] = replace(trials[3], measured=heavier)
-    keys = ("delay", "clock", "origin", "gain", "rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
+    keys = ("delay", "clock", "origin", "gain", "rotation_deg", "gravity_deg", "zero_deg", "axis_deg", "centre")
     exact = "[setup]\n" + "".join(f"{key} = 0\n" for key in keys)
     estimate = by_command(tmp_path, trials, "--base", "base", columns=exact)
     apart = np.array(estimate["logs"]["rms_z"])

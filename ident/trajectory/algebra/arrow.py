@@ -22,7 +22,7 @@ import numpy as np
 
 from ident.trajectory.algebra.banded import WINDOW, Banded, Factor, runs
 from ident.trajectory.algebra.groups import Group
-from ident.trajectory.algebra.spline import LOCAL, Spline
+from ident.trajectory.algebra.spline import LOCAL, Spline, sliding
 
 
 class Eliminated(NamedTuple):
@@ -249,15 +249,6 @@ def transposed(x: np.ndarray) -> np.ndarray:
 def stacked(x: np.ndarray) -> np.ndarray:
     """Rows of any shape stacked (…, p) -> (N, p)."""
     return x.reshape(prod(x.shape[:-1]), x.shape[-1])
-
-
-def sliding(x: np.ndarray, width: int, step: int = 1) -> np.ndarray:
-    """Windows of adjacent rows of arrays (…, N, q), one every few rows, without a copy (…, k, width, q)."""
-    *shape, number, q = x.shape
-    # numpy's `sliding_window_view` takes as long as a product of small matrices.
-    strides = *x.strides[:-2], step * x.strides[-2], *x.strides[-2:]
-    windows = *shape, (number - width) // step + 1, width, q
-    return np.lib.stride_tricks.as_strided(x, windows, strides, writeable=False)
 
 
 def add_windows(total: np.ndarray, windows: np.ndarray) -> None:

@@ -92,7 +92,7 @@ def fit(
         measurement: Channels and parameters.
         pieces: Measured samples.
         start: Starting point.
-        prior: Prior of θ.
+        prior: Prior of θ, unless the start has one.
         free: Mask of the entries of θ to fit (p,).
         names: Names of θ, by default those of the measurement.
         selections: Indices in θ of each piece's parameters; by default all entries for every piece.
@@ -107,7 +107,7 @@ def fit(
     Raises:
         ExcitationError: The motion leaves parameters undetermined.
     """
-    every = [np.arange(len(free))] * len(pieces)
+    every, prior = [np.arange(len(free))] * len(pieces), start.prior or prior
     run = map if executor is None else executor.map
     sent = measurement if executor is None else cast(Predictor, _Sent(measurement))
     problem = _Problem(sent, pieces, prior, free, names or measurement.names, selections or every, run)
