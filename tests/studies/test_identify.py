@@ -2,12 +2,10 @@
 
 import json
 import os
-import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 from coded import coded, doubts_of
@@ -18,12 +16,10 @@ from scipy.spatial.transform import Rotation
 import scenes
 from experiments import identify
 from experiments.studies.identification import prepare
-from ident.estimate import Estimate
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
-from ident.judgement.finding import Finding
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.recording import STATES, Recording
+from ident.recordings.recording import STATES
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -82,12 +78,6 @@ def cell_mapping(applied="false"):
     _, pose = mechanism(scenes.load("double_pendulum", contact="pad"), "base").site("contact")
     quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
     return CONTACT.format(position=pose[:3, 3].tolist(), quaternion=quaternion.tolist(), applied=applied)
-
-
-def ground_frame(R):
-    quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()
-    columns = [[f"ground_{kind}.{axis}" for axis in "xyz"] for kind in ("force", "torque")]
-    return f"[wrenches.ground]\nquaternion = {quaternion}\nforce = {columns[0]}\ntorque = {columns[1]}\n"
 
 
 def doubts_and_result(tmp_path, log, mapping=None, **options):
@@ -168,39 +158,6 @@ def test_a_bow_from_angles_alone_without_any_choice(bowing):
     assert not any(each.kind == "gravity" for each in result.setup)
 
 
-@pytest.mark.usefixtures("undrawn")
-@needs_data
-def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, tmp_path):
-    arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
-    assert (
-        identify.main([*arguments, "--cutoff", "3", "--estimator", "weighted", "--no-offsets", "--out", str(tmp_path)])
-        == 0
-    )
-    assert "The measurements have constant offsets that were not fitted: Fx 4.5" in capsys.readouterr().out
-
-
-@needs_data
-def test_the_plates_own_frame_is_named(bowing):
-    """The plate measures the human's wrench on it, in its own axes."""
-    text = bowing.read_text(encoding="utf-8").replace("foot_", "plate_")
-    bowing.write_text(text, encoding="utf-8")
-    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    result = identified(prepared, estimator="weighted")
-    (finding,) = coded(result, "wrench_sign_or_axes")
-    assert (finding.values["wrench"], finding.values["frame"]) == ("ground", "turned")
-    assert finding.values["axes"] == {"x": "-y", "y": "-x", "z": "-z"} and not finding.values["opposite"]
-
-
-@needs_data
-def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
-    flipped = bowing.read_text(encoding="utf-8") + "applied_to_link = false\n"
-    bowing.write_text(flipped, encoding="utf-8")
-    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    (finding,) = coded(identified(prepared, estimator="weighted"), "wrench_sign_or_axes")
-    assert (finding.values["wrench"], finding.values["frame"]) == ("ground", "as stated")
-    assert finding.values["opposite"]
-
-
 def assert_predicts_as_well(result, phi):
     """Checks that held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
     explained = [c not in result.unexplained for c in result.channels]
@@ -229,14 +186,6 @@ def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
     assert (abs(result.psi - truth) < 2 * result.std_setup).all()
 
 
-def test_a_transposed_frame_is_named(tmp_path):
-    log, R = recording(), Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
-    in_sensor = {name: log.measured[name] @ R for name in ("ground_force", "ground_torque")}
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T), **WEIGHTED)
-    wrench = doubts["wrench_sign_or_axes"]
-    assert (wrench["wrench"], wrench["opposite"], wrench["frame"]) == ("ground", False, "transposed")
-
-
 @pytest.mark.slow
 def test_a_contact_is_used_and_missed_when_left_out(tmp_path):
     log = recording(contact="pad")
@@ -245,11 +194,6 @@ def test_a_contact_is_used_and_missed_when_left_out(tmp_path):
     doubts, result = doubts_and_result(tmp_path, log)
     assert "contact_left_out" in doubts
     assert result.checks.contact.body in ("link1", "link2")
-
-
-def test_a_contact_is_recognised_when_flipped(tmp_path):
-    doubts, _ = doubts_and_result(tmp_path, recording(contact="pad"), cell_mapping(applied="true"), **WEIGHTED)
-    assert doubts["wrench_sign_or_axes"]["wrench"] == "tip" and doubts["wrench_sign_or_axes"]["opposite"]
 
 
 def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned):
@@ -266,16 +210,6 @@ def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned)
     assert any("outliers" in note for note in result.prepared.notes)
 
 
-def test_a_balance_board_of_three_channels(tmp_path):
-    log = recording()
-    mapping = (
-        '[wrenches.ground]\nforce = ["", "", "ground_force.z"]\ntorque = ["ground_torque.x", "ground_torque.y", ""]\n'
-    )
-    doubts, result = doubts_and_result(tmp_path, log, mapping)
-    assert result.prepared.equations.channels == ("Fz", "Mx", "My")
-    assert not doubts
-
-
 def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
     _, result = doubts_and_result(tmp_path, recording(), offsets=False, estimator="ordinary", holdout=0.05)
     samples, mechanism = result.prepared.samples[result.part], result.prepared.mechanism
@@ -283,41 +217,6 @@ def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
     rows = result.base.reduce(Y).reshape(-1, result.base.rank)
     expected = np.linalg.lstsq(rows, samples.measured.ravel(), rcond=None)[0]
     np.testing.assert_allclose(result.fit.values, expected, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys, aligned):
-    log = tmp_path / "log.csv"
-    recording().save(log)
-    assert identify.main([str(PENDULUM), str(log), "--base", "base", "--name", "me", "--out", str(tmp_path)]) == 0
-    phi = parameters_from_model(tmp_path / "me" / "model.xml", "base")
-    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    assert_predicts_as_well(aligned[1], phi)
-    assert mujoco.MjModel.from_xml_path(str(tmp_path / "me" / "model.xml")).nu == 2
-    page = (tmp_path / "me" / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64") == 3 and "http" not in page.replace("http-equiv", "")
-    assert "<h1>double_pendulum.xml, identified from log.csv</h1>" in page and "2 is link1, 3 is link2" in page
-    links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
-    assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
-    assert all((tmp_path / "me" / link).is_file() for link in links)
-    assert "Usable to predict wrenches: held-out residuals are at most" in capsys.readouterr().out
-
-
-def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
-    path, light = tmp_path / "log.csv", tmp_path / "light.xml"
-    recording().save(path)
-    assert not coded(aligned[1], "masses_shown", "masses_hardly_shown")
-    spec = scenes.load("double_pendulum")
-    spec.body("link2").mass /= 3
-    spec.compile()
-    light.write_text(spec.to_xml(), encoding="utf-8")
-    result = identified(prepare(light, path, base="base"))
-    (named,) = coded(result, "masses_shown", "masses_limited", "masses_hardly_shown")
-    assert named.code == "masses_limited" and not named.doubt
-    (mass,) = named.values["masses"].values()
-    assert named.place.bodies == ("link2",) and 10 < mass["mass"] < 20
-    assert mass["model"] == pytest.approx(4.43, abs=0.005) and 4.43 < mass["lower"] < 13.3
-    assert mass["upper"] is None or mass["upper"] > 13.3
 
 
 @pytest.mark.parametrize(
@@ -354,18 +253,6 @@ def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
     error = refusal(identify.main, [*arguments, "--out", str(tmp_path / "out")], capsys)
     assert __import__("re").search(message, error), error
     assert not list((tmp_path / "out").rglob("*.json"))
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_name_that_is_no_text_is_written_as_escapes(tmp_path):
-    log, other = tmp_path / "log.csv", tmp_path / os.fsdecode(b"a\xff.csv")
-    for path, tilt_deg in ((log, 0.0), (other, 0.1)):
-        recording(tilt_deg).save(path)
-    arguments = [str(PENDULUM), str(log), "--base", "base", "--held-out", str(other)]
-    assert identify.main([*arguments, "--out", str(tmp_path), "--name", "r"]) == 0
-    origin = json.loads((tmp_path / "r" / "provenance.json").read_text(encoding="utf-8"))
-    assert origin["options"]["held_out"] == [str(other)]
-    assert r"a\udcff.csv" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_users_files_are_not_touched(tmp_path, capsys):
@@ -423,17 +310,6 @@ def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(
     assert unchecked(result) == [("no force",)]
 
 
-def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
-    R = Rotation.from_euler("y", 30, degrees=True).as_matrix()
-    log = recording()
-    turned = with_channels(log, **{name: log.measured[name] @ R for name in ("ground_force", "ground_torque")})
-    quaternion = f"quaternion = {Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()}\n"
-    _, result = doubts_and_result(tmp_path, turned, board(Fy="") + quaternion, **WEIGHTED)
-    assert abs(result.checks.weight.measured - 20.99) < 0.1
-    _, result = doubts_and_result(tmp_path, turned, board(Fx="") + quaternion, **WEIGHTED)
-    assert unchecked(result) == [("not measured", "Fx")]
-
-
 def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
     model, path = tmp_path / "model.xml", tmp_path / "log.csv"
     spec = scenes.load("double_pendulum")
@@ -456,79 +332,3 @@ def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     assert ("large_offsets" in doubts) == doubted
     (offsets,) = coded(result, "offsets_taken_out")
     assert next(iter(offsets.values["offsets"])) == "Fy"
-
-
-def test_a_sensor_that_dies_is_a_doubt(tmp_path):
-    log = recording()
-    force = log.measured["ground_force"].copy()
-    force[500:, 2] = 200
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, ground_force=force), **WEIGHTED)
-    assert "Fz" in doubts["residual_above_signal"]["ratios"] and len(doubts) < 5
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
-    log = recording()
-    force = log.measured["ground_force"].copy()
-    force[:, 2] = 0
-    path = tmp_path / "log.csv"
-    with_channels(log, ground_force=force).save(path)
-    arguments = [str(PENDULUM), str(path), "--base", "base", "--name", "stuck", "--out", str(tmp_path)]
-    assert identify.main(arguments) == 0
-    printed = capsys.readouterr().out
-    assert "Stuck at one value, though the model" in printed and "Fz (0)" in printed
-    assert "channels Fx, Fy, Mx, My, Mz." in printed
-    assert "The weight could not be checked: it shows in Fz of the sensor" in printed
-    constant = {name: 0 * log.measured[name] + 7 for name in ("ground_force", "ground_torque")}
-    with_channels(log, **constant).save(path)
-    message = refusal(identify.main, arguments, capsys)
-    assert "Every measured channel of" in message and "is constant (Fx, Fy, Fz, Mx, My, Mz)" in message
-
-
-def test_a_few_samples_are_enough_to_judge_by(tmp_path):
-    """The held-out log needs no coefficients; the fitted one does."""
-    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
-    log = recording()
-    short = {name: x[100:110] for name, x in log.measured.items()}
-    replace(log, time=log.time[:10], measured=short, true={}, noise={}).save(path)
-    log.save(other)
-    result = identified(
-        prepare(PENDULUM, other, base="base"), judges=[prepare(PENDULUM, path, base="base")], estimator="weighted"
-    )
-    assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
-    rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
-    assert (rms < 3 * result.scale).all()
-
-
-def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
-    log, path, columns = recording(), tmp_path / "log.csv", tmp_path / "columns.toml"
-    kept = {name: x for name, x in log.measured.items() if name.startswith("joint")}
-    plate = {f"Plate F{a}": log.measured["ground_force"][:, k] for k, a in enumerate("xyz")}
-    plate |= {f"Plate M{a}": log.measured["ground_torque"][:, k] for k, a in enumerate("xyz")}
-    Recording(log.time, kept | plate).save(path)
-    arguments = [str(PENDULUM), str(path), "--base", "base", "--out", str(tmp_path / "out")]
-    message, *lines = refusal(identify.main, arguments, capsys).splitlines()
-    assert "neither a wrench nor a joint torque to fit" in message and "Plate Fx, Plate Fy" in message
-    assert "--columns" in message and len(lines) == 3
-    columns.write_text("\n".join(lines), encoding="utf-8")
-    prepared = prepare(PENDULUM, path, base="base", columns=columns)
-    np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch):
-    """However many findings, channels and parameters there are, files and page have them all."""
-    long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1, "N m") for k in range(12)})
-    plain = vars(Estimate)["findings"].func
-    findings = property(lambda estimate: [*plain(estimate), *[long] * 20])
-    monkeypatch.setattr(Estimate, "findings", findings)
-    recording().save(tmp_path / "log.csv")
-    arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path), "--name", "x"]
-    assert identify.main([*arguments, "--estimator", "weighted"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("Verdict: ") and len(lines) <= 50
-    shown = " ".join(lines)
-    assert "open report.html" in lines[-1] and "table_base_parameters.md (" in shown
-    assert "more remark" in shown
-    page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
-    assert page.count("Constant offsets are taken out") >= 20

@@ -221,18 +221,6 @@ def test_bodies_are_physical_where_that_is_asked_for():
         ident.identify(wrong, faulty(), estimator="ordinary", physical=True)
 
 
-def test_an_interrupt_leaves_the_last_iterate():
-    def interrupt(round_, step):
-        if round_ == 0:
-            raise KeyboardInterrupt
-
-    estimate = identified(prepared(PENDULUM, faulty()), report=interrupt)
-    assert estimate.trajectory.fit.status == "interrupted"
-    (finding,) = coded(estimate, "not_converged")
-    assert finding.doubt and finding.values == {"status": "interrupted", "rounds": 1}
-    assert (np.abs(estimate.psi - TRUTH) < 10 * estimate.std).all()
-
-
 def test_pieces_may_be_worked_on_elsewhere():
     ready = prepared(PENDULUM, shortened(faulty(), 400))
     here = identified(ready)
