@@ -123,3 +123,12 @@ def test_errors_stand_beside_the_papers():
     table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
     assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
     assert index.compared(table).columns[:4] == table.columns
+
+
+def test_the_papers_columns_stand_alone_beside_ours():
+    columns = ("name", "true_scene", "true_paper", "error", "paper_error", "std")
+    table = Table("", columns, (("a", 1.0, 1.0, 0.123, 0.1, 9.0),), caption="Errors", digits={"paper_error": (1,)})
+    shown = index.printed(table)
+    assert shown.columns == ("name", "true_paper", "true_scene", "paper_error", "error") and shown.title == "Errors"
+    assert shown.headings() == ["name", "true, paper", "true, ours", "error, paper", "error, ours"]
+    assert shown.texts()[0][3:] == ["0.1", "0.1"]
