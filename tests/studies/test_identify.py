@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from coded import coded, doubts_of
@@ -16,10 +18,12 @@ from scipy.spatial.transform import Rotation
 import scenes
 from experiments import identify
 from experiments.studies.identification import prepare
+from ident.estimate import Estimate
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
+from ident.judgement.finding import Finding
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.recording import STATES
+from ident.recordings.recording import STATES, Recording
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
