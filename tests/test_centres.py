@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from opensim_files import quietly_read
+from opensim_walker import leg
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench
 from slow_pendulum import TIME, motion
 
@@ -88,3 +90,13 @@ def test_several_joints_between_two_bodies_are_one():
     compounds = sim.mechanism(scenes.load("humanoid"), base="pelvis").tree.compounds
     assert {"left_hip_flexion", "left_knee", "left_ankle", "lumbar_bending"} <= {*compounds}
     assert "left_hip_rotation" not in compounds and len(compounds["left_hip_flexion"]) == 3
+
+
+def test_joints_that_only_follow_have_their_leaders_name(tmp_path):
+    """So has an OpenSim knee whose turn and slides follow its coordinate; a coordinate alone carries nothing."""
+    tree = quietly_read(leg(tmp_path)).tree
+    assert {joint: tree.names[own[-1]] for joint, own in tree.compounds.items()} == {
+        "tx": "pelvis",
+        "hip": "femur",
+        "knee": "tibia",
+    }

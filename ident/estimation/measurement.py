@@ -323,10 +323,10 @@ class Measurement:
                 v, w = body.twist[:3], body.twist[3:]
                 axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
                 bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
-        for i, body in enumerate(self.tree.bodies):
-            if body.joint and self.of_kind("centre", body.joint):
-                first = bodies[k := self.tree.first_link(i)]
-                place = first.home[:3, 3] + self._vector("centre", body.joint, theta)
+        for joint, members in self.tree.compounds.items():
+            if self.of_kind("centre", joint):
+                first = bodies[k := self.tree.first_link(members[0])]
+                place = first.home[:3, 3] + self._vector("centre", joint, theta)
                 bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
         return replace(self.tree, bodies=tuple(bodies))
 

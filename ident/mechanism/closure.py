@@ -43,6 +43,10 @@ SINGULAR = 0.01
 one in which bodies are aligned."""
 
 
+NEAR = 0.06
+"""Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
+
+
 @dataclass(frozen=True)
 class Closure:
     """Loops of a tree and the joints that they make dependent.
@@ -162,17 +166,30 @@ class Closure:
         Args:
             x: Independent coordinates (…, n_q).
         """
-        own, other = self._coordinates
         if self.direct:
-            return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(other))))[0]
-        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(own))
-        nearest = self._nearest(flat)[1]
-        start, y = self.anchors[nearest][:, own], self.anchors[nearest][:, other]
-        far = np.abs((flat - start) * self._scale).max(initial=0)
-        for share in np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)[1:]:
-            y = self._newton(start + share * (flat - start), y, ITERATIONS if share == 1 else 4)
-        y = y if far else self._newton(flat, y, ITERATIONS)
-        return y.reshape(*np.shape(x)[:-1], len(other))
+            return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
+        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self._coordinates[0]))
+        return self._continued(flat)[0].reshape(*np.shape(x)[:-1], len(self.dependent))
+
+    def _continued(self, x: np.ndarray, *, watched: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Dependent coordinates (N, d), and if watched, the smallest singular values on the way to them (N,).
+
+        Those are zero beyond a posture in which a determinant changes its sign.
+        """
+        (own, other), d = self._coordinates, self._freedoms[1]
+        anchors, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
+        start, y = anchors[:, own], anchors[:, other]
+        before = self.rows(anchors)[1][..., d] if watched else None
+        far = np.abs((x - start) * self._scale).max(initial=0)
+        shares = np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)
+        for share in shares[1:] if far else shares:
+            at = start + share * (x - start)
+            y = self._newton(at, y, ITERATIONS if share == shares[-1] else 4)
+            if before is not None:
+                J = self.rows(self._joined(self._coordinates, at, y))[1][..., d]
+                passes = np.linalg.det(np.swapaxes(before, -1, -2) @ J) <= 0
+                least, before = np.minimum(least, np.where(passes, 0, _least_singular(J))), J
+        return y, least
 
     @cached_property
     def _posed(self) -> np.ndarray:
@@ -191,7 +208,7 @@ class Closure:
         Raises:
             ModelError: They cannot be closed, or are singular there.
         """
-        self._check(self._posed, None)
+        self._check(self._posed, np.zeros(1, bool), None)
         return replace(self, anchors=self._posed)
 
     def along(self, x: np.ndarray, time: np.ndarray) -> "Closure":
@@ -211,16 +228,18 @@ class Closure:
         while len(left):
             distance = out._nearest(x[left])[0]
             near = distance <= max(2 * STEP, distance.min())
-            q = out._joined(out._coordinates, x[left[near]], out.solved(x[left[near]]))
-            out._check(q, time[left[near]])
+            q = out._checked(x[left[near]], time[left[near]])
             out, left = replace(out, anchors=np.concatenate([out.anchors, q])), left[~near]
-        out._check(out._joined(out._coordinates, x, out.solved(x)), time)
+        out._checked(x, time)
         return out
 
     def closes(self, x: np.ndarray) -> np.ndarray:
         """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
-        apart, least = self._defects(self._joined(self._coordinates, x, self.solved(x)))
-        return np.asarray((apart < CLOSED) & (least > SINGULAR))
+        if self.direct:
+            return np.ones(len(x), bool)
+        y, least = self._continued(x, watched=True)
+        apart, _ = self._defects(self._joined(self._coordinates, x, y))
+        return np.asarray((apart < CLOSED) & (least > NEAR))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
@@ -257,10 +276,16 @@ class Closure:
                 break
         return y
 
-    def _check(self, q: np.ndarray, time: np.ndarray | None) -> None:
-        """Refuses samples of the part's coordinates (N, n_q) in which the loops are open or singular."""
+    def _checked(self, x: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Coordinates of the part (N, n_q) from the independent ones; refused where loops are open or singular."""
+        y, least = self._continued(x, watched=True)
+        q = self._joined(self._coordinates, x, y)
+        self._check(q, least == 0, time)
+        return q
+
+    def _check(self, q: np.ndarray, beyond: np.ndarray, time: np.ndarray | None) -> None:
         apart, least = self._defects(q)
-        for bad, what in ((apart > OPEN, self._open), (least < SINGULAR, self._singular)):
+        for bad, what in ((apart > OPEN, self._open), (beyond | (least < SINGULAR), self._singular)):
             if bad.any():
                 k = int(bad.argmax())
                 raise ModelError(what(apart[k], "in the model's posture" if time is None else f"at {time[k]:.6g} s"))
@@ -269,9 +294,7 @@ class Closure:
         """Distances that are left open (N,), and the smallest singular values of the dependent joints' columns (N,)."""
         residual, J, _ = self.rows(q)
         columns = J[..., self._freedoms[1]]
-        norms = np.linalg.norm(columns, axis=-2, keepdims=True)
-        least = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False).min(axis=-1, initial=1)
-        return np.linalg.norm(residual, axis=-1), least
+        return np.linalg.norm(residual, axis=-1), _least_singular(columns)
 
     def _open(self, apart: float, when: str) -> str:
         names = ", ".join(f"'{each.name}'" for each in self.constraints)
@@ -307,6 +330,13 @@ class Closure:
 def length_of(tree: "Tree") -> float:
     """The largest distance between a body's frame and its parent's, m; 1 if all coincide."""
     return max((float(np.linalg.norm(body.home[:3, 3])) for body in tree.bodies), default=0.0) or 1.0
+
+
+def _least_singular(columns: np.ndarray) -> np.ndarray:
+    """Smallest singular values of unit columns (…,), from columns of any length (…, m, d)."""
+    norms = np.linalg.norm(columns, axis=-2, keepdims=True)
+    values = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False)
+    return np.asarray(values.min(axis=-1, initial=1))
 
 
 def _by_freedoms(tree: "Tree", at: BodyKinematics, residual: np.ndarray, by_body: dict[int, np.ndarray]) -> np.ndarray:

@@ -87,6 +87,20 @@ def test_sums_of_joints_are_solved_at_once_however_far(name, lacking, monkeypatc
     np.testing.assert_allclose(J[..., d] @ closure.slopes(x, 0 * y), -J[..., a], atol=1e-12 * abs(J).max())
 
 
+def test_loops_stay_on_the_branch_of_the_model():
+    """Past the posture in which a parallelogram is flat, its bodies could go on as those of an antiparallelogram."""
+    arm = read(PARALLELOGRAM).closed(("rod", "rocker"), ("crank",))
+    closure, x = arm.tree.closure, np.linspace(-3, 3, 61)[:, None]
+    closes = closure.closes(x)
+    assert closes[20:40].all() and not closes[:10].any() and not closes[-10:].any()
+    np.testing.assert_allclose(closure.solved(x[closes]), np.hstack([-x, x])[closes], atol=1e-9)
+    with pytest.raises(ModelError, match=r"The loops are singular at 1\.[67]\d* s: crank there does not determine"):
+        closure.along(np.arange(0, 3, 0.2)[:, None], np.arange(0, 3, 0.2))
+    # Parallel links count as one about their hinges.
+    base = ident.find_base_parameters(arm, sensors=Sensors(base_wrench=False, joint_torques=True))
+    assert base.rank == 3
+
+
 def log_of(q, names=("crank",), more=None):
     """A log of joints and of a torque on the first."""
     columns = {f"{name}_position": x for name, x in zip(names, q, strict=True)}
