@@ -17,7 +17,7 @@ from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
 from experiments.document.symbols import in_words, regrouped_in_words
 from experiments.document.tabular import Table
-from experiments.document.writer import Output, _environment, written
+from experiments.document.writer import Output, environment, written
 from experiments.reports.identify_page import place
 from ident.estimation.preparation import Part
 from ident.geometry.inertia import parameters_from_com
@@ -180,7 +180,7 @@ def test_parameters_in_words():
 
 
 def test_how_many_samples_are_drawn_is_said_in_english():
-    template = _environment().get_template("replay.html").make_module({"prose": str})
+    template = environment().get_template("replay.html").make_module({"prose": str})
     names = "frames", "arrows", "axes", "estimated", "curves", "channels", "spans", "parameters", "remark"
     shown = dict.fromkeys(names, ())
     for every, expected in ((1, False), (2, True)):
