@@ -3,14 +3,11 @@
 from collections import Counter
 
 import pytest
-from commands import refusal
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from experiments import misaligned
-from experiments.cli.command import COMMANDS
-from experiments.data.paper import FORMATS
 
 CANVASES = {"png": FigureCanvasAgg, "pdf": FigureCanvasPdf, "svg": FigureCanvasSVG}
 SHORT = ["--samples", "60", "--trials", "2", "--redraw", "sensors"]
@@ -49,20 +46,3 @@ def test_one_format_costs_one_drawing(tmp_path, drawings, formats):
     assert page.count(f"data:image/{shown};base64,") == page.count("<img ")
     assert page.count("written as PDF only") == (0 if shown else len(FIGURES))
     assert all(f'<a href="{name}.csv">data of the figure as CSV</a>' in page for name in FIGURES)
-
-
-WITHOUT_FIGURES = {"columns", "derive", "stream", "readme"}
-
-
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_FIGURES))
-def test_every_command_with_figures_offers_their_formats(name, capsys):
-    parser = COMMANDS[name].parser()
-    (option,) = (action for action in parser._actions if action.dest == "formats")
-    assert tuple(option.choices) == FORMATS and option.default == ["pdf", "png"]
-
-
-def test_a_wrong_format_is_refused_with_the_choices(tmp_path, capsys):
-    message = refusal(misaligned.main, ["--formats", "gif", "--out", str(tmp_path / "out")], capsys)
-    sentence = message.strip().splitlines()[-1]
-    assert "--formats: invalid choice: 'gif'" in sentence and all(name in sentence for name in FORMATS)
-    assert not (tmp_path / "out").exists()

@@ -156,3 +156,15 @@ def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
     assert find_base_parameters(Y, "pqr").names == ("p", "r")
     with pytest.raises(ValueError, match="so nearly dependent"):
         find_base_parameters(Y, "pqr", kept="pq")
+
+
+def test_parallel_tilted_axes_have_rank_13_in_other_columns():
+    axis = tilted_axis(5, 120)
+    base = base_of(double_pendulum(axis, axis))
+    expected = "m1 m1rx1 m1ry1 m2rx2 m2ry2 Ixx2 Iyy2 Izz2 m3rx3 m3ry3 Ixx3 Iyy3 Izz3"
+    assert base.names == tuple(expected.split())
+
+
+@pytest.mark.parametrize("difference_deg", [1e-3, 0.01, 1, 90])
+def test_axes_that_are_not_parallel_have_rank_15(difference_deg):
+    assert base_of(double_pendulum(tilted_axis(5, 120), tilted_axis(5 + difference_deg, 120))).rank == 15
