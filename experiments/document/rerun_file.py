@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgba
 from scipy.spatial.transform import Rotation
 
 from experiments.document.document import Document
-from experiments.document.figures import INKS
 from experiments.document.replay import Replay
+from experiments.document.sheet import INKS
 from experiments.document.symbols import visible
 from ident.files.limits import library
 from ident.mechanism.body import BASE
@@ -158,6 +157,7 @@ def _moving(replay: Replay) -> Iterator[Moving]:
 def _curves(replay: Replay) -> Iterator[Moving]:
     """Yields each curve of each channel, without the samples that it lacks."""
     import rerun
+    from matplotlib.colors import to_rgba
 
     time = replay.recording.time[replay.drawn]
     inks = [INKS[k % len(INKS)] for k in replay.inks or range(len(replay.curves))]

@@ -1,6 +1,7 @@
 """Report on identifications of many logs: one table of all, failures by name, and the logs that differ."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from experiments.data.batch import LogAgreement, LogOutcome, spreads
 from experiments.document import styles, symbols, tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations
 from ident.display.brief import listed
@@ -179,8 +180,8 @@ def document(
     return Document(
         f"{model.name}, identified from each of {len(outcomes)} logs",
         findings=[
-            *([(sentence, True)] if doubt else []),
-            *((f"{each.log} failed: {each.error}", True) for each in failed),
+            *([Card("Logs differ", sentence, True)] if doubt else []),
+            *(Card(f"{each.log} failed", f"{each.log} failed: {each.error}", True) for each in failed),
         ],
         lines=[
             *([sentence] if sentence and not doubt else []),
@@ -189,7 +190,7 @@ def document(
         heading="The logs",
         tables={"table_logs": logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
         | ({"table_parameters": parameters_table(outcomes, bodies)} if fitted else {}),
-        figures={} if agreed is None else {"figure_logs": (chart(outcomes, agreed, bodies), caption)},
+        figures={} if agreed is None else {"figure_logs": Plot(partial(chart, outcomes, agreed, bodies), caption)},
         numbers={
             "batch": {"logs": [each.to_dict() for each in outcomes], "agreement": _numbers(fitted, agreed)},
             "provenance": provenance,

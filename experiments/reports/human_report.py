@@ -2,15 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from experiments.data.person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.reports import identify_figures
+from experiments.reports import identify_page
 from experiments.reports.human_figure import figure, growth, predicted_deviations
 from ident.geometry.inertia import com_from_parameters
 from ident.tolerances import INTERVAL
@@ -163,17 +164,19 @@ def document(study: PersonStudy, feet_alone: PersonStudy, provenance: dict[str, 
     return Document(
         "A person on two force plates, at a rail",
         f"{ABOUT} {measured(study.laboratory)}",
+        headline=Headline.of(estimate.verdict()),
         verdict=str(estimate.verdict()),
-        findings=[(finding.text, finding.doubt) for finding in estimate.findings],
+        pictures=[*identify_page.first_screen(estimate)],
+        findings=[*map(Card.of, estimate.findings)],
         lines=[f"{line}."],
         tables={"table_segments": table_segments(study), "table_prediction": table_prediction(study)},
-        figures={"figure_human": (figure(study, feet_alone), caption)},
+        figures={"figure_human": Plot(partial(figure, study, feet_alone), caption)},
         numbers={
             "summary": {"plates_and_rail": numbers(study), "plates": numbers(feet_alone)},
             "provenance": provenance,
         },
         # There is no table of base parameters, whose rows could be pressed.
-        replay=replace(identify_figures.replay(estimate), parameters=()),
+        replay=replace(identify_page.replay(estimate), parameters=()),
         recordings={
             recording_file(number, activity): recording
             for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), 1)

@@ -1,6 +1,7 @@
 """Report on trials: distribution of the errors, and percentiles of the paper's single run."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from experiments.data.fitting import ESTIMATORS
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated import SimulatedStudy
 from experiments.document import styles, symbols, tabular
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
@@ -149,7 +150,7 @@ def document(
     }
     return Document(
         tables=tables,
-        figures={"figure_monte_carlo": (chart(distributions, bodies), caption)},
+        figures={"figure_monte_carlo": Plot(partial(chart, distributions, bodies), caption)},
         numbers={"monte_carlo": _numbers(distributions) | {"provenance": provenance}},
         screen="\n".join([*_texts(distributions, tables), f"{MEANING}{remark}\n"]),
     )

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from experiments.data.key_numbers import wrench_error
 from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures
+from experiments.document.sheet import INKS
 
 TRUE_WIDTH = 1.6
 """Line width of the truth in points: it lies below the others and shows on both sides."""
@@ -41,21 +42,21 @@ def wrenches(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
     colors, strokes = inks(curves.values()), cycle(STROKES)
     drawn = {}
     for label, what in curves.items():
-        color = figures.INKS[colors[what]]
+        color = INKS[colors[what]]
         line = figures.Line(color, TRUE_WIDTH) if what == "true" else figures.Line(color, style=next(strokes))
         drawn[label] = wrench(study, what), line
     return figures.wrench_panels(study.recording.time, drawn, "Time (s)", shaded=episodes(study))
 
 
 def inks(curves: Iterable[str]) -> dict[str, int]:
-    """Indices into `figures.INKS` of the wrenches in a figure, in the paper's colours.
+    """Indices into `INKS` of the wrenches in a figure, in the paper's colours.
 
     With the ground's wrench in red, the true total is blue and a recovered one black (Figure 4); without it the true
     one is black, and the models' are red and blue (Figure 2).
     """
     shown = list(dict.fromkeys(curves))
     own = {"ground": 1, "true": 2} if "ground" in shown else {"true": 0}
-    free = cycle([k for k in range(len(figures.INKS)) if k not in own.values()])
+    free = cycle([k for k in range(len(INKS)) if k not in own.values()])
     return {what: own[what] if what in own else next(free) for what in shown}
 
 
@@ -103,7 +104,7 @@ def other_lines(curves: Iterable[str]) -> list[figures.Line]:
     """Lines of curves without the truth, each with its own colour and style."""
     drawn, strokes = list(curves), cycle(STROKES)
     colors = inks(drawn)
-    return [figures.Line(figures.INKS[colors[what]], style=next(strokes)) for what in drawn]
+    return [figures.Line(INKS[colors[what]], style=next(strokes)) for what in drawn]
 
 
 def running_rms(x: np.ndarray) -> np.ndarray:

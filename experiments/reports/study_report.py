@@ -1,13 +1,14 @@
 """Report on a simulated study: tables, figures, key numbers, and the terminal's text."""
 
 import dataclasses
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from experiments.data.key_numbers import CHANNELS, axes, summary, touches, trajectory_summary
 from experiments.data.simulated import SimulatedStudy
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import number
@@ -110,7 +111,9 @@ def document(study: SimulatedStudy, provenance: dict[str, Any]) -> Document:
         about,
         lines=lines(study),
         tables={name: study_tables.table(study, name) for name in file.tables},
-        figures={name: (study_figures.figure(study, name), e["caption"]) for name, e in file.figures.items()},
+        figures={
+            name: Plot(partial(study_figures.figure, study, name), e["caption"]) for name, e in file.figures.items()
+        },
         numbers={
             "summary": summary(study) | {"trajectory": trajectory_summary(study)},
             "provenance": provenance,

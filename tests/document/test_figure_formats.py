@@ -1,15 +1,20 @@
 """Formats of figures: each that is chosen is drawn once, and nothing else is."""
 
+import subprocess
+import sys
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+import experiments
 from experiments import misaligned
 
 CANVASES = {"png": FigureCanvasAgg, "pdf": FigureCanvasPdf, "svg": FigureCanvasSVG}
+ROOT = Path(experiments.__file__).parents[1]
 SHORT = ["--samples", "60", "--trials", "2", "--redraw", "sensors"]
 FIGURES = ("figure_2", "figure_3", "figure_monte_carlo")
 
@@ -46,3 +51,14 @@ def test_one_format_costs_one_drawing(tmp_path, drawings, formats):
     assert page.count(f"data:image/{shown};base64,") == page.count("<img ")
     assert page.count("written as PDF only") == (0 if shown else len(FIGURES))
     assert all(f'<a href="{name}.csv">data of the figure as CSV</a>' in page for name in FIGURES)
+
+
+def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
+    """What it is asked not to draw costs nothing; the page has its pictures and no section of figures."""
+    command = "from experiments import identify; identify.main()\nimport sys; assert 'matplotlib' not in sys.modules"
+    log = ["scenes/arm.xml", "scenes/arm.csv", "--estimator", "ordinary", "--name", "arm"]
+    options = [*log, "--formats", "none", "--out", str(tmp_path)]
+    subprocess.run([sys.executable, "-c", command, *options], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+    page = (tmp_path / "arm" / "report.html").read_text(encoding="utf-8")
+    assert not list(tmp_path.glob("arm/figure_*")) and 'id="figures"' not in page
+    assert page.count('<svg class="picture"') == 3 and "<img" not in page

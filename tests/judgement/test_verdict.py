@@ -13,8 +13,10 @@ from test_torque_checks import NO_HAND, log
 
 import ident
 import sim
+from ident.judgement.candidates import NOTABLY
+from ident.judgement.finding import Finding
 from ident.judgement.torque_findings import bound_findings
-from ident.judgement.verdict import Outcome, Verdict
+from ident.judgement.verdict import Outcome, Verdict, decided
 
 
 def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
@@ -83,7 +85,7 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
     assert doubt.doubt and doubt.place.channels == ("Fy", "Mx")
     assert doubt.values["worse"]["least squares"].keys() == {"Fy", "Mx"}
     assert doubt.values["take"] == "least squares" and doubt.values["cutoff_hz"] == 3.21
-    assert next(verdict.candidates.compared()) == ("least squares", (), ("My", "Mz"), ("Fy", "Fz", "Mx"))
+    assert verdict.candidates.better("least squares", "estimate", NOTABLY) == ("Fy", "Fz", "Mx")
     other = with_ratios(estimate, model=[0.5, 0.9, 0.6, 1, 1], squares=[1, 1, 1, 0.6, 1])
     doubt = other.verdict().worse
     assert {name: set(pairs) for name, pairs in doubt.values["worse"].items()} == {
@@ -99,6 +101,20 @@ def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estima
     assert (
         worse.values["take"] is None and worse.text.endswith("Move the joints further.") and "as a prior" in worse.text
     )
+
+
+def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):
+    doubted = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1, 1, 1, 1, 1])
+    verdict = Verdict.of(doubted.evidence, [Finding.of("weight_drifts", drift=2.0)])
+    assert verdict.outcome is Outcome.NOT and verdict.doubts == ("weight_drifts",) and verdict.best == "estimate"
+    assert verdict.brief == "One finding speaks against it; it predicts all 5 channels."
+    residual = estimate.held_out.residual * 1e6
+    rivals = {"model": 9 * residual, "least squares": 8 * residual}
+    nothing = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals))
+    verdict = Verdict.of(nothing.evidence, [])
+    assert verdict.outcome is Outcome.NOT and verdict.best is None and not verdict.predicted
+    assert str(verdict).startswith("Not usable: it predicts none of 6 channels (held-out).")
+    assert "No candidate explains any channel, so that none is best." in str(verdict)
 
 
 @pytest.mark.parametrize(
@@ -123,10 +139,27 @@ def test_a_verdict_counts_all_channels_that_move(estimate, ratios, outcome, pred
     assert str(verdict) == shown["verdict"] == repr(verdict)
     words = {
         Outcome.USABLE: "Usable to predict wrenches: ",
-        Outcome.PARTLY: f"Partly usable: it predicts {predicted} of 6 channels: ",
+        Outcome.PARTLY: f"Partly usable: it predicts {verdict.channels}. ",
         Outcome.NOT: "Not usable: it predicts none of 6 channels (held-out).",
     }
     assert str(verdict).startswith(words[outcome])
+    assert len(verdict.brief.split()) <= 20
+
+
+@pytest.mark.parametrize(
+    ("missed", "words"),
+    [
+        ([], "all 12 channels"),
+        ([5], "all channels but wrist5"),
+        (range(4), "all channels but wrist0, wrist1, wrist2, wrist3"),
+        (range(5), "7 of 12 channels"),
+        (range(9), "wrist9, wrist10, wrist11"),
+    ],
+)
+def test_channels_are_named_where_they_are_fewer_than_five(estimate, missed, words):
+    ratios = {f"wrist{k}": 0.9 if k in missed else 0.1 for k in range(12)}
+    verdict = replace(estimate.verdict(), outcome=decided(ratios.values(), ()), ratios=ratios, idle={})
+    assert verdict.channels == words and words in str(verdict) and words in verdict.brief
 
 
 def test_what_is_known_is_in_the_verdict(estimate):
@@ -138,6 +171,10 @@ def test_what_is_known_is_in_the_verdict(estimate):
     assert "Single masses are not determined." in str(poor)
     weighed = replace(verdict.precision, weighed=("link1", "link2"))
     assert "It determines the mass of link1, link2." in str(replace(verdict, precision=weighed))
+    many = replace(verdict.precision, weighed=tuple("abcdefg"), wider=tuple("abcde"), bodies=tuple("abcdefgh"))
+    assert "the mass of 7 of 8 bodies." in str(replace(verdict, precision=many)) and "deviations of 5 of them" in str(
+        replace(verdict, precision=many)
+    )
 
 
 @pytest.mark.parametrize("name", ["least squares", "model"])
@@ -149,7 +186,7 @@ def test_a_candidate_that_is_better_in_the_median_channel_is_the_first_sentence(
     assert verdict.usable and verdict.best == name and verdict.worse.code == "candidate_better"
     assert verdict.worse.values["candidate"] == name and not verdict.worse.doubt
     assert verdict.worse.values["behind"] == pytest.approx(1 / 0.9)
-    assert str(verdict).startswith(verdict.worse.text) and "in the median channel" in verdict.worse.text
+    assert str(verdict).startswith(verdict.worse.text) and "in the median of 5 channels" in verdict.worse.text
     assert "Over all channels the estimate" not in str(verdict)
     little = with_ratios(estimate, **(own | {other: [0.96, 0.96, 0.96, 0.96, 0.96]})).verdict()
     assert little.worse is None and little.best == "estimate"

@@ -137,7 +137,7 @@ def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
     assert own.mechanism.tree.dependent == ("tip",) and own.equations.channels == ("left",)
     assert own.equations.parameters.names == ready.equations.parameters.names
     fixed = mechanism(tmp_path / "arm.xml", fix={"left": 0.1})
-    assert not fixed.mimics and fixed.tree.joints == ("lift", "tip", "right")
+    assert not fixed.mimics and fixed.tree.joints == ("lift", "right")
 
 
 def test_an_arm_is_estimated_with_its_followers():

@@ -8,13 +8,9 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.document import figures, styles, symbols
-from experiments.document.styles import WIDTHS
-from experiments.reports.identify_figures import (
-    held_out_caption,
-    held_out_figure,
-    parameters_figure,
-    spectra_figure,
-)
+from experiments.document.sheet import WIDTHS
+from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
+from experiments.reports.identify_page import held_out_caption
 
 
 @pytest.fixture(scope="module")

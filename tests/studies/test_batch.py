@@ -334,7 +334,7 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
     ]
     failed = LogOutcome("bad.csv", error="No.")
     document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, ("base", "shank"), {})
-    (sentence, doubt), _ = document.findings
+    (_, sentence, doubt), _ = document.findings
     names = ", ".join(f"run{k}.csv" for k in moved)
     assert (
         doubt

@@ -94,8 +94,34 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     assert far["p_value"] < 1e-9
     output = capsys.readouterr().out
     assert "were both fitted to a.csv" in output and "'a' and 'c' differ by more than noise" in output
-    assert not (tmp_path / "out" / "figure_differences_2.png").exists()
-    assert (tmp_path / "out" / "figure_differences_3.png").exists()
+    assert not (tmp_path / "out" / "figure_differences_2.svg").exists()
+    assert (tmp_path / "out" / "figure_differences_3.svg").exists()
+
+
+def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
+    first = result(tmp_path / "a", [1.0, 2.0, 3.0])
+    second = result(tmp_path / "b", [1.0, 2.0, 3.0], log="b", regrouping=("m1 + m2", "m2rz2", "Ixx2"))
+    difference = Difference(*read_results([first, second]))
+    assert difference.names == ("m2rz2", "Ixx2") and difference.comparison.covariance.shape == (2, 2)
+    assert "Not compared, because they are regrouped differently: m1." in compare_report.agreement(difference)
+
+
+def test_a_page_and_figures_are_written(tmp_path):
+    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in ("first_run", "<i>")]
+    run(tmp_path, *folders)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Usable, first_run" in page and "&lt;i&gt;" in page and "<i>" not in page
+    assert '<p class="verdict usable">' in page and "agree within noise." in page
+    tex = (tmp_path / "out" / "table_differences.tex").read_text()
+    assert r"\emph{shank}" in tex and r"\emph{base}" in tex
+
+
+@pytest.mark.parametrize(("log", "last"), [("b", 9.0), ("a", 3.0)])
+def test_a_page_that_says_differ_or_cannot_tell_is_not_green(tmp_path, log, last):
+    folders = [result(tmp_path / "a", [1.0, 2.0, 3.0]), result(tmp_path / "b", [1.0, 2.0, last], log=log)]
+    run(tmp_path, *folders)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert '<p class="verdict not">' in page and ("differ by more than noise." in page) == (log == "b")
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from coded import coded, doubts_of
@@ -16,10 +18,12 @@ from scipy.spatial.transform import Rotation
 import scenes
 from experiments import identify
 from experiments.studies.identification import prepare
+from ident.estimate import Estimate
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
+from ident.judgement.finding import Finding
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.recording import STATES
+from ident.recordings.recording import STATES, Recording
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -127,7 +131,8 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert abs(value["m1"] - 61.65) < 0.1
     assert abs(value["m3rz3"] - 8.5) < 0.4
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
-    assert "It predicts 3 of 3 channels. Not counted: Fy, Mx, Mz" in " ".join(printed.split())
+    assert printed.startswith("✕ Not usable. One finding speaks against it; it predicts all 3 channels.")
+    assert "It predicts all 3 channels. Not counted: Fy, Mx, Mz" in estimate["verdict"]
     suffix = Path(model).suffix
     phi = parameters_from_model(tmp_path / "bow" / f"model{suffix}")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
@@ -136,7 +141,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
         "report.html",
         f"model{suffix}",
-        "figure_held_out.png",
+        "figure_held_out.svg",
     }
 
 
@@ -217,6 +222,41 @@ def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
     rows = result.base.reduce(Y).reshape(-1, result.base.rank)
     expected = np.linalg.lstsq(rows, samples.measured.ravel(), rcond=None)[0]
     np.testing.assert_allclose(result.fit.values, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys, aligned):
+    log = tmp_path / "log.csv"
+    recording().save(log)
+    assert identify.main([str(PENDULUM), str(log), "--base", "base", "--name", "me", "--out", str(tmp_path)]) == 0
+    phi = parameters_from_model(tmp_path / "me" / "model.xml", "base")
+    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
+    assert_predicts_as_well(aligned[1], phi)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "me" / "model.xml")).nu == 2
+    page = (tmp_path / "me" / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/svg+xml;base64") == 3 and "http" not in page.replace("http-equiv", "")
+    assert "<h1>double_pendulum.xml, identified from log.csv</h1>" in page and "2 is link1, 3 is link2" in page
+    links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
+    assert {"table_base_parameters.csv", "figure_held_out.svg"} <= links
+    assert all((tmp_path / "me" / link).is_file() for link in links)
+    assert "✓ Usable. It predicts all 5 channels; held-out residuals are at most" in capsys.readouterr().out
+
+
+def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):
+    path, light = tmp_path / "log.csv", tmp_path / "light.xml"
+    recording().save(path)
+    assert not coded(aligned[1], "masses_shown", "masses_hardly_shown")
+    spec = scenes.load("double_pendulum")
+    spec.body("link2").mass /= 3
+    spec.compile()
+    light.write_text(spec.to_xml(), encoding="utf-8")
+    result = identified(prepare(light, path, base="base"))
+    (named,) = coded(result, "masses_shown", "masses_limited", "masses_hardly_shown")
+    assert named.code == "masses_limited" and not named.doubt
+    (mass,) = named.values["masses"].values()
+    assert named.place.bodies == ("link2",) and 10 < mass["mass"] < 20
+    assert mass["model"] == pytest.approx(4.43, abs=0.005) and 4.43 < mass["lower"] < 13.3
+    assert mass["upper"] is None or mass["upper"] > 13.3
 
 
 @pytest.mark.parametrize(
@@ -332,3 +372,82 @@ def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     assert ("large_offsets" in doubts) == doubted
     (offsets,) = coded(result, "offsets_taken_out")
     assert next(iter(offsets.values["offsets"])) == "Fy"
+
+
+def test_a_sensor_that_dies_is_a_doubt(tmp_path):
+    log = recording()
+    force = log.measured["ground_force"].copy()
+    force[500:, 2] = 200
+    doubts, _ = doubts_and_result(tmp_path, with_channels(log, ground_force=force), **WEIGHTED)
+    assert "Fz" in doubts["residual_above_signal"]["ratios"] and len(doubts) < 5
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
+    log = recording()
+    force = log.measured["ground_force"].copy()
+    force[:, 2] = 0
+    path = tmp_path / "log.csv"
+    with_channels(log, ground_force=force).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--name", "stuck", "--out", str(tmp_path)]
+    assert identify.main([*arguments, "--verbose"]) == 0
+    printed = capsys.readouterr().out
+    assert "Stuck at one value, though the model" in printed and "Fz (0)" in printed
+    assert "channels Fx, Fy, Mx, My, Mz." in printed
+    assert "The weight could not be checked: it shows in Fz of the sensor" in printed
+    constant = {name: 0 * log.measured[name] + 7 for name in ("ground_force", "ground_torque")}
+    with_channels(log, **constant).save(path)
+    message = refusal(identify.main, arguments, capsys)
+    assert "Every measured channel of" in message and "is constant (Fx, Fy, Fz, Mx, My, Mz)" in message
+
+
+def test_a_few_samples_are_enough_to_judge_by(tmp_path):
+    """The held-out log needs no coefficients; the fitted one does."""
+    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
+    log = recording()
+    short = {name: x[100:110] for name, x in log.measured.items()}
+    replace(log, time=log.time[:10], measured=short, true={}, noise={}).save(path)
+    log.save(other)
+    result = identified(
+        prepare(PENDULUM, other, base="base"), judges=[prepare(PENDULUM, path, base="base")], estimator="weighted"
+    )
+    assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
+    rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
+    assert (rms < 3 * result.scale).all()
+
+
+def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
+    log, path, columns = recording(), tmp_path / "log.csv", tmp_path / "columns.toml"
+    kept = {name: x for name, x in log.measured.items() if name.startswith("joint")}
+    plate = {f"Plate F{a}": log.measured["ground_force"][:, k] for k, a in enumerate("xyz")}
+    plate |= {f"Plate M{a}": log.measured["ground_torque"][:, k] for k, a in enumerate("xyz")}
+    Recording(log.time, kept | plate).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--out", str(tmp_path / "out")]
+    message, *lines = refusal(identify.main, arguments, capsys).splitlines()
+    assert "neither a wrench nor a joint torque to fit" in message and "Plate Fx, Plate Fy" in message
+    assert "--columns" in message and len(lines) == 3
+    columns.write_text("\n".join(lines), encoding="utf-8")
+    prepared = prepare(PENDULUM, path, base="base", columns=columns)
+    np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_terminal_begins_with_the_verdict_and_is_short(tmp_path, capsys, monkeypatch):
+    """However many findings, channels and parameters there are, files and page have them all."""
+    long = Finding.of("offsets_taken_out", offsets={f"joint{k}": (0.6, 0.1, "N m") for k in range(12)})
+    plain = vars(Estimate)["findings"].func
+    findings = property(lambda estimate: [*plain(estimate), *[long] * 20])
+    monkeypatch.setattr(Estimate, "findings", findings)
+    recording().save(tmp_path / "log.csv")
+    arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path), "--name", "x"]
+    assert identify.main([*arguments, "--estimator", "weighted", "--formats", "none"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("✓ Usable. It predicts ") and len(lines) <= 24
+    assert max(map(len, lines[:-1])) <= 120 and "open report.html" in lines[-1]
+    assert lines[3].split() == ["channel", "estimate", "model", "best"] and lines[-2].startswith("--verbose prints ")
+    assert sum(line.startswith("  - ") for line in lines) == 5
+    page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
+    assert page.count("Constant offsets are taken out") >= 20
+    assert identify.main([*arguments, "--estimator", "weighted", "--formats", "none", "--verbose"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("Verdict: ") and "more remark" in shown and "table_base_parameters.md (" in shown

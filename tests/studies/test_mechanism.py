@@ -13,7 +13,7 @@ from truth import use_truth
 
 from experiments.__main__ import main as everything
 from experiments.data import paper
-from experiments.document.styles import WIDTHS
+from experiments.document.sheet import WIDTHS
 from experiments.mechanism import main
 from experiments.reports import mechanism_report
 from experiments.runs import workers

@@ -14,7 +14,7 @@ from same_recording import assert_same_recording
 from experiments import misaligned
 from experiments.data import fitting, paper
 from experiments.data.fitting import trajectory_fit
-from experiments.document.styles import WIDTHS
+from experiments.document.sheet import WIDTHS
 from experiments.reports import study_figures
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of

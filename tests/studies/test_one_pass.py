@@ -64,7 +64,7 @@ def test_a_sound_recording_is_usable(tmp_path, capsys):
 def test_an_empty_force_a_wrong_sign_and_kilonewtons_are_doubts(tmp_path):
     force, torque = recording()["ground_force"], recording()["ground_torque"]
     estimate, doubts = judged(tmp_path, ground_force=0 * force)
-    assert estimate["verdict"] == "Not usable as it is: 2 findings below speak against it. It predicts 3 of 3 channels."
+    assert estimate["verdict"] == "Not usable as it is: 2 findings below speak against it. It predicts all 3 channels."
     assert doubts["weight_differs"] == {"measured": 0, "model": pytest.approx(20.99, abs=0.005)}
     assert doubts["constant_channels"] == {"channels": ["Fy", "Fz"]}
     _, doubts = judged(tmp_path, ground_force=-force, ground_torque=-torque)

@@ -84,7 +84,7 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     columns = tmp_path / "columns.toml"
     columns.write_text(SEGMENTS)
     person = ["--prior", "deleva", "--mass", "70", "--height", "1.7", "--sex", "male"]
-    given = [str(path), str(log), "--columns", str(columns), "--out", str(tmp_path), "--name", "leg"]
+    given = [str(path), str(log), "--columns", str(columns), "--out", str(tmp_path), "--name", "leg", "--verbose"]
     assert identify.main([*given, *person]) == 0
     output = capsys.readouterr().out
     assert "Usable" in output
