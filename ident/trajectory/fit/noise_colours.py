@@ -28,7 +28,7 @@ SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
 BANDS = 24
 """Number of frequency bands, equally wide on a logarithmic scale, in which spectra are compared."""
 
-ENOUGH = 20_000
+ENOUGH = 8_000
 """Approximate number of samples from which the noise is estimated."""
 
 UPDATES = 100
@@ -173,6 +173,6 @@ def _likeliest(
     for step in range(UPDATES + 1):
         power = np.maximum((a[:, None] @ own)[:, 0] + other, TINIEST)
         if step < UPDATES:
-            pull, weight = (own @ x[..., None] for x in (counts * observed / power**2, counts / power))
+            pull, weight = (own @ x[..., None] for x in (counts / power * (observed / power), counts / power))
             a *= np.sqrt(pull / np.maximum(weight, TINIEST))[..., 0]
     return a, -(counts * (np.log(power / counts) + observed / power)).sum(axis=1)

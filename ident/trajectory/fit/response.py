@@ -178,7 +178,8 @@ class Response:
             every.append(own * stream.weight(omega)[..., None, None])
         stiff = (self.spline.step * self.spline.intervals * omega ** (2 * ORDER))[:, None, None] * np.diag(self.jerk)
         inverse = np.linalg.inv(sum((own.sum(axis=1) for own in every), start=stiff))
-        return [np.einsum("fsjk,fkj->fs", own, inverse).real for own in every]
+        # Several coordinates together can follow more than a stream's own frequency.
+        return [np.minimum(np.einsum("fsjk,fkj->fs", own, inverse).real, 1) for own in every]
 
 
 def response(

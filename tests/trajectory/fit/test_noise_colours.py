@@ -1,5 +1,7 @@
 """White and slow noise, separated by their residuals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
@@ -39,6 +41,12 @@ def test_what_others_leave_is_not_a_stream_s_own_noise():
     assert a == pytest.approx([1, 0, 0, 0, 0], abs=0.01)
 
 
+def test_a_channel_without_residual_has_no_noise():
+    own, counts, _ = powers(2000)
+    a = _amplitudes(np.zeros(len(counts)), counts.astype(float), np.zeros(len(counts)), *own.T)
+    assert a == pytest.approx(np.zeros(5), abs=1e-9)
+
+
 def test_white_noise_of_a_pendulum_is_white():
     joint = ident.identify(PENDULUM, faulty()).trajectory
     colours = noise_colours(joint.fit, some_responses(joint.measurement, joint.fit))
@@ -66,3 +74,12 @@ def test_noise_is_found_from_some_pieces_of_logs_with_offsets_of_their_own(monke
     logs = [shortened(faulty(seed), 400) for seed in range(3)]
     estimate = ident.identify(PENDULUM, logs, own=["offset"])
     assert np.isfinite(estimate.std).all() and (estimate.std > 0).all()
+
+
+def test_a_channel_that_two_coordinates_move_is_followed_at_most_once():
+    """Channels whose derivatives change as fast as the noise would be followed by more than all of it."""
+    joint = ident.identify(PENDULUM, shortened(faulty(), 300)).trajectory
+    loud = replace(joint.fit, noises=[replace(each, states=1e3 * each.states) for each in joint.fit.noises])
+    for here in some_responses(joint.measurement, loud).values():
+        for share in here.followed(np.array([0.5, 1.0, 2.0, 5.0])):
+            assert share.min() >= 0 and share.max() <= 1
