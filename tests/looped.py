@@ -58,6 +58,14 @@ TENDONS = text(
     '<tendon><fixed name="both"><joint joint="crank" coef="0.6"/><joint joint="rod" coef="0.9"/></fixed>'
     '<fixed name="third"><joint joint="rocker" coef="1"/></fixed></tendon>',
 )
+# Sums of joints alone: a differential, and a joint that follows one of its outputs.
+SUMS = text(
+    CRANK + ROCKER + body("flap", "flap", "0.1 0 0", 0.3),
+    '<tendon name="sum" tendon1="both" tendon2="third" polycoef="0.05 0.7 0 0 0"/>'
+    '<joint name="gear" joint1="flap" joint2="rod" polycoef="0.1 -1.5 0 0 0"/>',
+    '<tendon><fixed name="both"><joint joint="crank" coef="0.6"/><joint joint="rod" coef="0.9"/></fixed>'
+    '<fixed name="third"><joint joint="rocker" coef="1"/></fixed></tendon>',
+)
 
 
 def _finger(side, sign):
@@ -109,6 +117,7 @@ MODELS = {
     "slider": (SLIDER, ("crank",)),
     "turned": (TURNED, ("yaw", "crank")),
     "tendons": (TENDONS, ("crank", "rocker")),
+    "sums": (SUMS, ("crank", "rocker")),
     "gripper": (GRIPPER, ("left_driver",)),
     "driven": (DRIVEN, ("crank",)),
 }

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from test_escape import EVIL
 from truth import use_truth
 
-from experiments.document import figures, print_table, styles, tabular
+from experiments.document import figures, print_table, sheet, styles, tabular
 from experiments.document.document import Document
 from experiments.document.print_table import PACKAGES
-from experiments.document.styles import WIDTHS
+from experiments.document.sheet import WIDTHS
 from experiments.document.tabular import Regrouped
 from experiments.document.writer import Output, write_parts
 from experiments.reports import study_figures, study_tables
@@ -101,7 +101,7 @@ def test_standard_deviations_have_columns_of_their_own():
 def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several(columns):
     many = tabular.Table("t", ("name", *map(str, range(40))), (("a", *[1.5] * 40),))
     long = tabular.Table("t", ("name",), tuple((str(k),) for k in range(100)))
-    with styles.page(columns):
+    with sheet.page(columns):
         one, floats, pages = (print_table.tex(each, "t") for each in (TABLE, many, long))
     assert (one.count(r"\begin{table*}") > 0) == (columns == 2)
     count = floats.count(r"\begin{table")
@@ -124,7 +124,7 @@ SUMS = tabular.Table(
 
 @pytest.mark.parametrize("columns", [1, 2])
 def test_tables_of_long_sums_go_on_before_the_page_ends(columns):
-    with styles.page(columns):
+    with sheet.page(columns):
         tex = print_table.tex(SUMS, "t")
     assert tex.count(r"\toprule") >= 5
     assert [int(k) for k in re.findall(r"^\$m_\{(\d+)\}\$ of", tex, re.MULTILINE)] == list(range(1, 61))
@@ -141,7 +141,7 @@ def test_a_part_of_the_columns_has_no_rows_that_say_nothing():
 
 @pytest.mark.parametrize("columns", [1, 2])
 def test_figures_are_a_column_wide(columns):
-    with styles.page(columns), styles.paper_style():
+    with sheet.page(columns), styles.paper_style():
         assert (mpl.rcParams["font.size"], styles.column_width()) == (8, WIDTHS[columns][0])
         assert mpl.rcParams["font.family"] == ["STIXGeneral"]
 
@@ -216,7 +216,7 @@ def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studie
     evil = [text for text in EVIL if "\N{ARABIC LETTER ALEF}" not in text]
     hostile = tuple((name, 1.0, name) for name in evil)
     tables["table_evil"] = tabular.Table(EVIL[1], ("name", EVIL[2], EVIL[6]), hostile, notes=tuple(evil))
-    with styles.page(columns):
+    with sheet.page(columns):
         for each in studies:
             tables |= {f"{name}_{each.several}": study_tables.table(each, name) for name in each.file.tables}
             for name, entry in each.file.figures.items():

@@ -13,12 +13,12 @@ from pages import PENDULUM, identified, replayed
 
 import scenes
 from experiments.document import replay as replays
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
 from experiments.document.symbols import in_words, regrouped_in_words
 from experiments.document.tabular import Table
 from experiments.document.writer import Output, _environment, written
-from experiments.reports.identify_figures import place
+from experiments.reports.identify_page import place
 from ident.estimation.preparation import Part
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.finding import Finding
@@ -100,7 +100,7 @@ def test_names_of_any_kind_do_no_harm(tmp_path):
         NAMES[1],
         lines=NAMES,
         tables={"table": table},
-        figures={"figure": (Figure(figsize=(1, 1)), NAMES[0])},
+        figures={"figure": Plot(lambda: Figure(figsize=(1, 1)), NAMES[0])},
         numbers={"provenance": {"of": NAMES}},
         replay=named_replay(NAMES),
     )

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from experiments.document import tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document
 from experiments.document.terminal import WIDTH, table, wrapped
 
 SUM = "m1" + "".join(f" + 0.0{k} m{k}rz{k} - Ixx{k}" for k in range(11, 60))
@@ -58,7 +58,7 @@ def test_tables_and_their_titles_fit(cells):
 def test_doubts_stand_below_the_verdict_that_counts_them():
     shown = Document(
         verdict="Not usable as it is: one finding below speaks against it.",
-        findings=[("Logs disagree.", True), ("A remark.", False)],
+        findings=[Card("Logs", "Logs disagree.", True), Card("More", "A remark.", False)],
         lines=["36 of 159."],
     ).text()
     assert shown.splitlines()[-3:] == [

@@ -8,16 +8,11 @@ from matplotlib.colors import to_hex
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.document import figures, styles, symbols
-from experiments.document.styles import HEIGHTS, WIDTHS
-from experiments.reports.identify_figures import (
-    held_out_caption,
-    held_out_figure,
-    parameters_caption,
-    parameters_figure,
-    replay,
-    spectra_figure,
-)
+from experiments.document import figures, sheet, styles, symbols
+from experiments.document.sheet import HEIGHTS, INKS, WIDTHS
+from experiments.reports import identify_page
+from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
+from experiments.reports.identify_page import held_out_caption, parameters_caption, replay
 from ident.estimation.preparation import LeftOut
 
 
@@ -88,7 +83,7 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
 
 def test_the_page_and_the_figures_have_the_same_colours(estimate):
     shown = replay(estimate).to_page()
-    inks = dict(zip(shown["curves"], (figures.INKS[k] for k in shown["inks"]), strict=True))
+    inks = dict(zip(shown["curves"], (INKS[k] for k in shown["inks"]), strict=True))
     drawn = {line.get_label().lower(): line.get_color() for line in held_out_figure(estimate).axes[0].lines}
     assert drawn == {name: inks[name] for name in ("measured", "predicted")}
     (bars,) = parameters_figure(estimate).axes[0].collections
@@ -114,12 +109,12 @@ def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
 @pytest.mark.parametrize("columns", [1, 2])
 def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
     assert "narrowest" not in parameters_caption(estimate)
-    with styles.page(columns):
-        most = styles.most_rows()
+    with sheet.page(columns):
+        most = sheet.most_rows()
         figure, _ = styles.row_panels(["x"] * most, "")
         assert most > 60 and figure.get_figheight() <= HEIGHTS[columns]
         # If there are too many parameters, those with the narrowest intervals are shown, and the caption says so.
-        monkeypatch.setattr(styles, "most_rows", lambda: 4)
+        monkeypatch.setattr(identify_page, "most_rows", lambda: 4)
         (axes,) = parameters_figure(estimate).axes
         size = np.maximum(abs(estimate.psi), abs(estimate.base.regroup(PENDULUM.known)))
         best = sorted(np.argsort(estimate.std_setup / size)[:4])

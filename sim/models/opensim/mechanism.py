@@ -13,6 +13,7 @@ from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.setup import OF_PEOPLE
 from sim.models.inertials import is_balanced
 from sim.models.notes import note
 from sim.models.opensim.document import label, model_element, number, numbers, text
@@ -115,7 +116,8 @@ def _mechanism(
     ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
     sites = {name: (place.body, place.pose) for name, place in markers(model, frames).items() if place.body in bodies}
     stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
-    return Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
+    read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
+    return replace(read, centre_std=OF_PEOPLE)
 
 
 def _without(tree: Tree, beyond: Sequence[str]) -> Tree:
