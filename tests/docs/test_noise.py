@@ -66,6 +66,7 @@ def test_with_its_own_instruments_it_is_weighted_least_squares():
     np.testing.assert_allclose(psi, expected, rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_filters_and_splines_are_unbiased_without_noise(exact_person):
     who, some = PERSON, slice(0, 1000)
     part = {name: x[some] for name, x in exact_person.measured.items()}

@@ -126,6 +126,7 @@ def test_motions_that_are_drawn_need_what_mujoco_says(name):
             np.testing.assert_allclose(torques, links, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_commands_beside_a_wrench_act_half_a_sample_later_than_they_are_logged():
     """Viscous friction would be larger by kp times that half sample: more than twice of what it is."""
     condition = replace(CONDITIONS["commands_sinusoids_plate"], samples=1000, gain=0.0)
