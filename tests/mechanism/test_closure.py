@@ -61,7 +61,9 @@ def test_derivatives_by_the_independent_coordinates_are_exact(name):
             np.testing.assert_allclose(derivative[:, k], expected, atol=1e-6 * abs(expected).max() + 1e-6)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in ("delta", "ankle") else []) for name in MODELS]
+)
 @pytest.mark.parametrize("torques", [False, True])
 def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
     arm, states = reachable(name, 150, seed=3)
