@@ -29,6 +29,8 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("payload needs either --sensor NAME, or --loaded LOG beside logs without the load.")
     if args.mass is not None and not args.loaded:
         raise InputError("--mass is the known mass of a load, which --loaded needs.")
+    if not args.body:
+        args.body = _stated_body(args)
     folder = own_model.folder(args)
     robot = mechanism(args.model, **options.of_model(args)) if args.model else Mechanism.lone_body(args.body)
     if args.flange:
@@ -50,6 +52,18 @@ def run(args: argparse.Namespace) -> None:
     write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args))
 
 
+def _stated_body(args: argparse.Namespace) -> str:
+    """Body that carries the load, by the columns file."""
+    from ident.files.limits import toml
+    from ident.files.schema import table
+
+    entries = toml(args.columns, "a mapping needs") if args.columns and args.columns.suffix == ".toml" else {}
+    body = table("load", entries.get("load", {})).get("body")
+    if not isinstance(body, str):
+        raise InputError('payload needs --body NAME, or [load] with body = "NAME" in the columns file.')
+    return body
+
+
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.output_parser("payload", __doc__)
@@ -64,8 +78,8 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument(
         "--body",
-        required=True,
-        help="body that has, with all on it, what the sensor carries, or to which the load is fixed",
+        help="body that has, with all on it, what the sensor carries, or to which the load is fixed; by default of "
+        "[load] in the columns file",
     )
     out.add_argument("--sensor", help="name of the wrench, as [wrenches.NAME] in the columns file")
     out.add_argument(

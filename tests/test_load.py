@@ -13,8 +13,11 @@ from docs.tools.noise.recordings import sinusoids
 from experiments import payload
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
+from ident.identification import identify
 from ident.payload.joint_fit import joint_fit
 from ident.payload.load import identify_load
+from ident.recordings.log import read_log
+from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
 from sim.simulation.simulate import simulate
 
@@ -149,3 +152,34 @@ def test_the_command_needs_a_sensor_or_loaded_logs(tmp_path, capsys):
     given = [str(MODEL), "a.csv", "--body", "tool", "--out", str(tmp_path)]
     assert "either --sensor NAME, or --loaded LOG" in refusal(payload.main, given, capsys)
     assert "--mass is the known mass" in refusal(payload.main, [*given, "--sensor", "s", "--mass", "2"], capsys)
+
+
+def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monkeypatch, capsys):
+    """In Python each log has its own file; the command shares one among logs with and without the load."""
+    columns = tmp_path / "columns.toml"
+    columns.write_text('[load]\nbody = "tool"\n', encoding="utf-8")
+    for name, log in zip(("empty", "full"), logs, strict=True):
+        log.save(tmp_path / f"{name}.npz")
+    full = read_log(tmp_path / "full.npz", arm, columns)
+    full.save(tmp_path / "again.npz")
+    assert full.loaded == Recording.load(tmp_path / "again.npz").loaded == "tool"
+    with pytest.raises(InputError, match="A log states a load on 'tool'"):
+        identify(arm, full)
+    other = replace(full, loaded="lift")
+    with pytest.raises(InputError, match="recordings state one on lift and tool"):
+        identify_load(arm, [logs[0], full, other])
+    with pytest.raises(InputError, match=r"load\.body needs one of .*got nose"):
+        read_log(tmp_path / "full.npz", arm, {"load": {"body": "nose"}})
+
+    shared = []
+    monkeypatch.setattr("ident.payload.load.identified", lambda ready, **_: shared.append(len(ready)) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        identify_load(arm, [logs[0], full, logs[0]])
+    assert shared == [2]
+
+    monkeypatch.setattr("ident.payload.load.identify_load", lambda *_, body, **__: shared.append(body) or 1 / 0)
+    files = [str(MODEL), str(tmp_path / "empty.npz"), "--loaded", str(tmp_path / "full.npz"), "--base", "base"]
+    with pytest.raises(ZeroDivisionError):
+        payload.main([*files, "--columns", str(columns), "--out", str(tmp_path / "out")])
+    assert shared == [2, "tool"]
+    assert "payload needs --body NAME, or [load]" in refusal(payload.main, files, capsys)

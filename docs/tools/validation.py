@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from experiments.data.validation import WORSE, Study, inside
 from experiments.document import symbols
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
-from experiments.reports.validation_report import STEEL, overview_lines, worse_lines
+from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
+from experiments.reports.validation_report import STEEL, overview_lines, truth_lines, worse_lines
 from experiments.studies.validation.files import registry
 from experiments.studies.validation.study import study_of
 from ident.errors import InputError
@@ -34,7 +34,8 @@ def results(root: Path) -> dict[str, Any]:
     """
     made, shown = root / "results" / "validate" / "summary.json", root / "docs" / FILE
     numbers = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
-    if missing := [name for name, entry in registry().items() if entry.tried and name not in numbers["recordings"]]:
+    there = {*numbers["recordings"], *numbers.get("truths", ())}
+    if missing := [name for name, entry in registry().items() if entry.tried and name not in there]:
         raise InputError(
             f"docs/validation.md shows all recordings, but '{made}' has no {', '.join(missing)}: run it on all."
         )
@@ -53,6 +54,7 @@ def write_record(path: Path, numbers: dict[str, Any]) -> None:
 def page_blocks(study: Study) -> dict[str, str]:
     """Contents of the blocks of docs/validation.md, by name."""
     shown = {
+        "truth": tables.table_truth(study),
         "recordings": tables.table_recordings(study),
         "held out": tables.table_held_out(study),
         "published": tables.table_published(study),
@@ -70,6 +72,7 @@ def page_blocks(study: Study) -> dict[str, str]:
     worse = (tables.table_worse(study), tables.table_outside(study), tables.table_missed(study))
     shown_worse = [_list(worse_lines(study)), *(table.markdown() for table in worse if table.rows)]
     return {
+        "known": _list(truth_lines(study)),
         "sentences": _list(overview_lines(study)),
         "worse": "\n".join(shown_worse),
         "verdicts": _verdicts(study),
@@ -95,7 +98,8 @@ def sentence(study: Study) -> str:
     best, worse = int((ratio <= 1).sum()), int((ratio > WORSE).sum())
     systems = len({each.entry.folder for each in study})
     text = (
-        f"On {len(study.validations)} public recordings of {systems} real systems, identified unattended, the estimate "
+        f"{truth_lines(study)[0]} "
+        f"On {len(study.validations)} public recordings of {systems} systems, identified unattended, the estimate "
         f"predicts held-out data best in {best} of {len(ratio)} channels, and in {worse} it is worse by more than 5 % "
         "than the model as it came or least squares at the best of five cut-offs. Of the differences between "
         f"recordings of one system, {100 * inside(z):.0f} % are inside their 95 % intervals."
@@ -111,6 +115,7 @@ def shown_study(numbers: dict[str, Any]) -> Study:
 def page_figures(study: Study) -> dict[str, Figure]:
     """Figures of docs, by file name without suffix."""
     return {
+        "validation_truth": truth_figure(study),
         "validation": summary_figure(study),
         "validation_held_out": held_out_figure(study),
         "validation_published": published_figure(study),

@@ -75,6 +75,24 @@ class Published:
     source: str = ""
 
 
+@typed()
+@dataclass(frozen=True)
+class Known:
+    """A parameter that is known: it was weighed or measured by itself.
+
+    Attributes:
+        name: Name of the base parameter or drive.
+        value: Its value, SI units.
+        tolerance: Standard deviation of what measured it.
+        source: What measured it.
+    """
+
+    name: str
+    value: float
+    tolerance: float = 0.0
+    source: str = ""
+
+
 @typed("median", "worse")
 @dataclass(frozen=True)
 class Reference:
@@ -112,6 +130,9 @@ class Entry:
         fitted: Names of the files of each fitted log.
         judged: Names of the files of each log to judge by; without any the end of each fitted log is held out.
         options: Options of `identify`, by name.
+        sensor: Name of the wrench sensor that carries a body alone in each log, as for `payload`; empty for none.
+        true_files: Files with true parameters of a simulation: a model, or of bodies alone one for each fitted log.
+        truth: Known parameters.
         published: Published parameters.
         held_out: Published held-out residuals over signal, by channel.
         reference: Results of earlier work; None without any.
@@ -130,6 +151,9 @@ class Entry:
     fitted: tuple[tuple[str, ...], ...] = ()
     judged: tuple[tuple[str, ...], ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
+    sensor: str = ""
+    true_files: tuple[str, ...] = ()
+    truth: tuple[Known, ...] = ()
     published: tuple[Published, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
     reference: Reference | None = None
@@ -137,7 +161,7 @@ class Entry:
     note: str = ""
 
     def __post_init__(self) -> None:
-        single = [self.folder, *(file.name for file in self.files), self.options.get("columns", self.folder)]
+        single = [*self.folder.split("/"), *(file.name for file in self.files), self.options.get("columns", "none")]
         paths = [self.source.repository, *(file.path for file in self.files if file.path)]
         for each in (*single, *(part for path in paths for part in path.split("/"))):
             if not NAME.fullmatch(each) or (":" in each and each in single):
@@ -353,6 +377,55 @@ class Validation:
         return _z(value, std, published.value, published.std)
 
 
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Known parameters of a system beside their estimates.
+
+    Attributes:
+        entry: The recording.
+        names: Their names.
+        units: Their units.
+        true: What they are (p,).
+        tolerance: Standard deviations of what measured them, zero in simulations (p,).
+        values: Estimates (p,).
+        std: Standard deviations with the set-up (p,).
+        rivals: Estimates of other candidates, by name (p,).
+        seconds: CPU time, s.
+    """
+
+    entry: Entry
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    true: np.ndarray
+    tolerance: np.ndarray
+    values: np.ndarray
+    std: np.ndarray
+    rivals: Mapping[str, np.ndarray]
+    seconds: float
+
+    @classmethod
+    def of(cls, entry: Entry, numbers: Mapping[str, Any]) -> "Truth":
+        """The parameters from their JSON form."""
+        arrays = {key: np.array(numbers[key], float) for key in ("true", "tolerance", "values", "std")}
+        rivals = {name: np.array(x, float) for name, x in numbers["rivals"].items()}
+        names, units = tuple(numbers["names"]), tuple(numbers["units"])
+        return cls(entry, names, units, **arrays, rivals=rivals, seconds=numbers["seconds"])
+
+    @property
+    def z(self) -> np.ndarray:
+        """Errors in standard deviations (p,)."""
+        return (self.values - self.true) / np.hypot(self.std, self.tolerance)
+
+    @property
+    def significant(self) -> np.ndarray:
+        """Mask of the parameters other than zero whose 95 % intervals exclude zero (p,)."""
+        return (abs(self.values) > INTERVAL * self.std) & (self.true != 0)
+
+    def errors(self, values: np.ndarray) -> np.ndarray:
+        """Relative errors of estimates of the significant parameters."""
+        return (values - self.true)[self.significant] / abs(self.true[self.significant])
+
+
 def _z(a: float, std_a: float, b: float, std_b: float) -> float:
     """Difference in standard deviations; one that is NaN counts as zero."""
     return (a - b) / float(np.hypot(std_a, np.nan_to_num(std_b)))
@@ -361,6 +434,11 @@ def _z(a: float, std_a: float, b: float, std_b: float) -> float:
 def inside(z: np.ndarray) -> float:
     """Share of the differences inside their 95 % intervals; NaN without any."""
     return float((np.abs(z) <= INTERVAL).mean()) if len(z) else float("nan")
+
+
+def typical(errors: np.ndarray) -> float:
+    """Median of the errors' sizes; NaN without any."""
+    return float(np.median(abs(errors))) if len(errors) else float("nan")
 
 
 def rms(z: np.ndarray) -> float:
@@ -376,11 +454,13 @@ class Study:
         validations: Results by name.
         refused: Sentences on recordings without results, by name.
         untried: Entries that have never been run.
+        truths: Known parameters beside their estimates, by name.
     """
 
     validations: Mapping[str, Validation]
     refused: Mapping[str, str]
     untried: tuple[Entry, ...] = ()
+    truths: Mapping[str, Truth] = field(default_factory=dict)
 
     def __iter__(self) -> Iterator[Validation]:
         """Results in their order."""
@@ -390,6 +470,16 @@ class Study:
     def against_best(self) -> np.ndarray:
         """Ratios of the estimate's residual to that of the best other candidate, in all explained channels."""
         return np.concatenate([each.against_best for each in self] or [np.zeros(0)])
+
+    @property
+    def truth_z(self) -> np.ndarray:
+        """Errors of all known parameters, in their standard deviations."""
+        return np.concatenate([each.z for each in self.truths.values()] or [np.zeros(0)])
+
+    @property
+    def truth_errors(self) -> np.ndarray:
+        """Relative errors of all known parameters whose 95 % intervals exclude zero."""
+        return np.concatenate([each.errors(each.values) for each in self.truths.values()] or [np.zeros(0)])
 
     @property
     def trial_z(self) -> np.ndarray:

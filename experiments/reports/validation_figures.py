@@ -25,6 +25,9 @@ ROW, HEAD, FOOT = 0.13, 0.30, 0.75
 NEAR, FAR = -1.0, 3.0
 """Limits of the abscissa of the estimate over the published value; what is beyond is marked by arrows."""
 
+WIDEST = 1.0
+"""Largest relative error that is drawn."""
+
 TICKS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Ticks of ratios."""
 
@@ -37,6 +40,38 @@ GROUPS = {
     "identical": ("C2", 0.22, "identical parts"),
 }
 """Colour, place in its row, and label of each kind of agreement."""
+
+
+def truth_figure(study: Study) -> Figure:
+    """True values between the ends of their 95 % intervals, as relative errors, a panel for each system.
+
+    Parameters are those whose intervals exclude zero, the narrowest interval on top.
+    """
+    shown = [each for each in study.truths.values() if each.significant.any()]
+    with styles.paper_style():
+        drawing = Figure(figsize=(styles.text_width(), 2.6))
+        for ax, each in zip(drawing.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+            mask, holds = each.significant, abs(each.z) <= INTERVAL
+            half = INTERVAL * np.hypot(each.std, each.tolerance)[mask] / abs(each.true[mask])
+            order, error = np.argsort(half), each.errors(each.values)
+            for row, k in enumerate(order):
+                color = "C0" if holds[mask][k] else "C3"
+                ends = 100 * np.clip([error[k] - half[k], error[k] + half[k]], -WIDEST, WIDEST)
+                ax.hlines(row, *ends, color=color, lw=2.2, alpha=0.35)
+                ax.plot(100 * error[k], row, "o", color=color, ms=2.6, mew=0)
+            ax.axvline(0, color="black", lw=0.8, zorder=0)
+            ax.set_xlim(-100 * WIDEST, 100 * WIDEST)
+            ax.set_ylim(len(order) - 0.5, -0.5)
+            ax.set_yticks([])
+            ax.set_title(f"{each.entry.title}: {holds.sum()} of {len(holds)} intervals hold", fontsize=8)
+            ax.set_xlabel("Estimate less true value, %", labelpad=2)
+        marks: list[Line2D] = [
+            Line2D([], [], color="black", lw=0.8, label="true value"),
+            Line2D([], [], color="C0", marker="o", ms=3, lw=2.2, label="estimate and its 95 % interval"),
+            Line2D([], [], color="C3", marker="o", ms=3, lw=2.2, label="interval that misses the true value"),
+        ]
+        drawing.legend(handles=marks, loc="outside lower center", ncols=3, fontsize=7)
+    return drawing
 
 
 def held_out_figure(study: Study) -> Figure:

@@ -1,14 +1,15 @@
 """Report on the validation: tables, figures, key numbers, and sentences that say where it wins and where it loses."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import WORSE, Goal, Study, Validation, inside
-from experiments.document.document import Document
+from experiments.data.validation import WORSE, Goal, Study, Validation, inside, typical
+from experiments.document.document import Document, Plot
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
+from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
 from ident.tolerances import INTERVAL
 
 DIGITS = 6
@@ -23,6 +24,9 @@ def numbers(study: Study) -> dict[str, Any]:
         "best": int((ratio <= 1).sum()),
         "worse": int((ratio > WORSE).sum()),
         "trials_inside_95": None if not len(z) else rounded(inside(z)),
+        "known": len(study.truth_z),
+        "known_inside_95": rounded(inside(study.truth_z)),
+        "truths": {name: rounded({**vars(each), "entry": name}) for name, each in study.truths.items()},
         "recordings": {name: rounded(_recording(each)) for name, each in study.validations.items()},
         "not_run": dict(study.refused),
     }
@@ -51,9 +55,9 @@ def rounded(value: Any) -> Any:
 
 
 ABOUT = (
-    "Public recordings of real systems, identified unattended with the command's defaults. Held-out residuals are "
-    "compared with those of the model as it came and of least squares at the best of five cut-offs, which is chosen "
-    "on the fitted part."
+    "Public recordings of real systems, and of simulated ones whose parameters are known, identified unattended with "
+    "the command's defaults. Held-out residuals are compared with those of the model as it came and of least squares "
+    "at the best of five cut-offs, which is chosen on the fitted part."
 )
 """The page's text on the study."""
 
@@ -74,7 +78,19 @@ def lines(study: Study) -> list[str]:
 
 def main_lines(study: Study) -> list[str]:
     """Sentences with the main numbers: where the estimate is best, where it loses, and how estimates agree."""
-    return [*overview_lines(study), *worse_lines(study)]
+    predictions = overview_lines(study) if study.validations else []
+    return [*truth_lines(study), *predictions, *worse_lines(study)]
+
+
+def truth_lines(study: Study) -> list[str]:
+    """Sentences on known parameters: of all of them, and of each system."""
+    every = {"Of ": (study.truth_z, study.truth_errors)} if len(study.truths) > 1 else {}
+    every |= {f"{each.entry.title}: of ": (each.z, each.errors(each.values)) for each in study.truths.values()}
+    return [
+        f"{of}{len(z)} parameters that are known, {100 * inside(z):.0f} % lie in our 95 % intervals; the median error "
+        f"of the {len(errors)} that differ from zero in them is {100 * typical(errors):.1f} %."
+        for of, (z, errors) in every.items()
+    ]
 
 
 def overview_lines(study: Study) -> list[str]:
@@ -139,6 +155,8 @@ def _identical(validation: Validation) -> str:
 
 
 CAPTIONS = {
+    "figure_truth": "Known parameters: estimates less true values, with 95 % intervals, where these exclude zero; the "
+    "narrowest on top.",
     "figure_validation": "Held-out residuals of the trajectory estimate over those of the best other candidate, up to "
     "5 % worse in grey (a); differences of halves, of trials identified alone, and of identical parts, in their stated "
     "standard deviations, 95 % in grey (b).",
@@ -151,6 +169,7 @@ CAPTIONS = {
 def document(study: Study, provenance: dict[str, Any]) -> Document:
     """Tables, figures and numbers of the validation."""
     made = {
+        "table_truth": tables.table_truth(study),
         "table_recordings": tables.table_recordings(study),
         "table_worse": tables.table_worse(study),
         "table_outside": tables.table_outside(study),
@@ -162,15 +181,20 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     }
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])
-    figures = {"figure_validation": summary_figure(study), "figure_held_out": held_out_figure(study)}
+    figures = {"figure_truth": partial(truth_figure, study)} if study.truths else {}
+    if study.validations:
+        figures |= {
+            "figure_validation": partial(summary_figure, study),
+            "figure_held_out": partial(held_out_figure, study),
+        }
     if any(each.entry.published for each in study):
-        figures["figure_published"] = published_figure(study)
+        figures["figure_published"] = partial(published_figure, study)
     return Document(
-        "Validation on real systems",
+        "Validation against known parameters and real systems",
         ABOUT,
         lines=lines(study),
         folded={"Verdicts in words": [f"{each.entry.title}: {each.verdict}" for each in study]},
         tables={name: table for name, table in made.items() if table.rows},
-        figures={name: (figure, CAPTIONS[name]) for name, figure in figures.items()},
+        figures={name: Plot(draw, CAPTIONS[name]) for name, draw in figures.items()},
         numbers={"summary": numbers(study), "provenance": provenance},
     )

@@ -16,9 +16,28 @@ from experiments.data.validation import (
     Values,
     inside,
     rms,
+    typical,
 )
 from experiments.document import tabular
 from experiments.reports.validation_figures import agreement
+
+OTHERS = (LEAST_SQUARES, MODEL)
+"""Candidates besides the estimate."""
+
+
+def table_truth(study: Study) -> tabular.Table:
+    """A line on each system of which parameters are known: coverage, and errors of each candidate."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study.truths.values():
+        candidates = [each.values, *(each.rivals.get(name, np.full(len(each.true), np.nan)) for name in OTHERS)]
+        errors = (_percent(typical(each.errors(x)), ".1f") for x in candidates)
+        counts = (len(each.true), _percent(inside(each.z)), int(each.significant.sum()))
+        rows.append((each.entry.title, *counts, *errors, round(each.seconds)))
+    heads = {"inside": "in our 95 % intervals", "significant": "not zero in them", "estimate": "median error, estimate"}
+    heads |= {name: CANDIDATES[name] for name in OTHERS} | {"seconds": "CPU s"}
+    columns = ("system", "known", "inside", "significant", "estimate", *OTHERS, "seconds")
+    notes = ("Median errors are relative, of the parameters whose 95 % intervals exclude zero.",)
+    return tabular.Table("Known parameters and estimates", columns, tuple(rows), heads=heads, notes=notes)
 
 
 def table_recordings(study: Study) -> tabular.Table:
@@ -53,8 +72,8 @@ def _recording(validation: Validation) -> tuple[tabular.Cell, ...]:
     return _with_gaps((*start, *counts, rms(validation.halves), *shares, round(validation.seconds)))
 
 
-def _percent(share: float) -> str | None:
-    return None if np.isnan(share) else f"{100 * share:.0f} %"
+def _percent(share: float, form: str = ".0f") -> str | None:
+    return None if np.isnan(share) else f"{100 * share:{form}} %"
 
 
 def _with_gaps(row: tuple[Any, ...]) -> tuple[tabular.Cell, ...]:

@@ -13,7 +13,7 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.place import Place
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings
-from ident.judgement.verdict import Verdict
+from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL, POOR
 
@@ -149,16 +149,23 @@ class PayloadVerdict(Verdict):
         return replace(cls.of(evidence, findings, **own), precision=None)
 
     def _part(self) -> str:
-        mass = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
-        return f"Use its mass alone, {mass} (95 %); turn the sensor further and faster for centre and inertias."
+        return f"{self.brief} Turn the sensor further and faster for centre and inertias."
 
     def _use(self) -> Iterator[str]:
+        yield f"Usable: {self._numbers}"
+
+    @property
+    def _numbers(self) -> str:
         known = self.inertia_within
         inertia = "inertias are not known" if known is None else f"inertias to {known:.1g} kg m²"
-        yield (
-            f"Usable: {self.mass:.4g} ± {self.mass_within:.2g} kg, the centre of mass to "
-            f"{1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
-        )
+        within = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
+        return f"{within}, the centre of mass to {1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
+
+    @property
+    def brief(self) -> str:
+        """The load with its intervals, or why it is not to be used."""
+        alone = f"Use its mass alone, {self.mass:.4g} ± {self.mass_within:.2g} kg (95 %)."
+        return {Outcome.USABLE: self._numbers, Outcome.PARTLY: alone}.get(self.outcome, super().brief)
 
 
 def _of_sensor(finding: Finding, sensor: str) -> Finding:

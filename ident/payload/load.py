@@ -1,7 +1,7 @@
 """Identification of a load from recordings with and without it: from joint torques, commands or plates alone."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -124,9 +124,9 @@ class Load(Payload):
 def identify_load(
     robot: Mechanism,
     without: Recording | Sequence[Recording],
-    loaded: Recording | Sequence[Recording],
+    loaded: Recording | Sequence[Recording] = (),
     *,
-    body: str,
+    body: str = "",
     mass: float | None = None,
     mass_std: float = 0.0,
     offsets: bool = True,
@@ -140,9 +140,10 @@ def identify_load(
 
     Args:
         robot: The whole robot, or a person, without the load.
-        without: Joint angles with torques, commands or wrenches, without the load; one recording or several.
+        without: Joint angles with torques, commands or wrenches, without the load; one recording or several. Those
+            that state a load (`[load]` of a columns file, or `Recording.loaded`) have it.
         loaded: The same channels with the load.
-        body: Name of the body that carries the load rigidly.
+        body: Name of the body that carries the load rigidly; by default the one that recordings state.
         mass: Mass of the load by a scale, kg: it fixes the scale of torques that is stated to be uncertain.
         mass_std: Its standard deviation, kg.
         offsets: As for `identify`; so are `holdout` and `setup`.
@@ -152,15 +153,23 @@ def identify_load(
         InputError: Something is missing or does not fit.
         ExcitationError: The motion does not separate the base parameters.
     """
+    several = [[each] if isinstance(each, Recording) else list(each) for each in (without, loaded)]
+    stated = [each for logs in several for each in logs if each.loaded]
+    if not several[1]:
+        several = [[each for each in several[0] if not each.loaded], stated]
+    bodies = sorted({each.loaded for each in stated})
+    if not body and len(bodies) > 1:
+        raise InputError(f"One load is identified at a time, but recordings state one on {' and '.join(bodies)}.")
+    body = body or next(iter(bodies), "")
     if body not in robot.bodies:
         raise InputError(
             f"A load needs a body with mass that carries it, got '{body}'; there are {', '.join(robot.bodies)}."
         )
     if (mass is not None and not mass > 0) or mass_std < 0:
         raise InputError(f"mass needs kilograms above zero, and mass_std zero or more; got {mass} and {mass_std}.")
-    several = [[each] if isinstance(each, Recording) else list(each) for each in (without, loaded)]
     if not all(several):
         raise InputError("A load needs recordings without it and with it, got none of one kind.")
+    several = [[replace(each, loaded="") for each in logs] for logs in several]
     fitting: dict[str, Any] = {"offsets": offsets, "holdout": holdout, "setup": setup, "report": report}
     ready = [[prepared(robot, each, filters=False, drive=None) for each in logs] for logs in several]
     # The model's bodies are a prior of the robot alone.

@@ -24,6 +24,9 @@ from ident.recordings.wrench import GROUND
 QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Quantities of a rigid body: mass in kg, centre of mass in m, inertia about the centre of mass in kg m²."""
 
+UNITS = ("kg", *3 * ["m"], *6 * ["kg m²"])
+"""Their units."""
+
 SIZE = 0.1
 """Typical radius of gyration and distance of the centre of mass from the sensor, m."""
 

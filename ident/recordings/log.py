@@ -37,7 +37,7 @@ MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`
 """Advice for a file of markers where joint angles are needed."""
 
 STATED = (
-    *("sensors", "setup", "known", "known_bodies", "held", "base_rpy_deg", "still"),
+    *("sensors", "setup", "known", "known_bodies", "held", "base_rpy_deg", "still", "loaded"),
     *("scales", "couplings", "followers"),
 )
 """Fields of a mapping that are those of its recordings."""

@@ -72,6 +72,7 @@ class Recording(Brief):
             `q_motor = R q`, by the motors' names, as numbers other than zero by joint.
         followers: Joints without channels that follow another one, by name.
         still: True if samples are poses at rest, in any order, whose times mean nothing.
+        loaded: Name of the body that carries a load, which `identify_load` identifies; empty without one.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -100,6 +101,7 @@ class Recording(Brief):
     held: bool | None = None
     base_rpy_deg: tuple[float, ...] | None = None
     still: bool = False
+    loaded: str = ""
 
     def __post_init__(self) -> None:
         check_type("streams", self.streams, Mapping, STREAMS)
@@ -316,7 +318,7 @@ class Recording(Brief):
         """Joint positions, torques and commands and the wrenches over time, as a matplotlib figure."""
         from ident.display.plots import recording_plot
 
-        return recording_plot(self)
+        return recording_plot(self.time, self.measured, self.units, self.wrenches)
 
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` or `.csv` file that `load` reads back exactly, except for the streams.

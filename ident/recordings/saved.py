@@ -26,6 +26,7 @@ class Stated:
     held: bool | None = None
     base_rpy_deg: tuple[float, ...] | None = None
     still: bool = False
+    loaded: str = ""
 
 
 KINDS: Mapping[str, Any] = {
@@ -65,7 +66,9 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
         joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
         for joint, lead in fields["followers"].items()
     }
-    stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {"still": fields["still"] or None}
+    stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {
+        name: fields[name] or None for name in ("still", "loaded")
+    }
     annotations["stated"] = {name: x for name, x in stated.items() if x is not None}
     write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
 

@@ -2,6 +2,7 @@
 
 import io
 import pickle
+import re
 import sqlite3
 import struct
 import zipfile
@@ -10,7 +11,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.studies.validation.converters import clamped, declared_world, joint_states, tensors
+from experiments.studies.validation.converters import (
+    clamped,
+    declared_world,
+    joint_states,
+    noisy,
+    tensors,
+    wrong_bodies,
+)
 from experiments.studies.validation.files import convert
 from ident.errors import InputError
 from sim.models.mechanism import mechanism
@@ -30,6 +38,30 @@ MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody
 <inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
 <body name="leg"><joint name="hip" axis="0 1 0"/><geom type="sphere" size="0.1"/></body></body></worldbody>
 <keyframe><key name="home" qpos="0 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
+
+
+def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
+    exact, out = tmp_path / "in.sto", [tmp_path / "out.sto", tmp_path / "again.sto"]
+    names = ["time", "pelvis_tx", "knee_angle_r", "ground_force_r_px", "ground_force_r_vy"]
+    exact.write_text(
+        "\n".join(["inDegrees=no", "endheader", "\t".join(names), *["1\t1\t1\t1\t1"] * 400]), encoding="utf-8"
+    )
+    for each in out:
+        noisy(exact, each)
+    text = out[0].read_text(encoding="utf-8")
+    assert text == out[1].read_text(encoding="utf-8") and text.startswith("inDegrees=no\nendheader\n")
+    table = np.loadtxt(out[0], skiprows=3)
+    np.testing.assert_allclose(table.std(axis=0), [0, 1e-3, np.radians(0.5), 0, 1.0], rtol=0.1)
+
+
+def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
+    text = "<mass>2</mass><mass_center>0 1 3</mass_center><inertia>1 1 1 0 0 0</inertia><mesh>2</mesh>"
+    (tmp_path / "in.osim").write_text(text, encoding="utf-8")
+    wrong_bodies(tmp_path / "in.osim", tmp_path / "out.osim")
+    made = (tmp_path / "out.osim").read_text(encoding="utf-8")
+    mass, *rest = (float(x) for x in re.findall(r"[\d.]+", made))
+    assert made.endswith("<mesh>2</mesh>") and 0 < abs(mass / 2 - 1) <= 0.2
+    assert rest[2] == pytest.approx(3 * rest[1]) and rest[3] == rest[4] == rest[5] != 1
 
 
 def test_the_link_world_is_declared_once(tmp_path):

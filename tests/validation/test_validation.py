@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +30,8 @@ DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "dfki_double_pendulum"
 MORE = """
 alike = [["Fc(turn)", "Fc(lift)"]]
 held_out = { lift = 0.02 }
+true_files = ["arm.xml"]
+truth = [{ name = "Fc(turn)", value = 0.9, tolerance = 0.01, source = "a scale" }]
 """
 PUBLISHED = "".join(
     f'[[published]]\nname = "{name}"\nvalue = {value}\nstd = {std}\nsource = "model"\n'
@@ -71,6 +74,24 @@ def test_an_arm_is_identified_as_by_the_command(result):
     assert each.rivals[LEAST_SQUARES][k] == pytest.approx(0.9, rel=0.1)
 
 
+def test_known_parameters_come_first(result):
+    (truth,) = result.truths.values()
+    assert truth.names == next(iter(result)).values.names and set(truth.rivals) == {MODEL, LEAST_SQUARES}
+    k, (value, _, std) = truth.names.index("Fc(turn)"), next(iter(result)).values["Fc(turn)"]
+    assert truth.z[k] == pytest.approx((value - 0.9) / np.hypot(std, 0.01))
+    np.testing.assert_allclose(truth.rivals[MODEL], truth.true, atol=1e-12)
+    assert inside(truth.z) > 0.8 and truth.significant.sum() > 5
+    (first, *_), number = report.lines(result), len(truth.names)
+    assert re.fullmatch(
+        rf"Arm: of {number} parameters that are known, \d+ % lie in our 95 % intervals; the median error of the "
+        rf"{truth.significant.sum()} that differ from zero in them is [\d.]+ %\.",
+        first,
+    )
+    assert report.document(result, {}).tables["table_truth"].rows[0][:2] == ("Arm", number)
+    again = study.study_of(json.loads(json.dumps(numbers(result))), {"arm": truth.entry})
+    np.testing.assert_allclose(again.truths["arm"].z, truth.z, atol=1e-3)
+
+
 def test_each_log_is_identified_alone_and_compared(result):
     (each,) = result
     assert set(each.trials) == {"one", "two"}
@@ -91,8 +112,15 @@ def test_published_values_are_compared_with_both_deviations(result):
 
 def test_the_report_has_all_tables_and_figures(result):
     document = report.document(result, {})
-    assert set(document.figures) == {"figure_validation", "figure_held_out", "figure_published"}
-    tables = {"table_recordings", "table_held_out", "table_published", "table_agreement", "table_was_published"}
+    assert set(document.figures) == {"figure_truth", "figure_validation", "figure_held_out", "figure_published"}
+    tables = {
+        "table_truth",
+        "table_recordings",
+        "table_held_out",
+        "table_published",
+        "table_agreement",
+        "table_was_published",
+    }
     assert set(document.tables) - {"table_outside"} == tables
     rows = document.tables["table_held_out"].rows
     assert [row[1] for row in rows] == [x for joint in driven_arm.JOINTS for x in (joint, f"{joint}, at rest")]
@@ -132,7 +160,7 @@ def made_worse(result, factors):
 
 def test_where_it_loses_it_says_so(result):
     worse = made_worse(result, [0.9, 1.04, 1.5])
-    first, *others = report.lines(worse)
+    _, first, *others = report.lines(worse)
     assert first.startswith("In 1 of 3 channels") and "in 1 it is worse by at most 5 %" in first
     assert first.endswith("in 1 by more.")
     assert "Another candidate predicts better by more than 5 % in 1 of 3 channels: Arm (1 of 3)." in others
@@ -277,6 +305,19 @@ def test_the_command_writes_a_page(arm, tmp_path, monkeypatch, capsys):
     assert validate.main(["--out", str(tmp_path / "out"), "--workers", "1", "--formats", "png"]) == 0
     assert (tmp_path / "out" / "report.html").is_file() and (tmp_path / "out" / "summary.json").is_file()
     assert "the trajectory estimate predicts best" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.skipif(not (DATA.parent / "tools").is_dir(), reason="MULTICONTACT_DATA has no tools")
+def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
+    entry = files.registry()["tools"]
+    entry = replace(entry, fitted=entry.fitted[3:4], true_files=entry.true_files[3:4])
+    answer = study.work(study.Task(entry, DATA.parent / "tools"))
+    made = study.collected([entry], [study.Task(entry, DATA)], [answer])
+    truth = made.truths["tools"]
+    assert truth.names[:2] == ("hammer mass", "hammer x") and inside(truth.z) == 1
+    assert abs(truth.errors(truth.values)[0]) < 0.01 and truth.significant[[0, 2]].all()
+    assert report.lines(made)[0].startswith("Eight tools: of 10 parameters that are known, 100 % lie")
+    assert set(report.document(made, {}).figures) == {"figure_truth"}
 
 
 @pytest.mark.skipif(not (DATA / "c0_00.csv").is_file(), reason="MULTICONTACT_DATA has no dfki_double_pendulum")

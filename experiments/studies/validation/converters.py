@@ -42,6 +42,50 @@ def clamped(source: Path, target: Path) -> None:
     _write(target, text)
 
 
+NOISE = {
+    "f[xyz]": 0.1,
+    "m[xyz]": 0.005,
+    "[xyz]": 1e-4,
+    "q[wxyz]": np.radians(0.01) / 2,
+    "ground_force_[lr]_v[xyz]": 1.0,
+    "ground_torque_[lr]_[xyz]": 0.1,
+    "pelvis_t[xyz]": 1e-3,
+    "(pelvis|hip|lumbar|knee|arm|ankle|elbow|subtalar|pro)_.*": np.radians(0.5),
+}
+"""Noise of simulated columns by the form of their names, the first that fits, SI units: of tools the middle of three
+published levels (Nadeau et al., arXiv:2203.00830), and of poses and persons what cameras and plates have."""
+
+
+def noisy(source: Path, target: Path) -> None:
+    """Adds noise to the exact columns of a simulation, drawn by the file's name and folder."""
+    lines = source.read_text(encoding="utf-8").splitlines()
+    start = lines.index("endheader") + 1 if "endheader" in lines else 0
+    mark = "," if "," in lines[start] else "\t"
+    names = lines[start].split(mark)
+    table = np.array([line.split(mark) for line in lines[start + 1 :]], float)
+    std = [next((x for form, x in NOISE.items() if re.fullmatch(form, name)), 0.0) for name in names]
+    rng = np.random.default_rng(list(f"{source.parent.name}/{source.name}".encode()))
+    table += std * rng.standard_normal(table.shape)
+    rows = (mark.join(f"{x:.9g}" for x in row) for row in table)
+    _write(target, "\n".join([*lines[: start + 1], *rows, ""]))
+
+
+WRONG = 0.2
+"""Largest errors of a model's bodies, as shares of mass, centre and inertia."""
+
+
+def wrong_bodies(source: Path, target: Path) -> None:
+    """Makes masses, centres and inertias of an OpenSim model's bodies wrong by up to a fifth, drawn by its name."""
+    rng = np.random.default_rng(list(source.name.encode()))
+
+    def wrong(match: re.Match[str]) -> str:
+        numbers = np.array(match[2].split(), float) * (1 + WRONG * rng.uniform(-1, 1))
+        return f"{match[1]}{' '.join(f'{x:.12g}' for x in numbers)}{match[3]}"
+
+    text = source.read_text(encoding="utf-8")
+    _write(target, re.sub(r"(<(?:mass|mass_center|inertia)>)([^<]*)(</)", wrong, text))
+
+
 def joint_states(source: Path, target: Path) -> None:
     """Makes a table of the `sensor_msgs/JointState` messages of a ROS 2 bag in sqlite, times from zero."""
     with closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as bag:
@@ -145,5 +189,7 @@ CONVERTERS: dict[str, Converter] = {
     "clamped": clamped,
     "joint_states": joint_states,
     "tensors": tensors,
+    "noisy": noisy,
+    "wrong_bodies": wrong_bodies,
 }
 """All converters by name."""

@@ -12,6 +12,7 @@ import numpy as np
 from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
 from experiments.studies.identification import prepare
 from experiments.studies.validation.files import checked, columns_file, converted
+from experiments.studies.validation.truth import of_bodies, of_estimate
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared
@@ -37,7 +38,7 @@ def trial_name(trial: Sequence[Log]) -> str:
 def trials_of(entry: Entry) -> list[tuple[Log, ...]]:
     """Trials of a recording that are compared: its logs, or, of more than three, which are short, every other one."""
     logs = entry.logs
-    if len(logs) < 2:
+    if len(logs) < 2 or entry.sensor:
         return []
     return [(log,) for log in logs] if len(logs) <= MOST_ALONE else [logs[::2], logs[1::2]]
 
@@ -57,16 +58,21 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None) -> dict
     with TemporaryDirectory() as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelNote)
         paths = converted(entry, folder, Path(scratch))
+        if entry.sensor:
+            return {"truth": of_bodies(entry, folder, paths)}
         if trial is not None:
             return {"values": values(_identified(entry, paths, trial, [], holdout=0.0)[0])}
         estimate, seconds = _identified(entry, paths, entry.fitted, entry.judged)
         _check_parameters(entry, values(estimate)["names"])
-        return {**results(estimate), "seconds": seconds, "unchecked": list(unchecked)}
+        made = results(estimate)
+        known = of_estimate(entry, folder, estimate, made) | {"seconds": seconds}
+        return {**made, "seconds": seconds, "unchecked": list(unchecked), "truth": known}
 
 
 def _check_parameters(entry: Entry, names: Sequence[str]) -> None:
     """Refuses parameters to compare with that the estimate does not have."""
-    compared = [*(each.name for each in entry.published), *(name for group in entry.alike for name in group)]
+    compared = [*(each.name for each in entry.published), *(each.name for each in entry.truth)]
+    compared += [name for group in entry.alike for name in group]
     if unknown := [name for name in compared if name not in names]:
         raise InputError(f"{entry.name} compares '{unknown[0]}', but its parameters are {', '.join(names)}.")
 

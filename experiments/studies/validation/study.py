@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.data.validation import Entry, Study, Validation, Values
+from experiments.data.validation import Entry, Study, Truth, Validation, Values
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers
 from experiments.studies.validation.files import Places
@@ -90,7 +90,7 @@ def collected(
     Raises:
         InputError: There are none; the message says why.
     """
-    sentences, made = dict(refused or {}), dict[str, Mapping[str, Any]]()
+    sentences, made, truths = dict(refused or {}), dict[str, Mapping[str, Any]](), dict[str, Mapping[str, Any]]()
     trials: dict[str, dict[str, Values]] = {}
     for task, answer in zip(tasks, answers, strict=True):
         name = task.entry.name
@@ -98,16 +98,27 @@ def collected(
             of_trial = "" if task.trial is None else f"{trial_name(task.trial)}: "
             sentences[name] = f"{sentences.get(name, '')} {of_trial}{answer['refused']}".strip()
         elif task.trial is None:
-            made[name] = answer
+            if answer.get("truth"):
+                truths[name] = answer["truth"]
+            if not task.entry.sensor:
+                made[name] = answer
         else:
             trials.setdefault(name, {})[trial_name(task.trial)] = Values.of(answer["values"])
-    ordered = [entry for entry in entries if entry.name in made]
-    if not ordered:
+    if not made and not truths:
         raise InputError(next(iter(sentences.values()), "No recording was chosen."))
-    validations = {entry.name: validation(entry, made[entry.name], trials.get(entry.name, {})) for entry in ordered}
+    by_name = {entry.name: entry for entry in entries}
+    validations = {
+        name: validation(entry, made[name], trials.get(name, {})) for name, entry in by_name.items() if name in made
+    }
     untried = tuple(entry for entry in entries if not entry.tried and entry.name not in made)
     left = {entry.name for entry in untried}
-    return Study(validations, {name: text for name, text in sentences.items() if name not in left}, untried)
+    not_run = {name: text for name, text in sentences.items() if name not in left}
+    return Study(validations, not_run, untried, _truths(truths, by_name))
+
+
+def _truths(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> dict[str, Truth]:
+    """Known parameters from their JSON form, in the order of the entries."""
+    return {name: Truth.of(entry, numbers[name]) for name, entry in entries.items() if name in numbers}
 
 
 def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
@@ -122,7 +133,7 @@ def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
         trials = {trial: Values.of(each) for trial, each in answer["trials"].items()}
         made[name] = validation(entries[name], answer, trials)
     untried = tuple(entry for entry in entries.values() if not entry.tried and entry.name not in made)
-    return Study(made, numbers["not_run"], untried)
+    return Study(made, numbers["not_run"], untried, _truths(numbers["truths"], entries))
 
 
 def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Values]) -> Validation:

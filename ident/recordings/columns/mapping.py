@@ -1,16 +1,16 @@
 """The mapping of a log's columns to quantities and units, from a TOML file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ident.arguments import OF_BODIES, checked_deviations, checked_rpy
+from ident.arguments import OF_BODIES, checked_by_joint, checked_deviations, checked_rpy
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
 from ident.files.limits import toml
-from ident.files.schema import check_keys, pose, table, value_of
+from ident.files.schema import check_keys, choice, pose, table, value_of
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.mechanism.follower import Follower
@@ -59,7 +59,7 @@ class ColumnMapping:
         couplings: Motors that move several joints together, as for `Recording`.
         setup: Standard deviations of set-up errors, as for `Recording`.
         known: Standard deviations of the model's φ, as for `Recording`; `known_bodies` those of single bodies.
-        still: True if rows are poses at rest, as for `Recording`.
+        still: True if rows are poses at rest, as for `Recording`; likewise `loaded`.
         followers: Joints that follow another one; until columns are complete, those that do if they have none.
         mechanism: The mechanism, whose loops may determine joints without columns.
         clocks: Columns of times, one for each file, if they are stated one by one.
@@ -81,6 +81,7 @@ class ColumnMapping:
     scales: dict[str, float] = field(default_factory=dict)
     couplings: dict[str, dict[str, float]] = field(default_factory=dict)
     still: bool = False
+    loaded: str = ""
     followers: Mapping[str, Follower] = field(default_factory=dict)
     mechanism: Mechanism | None = None
     clocks: tuple[Columns, ...] = ()
@@ -162,11 +163,12 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 
 def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     joints, bodies, of_rows = joint_kinds(tree), tree.names, ("time", "rate", "poses")
-    tables = (*of_rows, "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
+    tables = (*of_rows, "joints", "motors", "wrenches", "base", "load", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
-    mapping = ColumnMapping(setup=_deviations("setup", entries, DEVIATIONS), known=known, known_bodies=known_bodies)
+    setup = _deviations("setup", entries, DEVIATIONS, tree.compounds)
+    mapping = ColumnMapping(setup=setup, known=known, known_bodies=known_bodies)
     mapping.layouts, mapping.selection = layouts(entries), selection(entries)
     times = clocks(entries)
     if len(times) == 1:
@@ -179,6 +181,9 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     if mapping.still:
         # Whatever is stated of times; rows need an order alone.
         mapping.clocks, mapping.columns["time"] = (), clock_of_rate("poses", 1.0)
+    if "load" in entries:
+        check_keys("[load]", table("load", entries["load"]), ("body",))
+        mapping.loaded = choice("load.body", entries["load"].get("body"), bodies)
     of_joints = table("joints", entries.get("joints", {}))
     still = (name for joint in tree.still for name in _columns_in(of_joints.get(joint, {})))
     mapping.of_fixed = tuple(name for name in still if isinstance(name, str))
@@ -237,12 +242,15 @@ def _columns_in(entry: Any) -> list[Any]:
     return [name for each in entry for name in _columns_in(each)] if isinstance(entry, list) else [entry]
 
 
-def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
-    """Standard deviations by kind; zero or false for what is exactly as stated."""
+def _deviations(
+    name: str, entries: Mapping[str, Any], factors: Mapping[str, float], joints: Iterable[str] = ()
+) -> dict[str, float]:
+    """Standard deviations by kind, of centres by joint, too; zero or false for what is exactly as stated."""
     entry = table(name, entries.get(name, {}))
+    entry, single = checked_by_joint(name, entry, "centre", joints, LogError) if joints else (entry, {})
     check_keys(f"[{name}]", entry, tuple(factors))
     deviations = checked_deviations(name, entry, factors, LogError)
-    return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()}
+    return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()} | single
 
 
 def _known(entries: Mapping[str, Any], bodies: Sequence[str]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
