@@ -112,6 +112,15 @@ def test_joints_that_rest_at_reversals_are_no_lag(number):
 
 
 @pytest.mark.slow
+def test_rotors_of_joints_with_held_commands():
+    """The mean of a command over the time that it is held, which its samples miss by `kp T²/24` of rotor inertia."""
+    answer = identified(Case.drawn(CONDITIONS["commands_sinusoids_fine"], 0, 1), "trajectory")
+    rotors = [k for k, name in enumerate(answer.names) if name.startswith("Ia(")]
+    assert len(rotors) == 2
+    assert (np.abs(answer.values - answer.true)[rotors] < 3 * answer.std[rotors]).all()
+
+
+@pytest.mark.slow
 def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
     fitted = ident.identify(mechanism(actuators=True), recording())
     exact = ident.identify(mechanism(actuators=True), recording(), setup={"lag": 0.0})

@@ -195,15 +195,10 @@ class Accumulator:
         grams = self.grams + chunk.grams(self.factor[:, self.order], None)
         if _is_apart(grams.sum(axis=0), self.factor[:, self.order]):
             return replace(self, grams=grams, samples=samples, chunks=count)
-        rows = np.vstack([self.root[:, self.order], _stacked(chunk.rows(1))])
+        rows = np.vstack([self.root[:, self.order], chunk.rows(1).reshape(len(self.order), -1).T])
         renewed = self._in(_factor(rows, self.order), self.order)
         grams = renewed.grams + chunk.grams(renewed.factor[:, self.order], None)
         return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
-
-
-def _stacked(rows: np.ndarray) -> np.ndarray:
-    """Rows (m, r + 1) of columns (r + 1, C, n)."""
-    return rows.reshape(len(rows), -1).T
 
 
 def square_root(gram: np.ndarray) -> np.ndarray:
@@ -247,7 +242,8 @@ def accumulate(
     for chunk in chunks(equations, samples, factors):
         if total is None:
             if factor is None:
-                factor = _factor(_stacked(chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))), order)
+                rows = chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))
+                factor = _factor(rows.reshape(len(order), -1).T, order)
             grams = np.zeros((len(equations.channels), *factor.shape))
             total = Accumulator(equations.names, factor, order, grams, 0, 0, 0, weighted)
         total = total.with_chunk(chunk)

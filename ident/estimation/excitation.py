@@ -1,7 +1,6 @@
 """Excitation of base parameters, drives and offsets by a motion: checks, and the columns that it separates."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -75,11 +74,6 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
     norms = np.linalg.norm(root, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
-    if noise is None:
-        # No singular values are needed if the least, at least 1 / ‖R⁻¹‖_F, is large beside the largest, at most √r.
-        with suppress(np.linalg.LinAlgError):
-            if np.linalg.norm(np.linalg.inv(root / norms)) * np.sqrt(len(norms)) < 1 / SINGULAR:
-                return
     _, lengths, directions = np.linalg.svd(root / norms)
     floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
     if noise is not None:

@@ -146,7 +146,7 @@ class Measurement:
         """
         program = self._channels_program
         every = np.arange(program.results)
-        return self._run(program, states, wrenches, theta, every, every, program.results)
+        return self._run(program, (states, wrenches, theta), every, every, program.results)
 
     def derivatives(
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
@@ -161,7 +161,7 @@ class Measurement:
         place = np.flatnonzero(wanted)
         # Results that are identically zero are neither computed nor copied.
         wanted, place = np.append(every, wanted[place]), np.append(every, channels + place)
-        out = self._run(program, states, wrenches, theta, wanted, place, channels * (1 + number))
+        out = self._run(program, (states, wrenches, theta), wanted, place, channels * (1 + number))
         by = out[channels:].reshape(channels, number, -1)
         return out[:channels], by[:, : 3 * n].reshape(channels, 3, n, -1), by[:, 3 * n :]
 
@@ -171,22 +171,19 @@ class Measurement:
         return np.asarray(nonzero[:, : 3 * n].reshape(-1, 3, n).any(axis=1)), nonzero[:, 3 * n + columns]
 
     def _run(
-        self,
-        program: Program,
-        states: np.ndarray,
-        wrenches: np.ndarray,
-        theta: np.ndarray,
-        wanted: np.ndarray,
-        place: np.ndarray,
-        number: int,
+        self, program: Program, inputs: Sequence[np.ndarray], wanted: np.ndarray, place: np.ndarray, number: int
     ) -> np.ndarray:
-        """Some results of a program at places among zeros (k, N), those of one sample adjacent in memory."""
+        """Some results of a program at places among zeros (k, N), those of one sample adjacent in memory.
+
+        The inputs are states, wrenches and θ as for `values`.
+        """
+        states, wrenches, theta = inputs
         starts = self.tree.started(states[0, :, self.of_base :])[:, self.coordinates - self.of_base :]
         if self._on:
             starts = np.hstack([starts, self._on.started(states[0, :, : self.of_base])[:, self.of_base :]])
         rows = [*states.swapaxes(1, 2), starts.T, wrenches.reshape(len(wrenches), -1).T]
         constants = np.concatenate([theta, self._slips])
-        inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
+        along = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
         out = np.zeros((len(wrenches), number))
         size = min(CHUNK_COMPILED if compiled.available() else CHUNK, len(wrenches))
         some = np.zeros((program.results, size))
@@ -194,7 +191,7 @@ class Measurement:
         for first in range(0, len(out), size):
             part = slice(first, first + size)
             results = some[:, : len(out[part])]
-            program.run(inputs[:, part], results, constants)
+            program.run(along[:, part], results, constants)
             out[part, slice(None) if len(place) == number else place] = results[wanted].T
         return out.T
 

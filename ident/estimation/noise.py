@@ -15,10 +15,6 @@ LEAST_LEFT = 0.3
 """Least share of the noise's variance that is assumed to remain in the residuals."""
 
 
-DIRECT = 32
-"""Lags up to which autocorrelations are sums of products, which take less time than a spectrum."""
-
-
 def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np.ndarray]:
     """Autoregressive model `x_n = ρ x_n-1 + u_n` of each channel's noise, fitted to its residuals.
 
@@ -42,24 +38,12 @@ def _decay(x: np.ndarray) -> float:
     if not x.any():
         return 0.0
     # Later lags are mostly chance: they are replaced by an exponential.
-    correlation = _correlation(x)
-    lag = len(correlation) - 1
+    covariance = autocovariance(x)
+    correlation = covariance / covariance[0]
+    lag = int(np.argmax(correlation < 1 / np.e))
     here = correlation[lag] if correlation[lag] > CHANCE / np.sqrt(len(x)) else 0.0
     total = correlation[1:lag].sum() + here / (1 - here ** (1 / lag))
     return float((total / (1 + total)) ** (1 / STRETCH))
-
-
-def _correlation(x: np.ndarray) -> np.ndarray:
-    """Autocorrelations of a signal other than zero, up to the first below 1/e."""
-    correlation, square = [1.0], float(x @ x)
-    while correlation[-1] >= 1 / np.e and len(correlation) <= DIRECT:
-        lag = len(correlation)
-        correlation.append(float(x[lag:] @ x[:-lag]) / square)
-    if correlation[-1] < 1 / np.e:
-        return np.array(correlation)
-    covariance = autocovariance(x)
-    every = covariance / covariance[0]
-    return np.asarray(every[: np.argmax(every < 1 / np.e) + 1])
 
 
 def autocovariance(x: np.ndarray) -> np.ndarray:

@@ -66,29 +66,20 @@ def within_range(recording: Recording) -> Recording:
     Raises:
         LogError: A number of a joint, a wrench or a moving base is too large.
     """
-    used = {name: x for name, x in recording.measured.items() if name.endswith(PHYSICAL)}
-    changed = {name: _without_tiny(x) for name, x in used.items() if _has_tiny(name, x)}
-    streams = {
-        name: Sampled(time, _without_tiny(x)) for name, (time, x) in recording.streams.items() if _has_tiny(name, x)
-    }
+    measured = {k: _in_range(k, x) if k.endswith(PHYSICAL) else x for k, x in recording.measured.items()}
+    streams = {name: Sampled(time, _in_range(name, x)) for name, (time, x) in recording.streams.items()}
     if recording.base is not None:
-        _has_tiny("the base's pose", recording.base)
-    if not (changed or streams):
-        return recording
-    return replace(recording, measured={**recording.measured, **changed}, streams={**recording.streams, **streams})
+        _in_range("the base's pose", recording.base)
+    return replace(recording, measured=measured, streams=streams)
 
 
-def _has_tiny(name: str, x: np.ndarray) -> bool:
-    """True if a channel has numbers below `TINY` that are not zero, and none that is too large."""
+def _in_range(name: str, x: np.ndarray) -> np.ndarray:
+    """Samples of a channel, of which none is too large, with zeros for numbers below `TINY`."""
     size = np.abs(x)
     if (size >= HUGE).any():
         at = int(np.unravel_index(np.nanargmax(size), x.shape)[0])
         raise LogError(f"channel '{name}' needs numbers below {HUGE:g}, sample {at} has {np.nanmax(size):.3g}.")
-    return bool(((size < TINY) & (size > 0)).any())
-
-
-def _without_tiny(x: np.ndarray) -> np.ndarray:
-    return np.where(np.abs(x) < TINY, 0.0, x)
+    return np.where(size < TINY, 0.0, x)
 
 
 def _components(recording: Recording, tree: Tree) -> Iterator[tuple[str, tuple[str, ...]]]:

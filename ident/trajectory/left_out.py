@@ -7,6 +7,8 @@
 P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ident.errors import ExcitationError
@@ -75,17 +77,15 @@ def prediction_errors(measurement: Measurement, fit: TrajectoryFit, least: np.nd
         each = [_squares(measurement, *pair, T, least) for pair in zip(fit.pieces, thetas, strict=True)]
         squares, number = (np.sum(parts, axis=0) for parts in zip(*each, strict=True))
         every.append(np.where(number > 0, np.sqrt(squares / np.maximum(number, 1)) / scales, 1.0))
-    return min((np.maximum(np.where(each > UNEXPLAINED, 1.0, each), TINIEST) for each in every), key=_mean_logarithm)
-
-
-def _mean_logarithm(errors: np.ndarray) -> float:
-    return float(np.log(errors).mean())
+    return min(
+        (np.maximum(np.where(each > UNEXPLAINED, 1.0, each), TINIEST) for each in every), key=lambda x: np.log(x).mean()
+    )
 
 
 def clearly_less(usual: np.ndarray, others: np.ndarray, margin: float = CLEARLY) -> bool:
     """True if another fit's errors are smaller than the usual one's by a margin, from `prediction_errors` (C,)."""
     explained = (usual < 1) | (others < 1)
-    return bool(explained.any() and _mean_logarithm(others[explained]) < _mean_logarithm(usual[explained]) - margin)
+    return bool(explained.any() and np.log(others[explained]).mean() < np.log(usual[explained]).mean() - margin)
 
 
 def _squares(
@@ -111,17 +111,15 @@ def motion_alone(piece: Piece, measurement: Measurement, theta: np.ndarray, T: f
     return Trajectory(motion.splines, [c - zeros for c in motion.coefficients])
 
 
-def gains(fit: TrajectoryFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:
-    """Decrease of each piece's predicted cost if a parameter is fitted as well, NaN as for `costs` (K,).
+def gains(fit: TrajectoryFit, candidates: Sequence[int]) -> list[np.ndarray]:
+    """Decrease of each piece's predicted cost if one more parameter is fitted, NaN as for `costs` (K,) each.
 
     Args:
-        fit: The estimate with the parameter fixed.
-        candidate: Index of the parameter.
-        held: The pieces' `costs` with it fixed (K,), if computed already for several candidates.
+        fit: The estimate with the parameters fixed.
+        candidates: Their indices.
     """
-    more = fit.free.copy()
-    more[candidate] = True
-    return (costs(fit, fit.free) if held is None else held) - costs(fit, more)
+    held, every = costs(fit, fit.free), np.arange(len(fit.free))
+    return [held - costs(fit, fit.free | (every == candidate)) for candidate in candidates]
 
 
 def costs(fit: TrajectoryFit, free: np.ndarray) -> np.ndarray:

@@ -127,7 +127,10 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
         servo = recording.servos.get(joint)
         stream = recording.as_measured(f"{joint}_command" if servo else f"{joint}_torque")
         own = stream.columns[:, component] * (servo.kp if servo else 1.0)
-        if servo and not _commands_alone(measurement):
+        if servo and _commands_alone(measurement):
+            # The mean over the time that each is held, but for the half sample, which is in `Piece.held`.
+            own[1:-1] += np.diff(own, 2) / 24
+        elif servo:
             # Channels share their times here, so that the half sample of a held command is in its values.
             own = (own + np.append(own[:1], own[:-1])) / 2
         parts.append(Sampled(stream.time, own))

@@ -173,19 +173,14 @@ def likeliest(equations: Equations, residual: np.ndarray, speed: np.ndarray, the
         own = _on_axis(equations, a, residual)
         chosen = np.flatnonzero(np.isfinite(own))
         chosen = chosen[:: max(1, len(chosen) // ENOUGH)]
-        rate, friction = speed[chosen, a], _friction(equations, a, theta)
+        at = equations.drives.index(f"{DRIVE['coulomb']}({equations.axes.names[a]})")
+        rate, friction = speed[chosen, a], float(theta[equations.parameters.rank + at])
         if not rate.any():
             continue
         law = _law(own[chosen] + friction * np.tanh(rate / slips[a]), rate, SLIP * gears[a])
         out.size[a] = larger * min(law.size, max(law.coulomb, 0.0))
         out.velocity[a], out.slip[a] = WIDER * law.velocity, law.slip
     return out
-
-
-def _friction(equations: Equations, axis: int, theta: np.ndarray) -> float:
-    """Coulomb friction of an axis."""
-    name = f"{DRIVE['coulomb']}({equations.axes.names[axis]})"
-    return float(theta[equations.parameters.rank + equations.drives.index(name)])
 
 
 class _Law(NamedTuple):

@@ -11,7 +11,7 @@ from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import Start, TrajectoryFit
 from ident.trajectory.late_start import BETTER
-from ident.trajectory.left_out import clearly_better, costs, gains
+from ident.trajectory.left_out import clearly_better, gains
 
 MOST_DEVIATIONS = 10
 """Largest number of parameters that are found by the search."""
@@ -125,7 +125,7 @@ def searched(
         loose = _loosened(fitted, beyond, gross)
         values, spread = loose.scores(np.eye(len(candidates))[left])
         likely = (np.where(drives[left], values, np.abs(values)) > least[left]) & (np.abs(values / spread) > PROMISING)
-        likely[likely] = _predict(loose, left[likely].tolist())
+        likely[likely] = [clearly_better(each) for each in gains(loose, left[likely].tolist())]
         if not likely.any():
             break
         # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
@@ -193,12 +193,6 @@ def _without_idle(search: Search, refit: Refit, delays: Delays) -> Search:
         return search
     kept = tuple(each for each in search.deviations if each.index not in idle)
     return replace(search, fit=_fit_from(fit, refit, idle, 0.0, free=False), deviations=kept)
-
-
-def _predict(fitted: TrajectoryFit, candidates: Sequence[int]) -> list[bool]:
-    """True for each parameter that improves the prediction of left-out pieces if it is fitted."""
-    held = costs(fitted, fitted.free)
-    return [clearly_better(gains(fitted, candidate, held)) for candidate in candidates]
 
 
 def _together(fitted: TrajectoryFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:

@@ -58,21 +58,21 @@ def test_parameters_without_a_piece(seed):
 def test_gains_are_what_left_out_pieces_cost_less(seed):
     fit, rows, y = quadratic(seed)
     more = np.ones(5, bool)
-    for k, gain in enumerate(gains(fit, 4)):
+    for k, gain in enumerate(gains(fit, [4])[0]):
         others = np.arange(len(rows)) != k
         cost = [
             np.sum((y[k] - rows[k] @ solved(rows[others], y[others], fit.prior.precision, free)) ** 2)
             for free in (fit.free, more)
         ]
         assert gain == pytest.approx(cost[0] - cost[1])
-    assert clearly_better(gains(fit, 4))
+    assert clearly_better(gains(fit, [4])[0])
 
 
 def test_a_parameter_that_one_piece_alone_sees_is_fitted_to_it():
     fit, rows, y = quadratic(0)
     rows[1:, :, 0] = 0
     shares = [(X.T @ X, X.T @ (z - X @ fit.theta)) for X, z in zip(rows, y, strict=True)]
-    assert np.isfinite(gains(TrajectoryFit(**{**vars(fit), "shares": shares}), 4)).all()
+    assert np.isfinite(gains(TrajectoryFit(**{**vars(fit), "shares": shares}), [4])).all()
 
 
 def test_parameters_that_other_pieces_do_not_determine_predict_no_better(monkeypatch):
@@ -81,7 +81,7 @@ def test_parameters_that_other_pieces_do_not_determine_predict_no_better(monkeyp
 
     fit, *_ = quadratic(0)
     monkeypatch.setattr(left_out, "inverse_of_precision", singular)
-    assert not clearly_better(gains(fit, 4))
+    assert not clearly_better(gains(fit, [4])[0])
 
 
 def test_what_predicts_no_better_than_chance_is_not_believed():
