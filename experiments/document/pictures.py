@@ -1,6 +1,6 @@
 """Pictures of a page's first screen: what the template `pictures.html` draws, as SVG elements in the page's colours."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,12 +50,13 @@ class Interval:
         }
 
 
-def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray]) -> str:
+def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: Collection[str] = ()) -> str:
     """A row for each channel, with a mark for the residual over the signal of each candidate; the best has a ring.
 
     Args:
         channels: Names of the C channels.
         ratios: Residuals over signal (C,) by candidate, the estimate's first.
+        idle: Channels that do not count, which are pale.
     """
     values = np.array([*ratios.values()])
     decades = 3 if np.nanmax(values) > 1 else 2
@@ -67,7 +68,8 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray]) -> str
     for name, own in zip(channels, values.T, strict=True):
         words = ", ".join(f"{each} {x:.2g}" for each, x in zip(ratios, own, strict=True))
         marks = [(j, share(own[j])) for j in reversed(range(len(own)))]
-        shown.append({"name": name, "words": f"{name}: {words}", "marks": marks, "best": share(np.nanmin(own))})
+        own_words = {"name": name, "words": f"{name}: {words}", "idle": name in idle}
+        shown.append(own_words | {"marks": marks, "best": share(np.nanmin(own))})
     ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
     return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(len(channels)))
 

@@ -227,7 +227,11 @@ def screen(made: Document, result: Estimate) -> str:
     worst = np.sort(np.argsort(-held.ratio, kind="stable")[:ROWS])
     shown = {ESTIMATE: held.ratio, **result.rivals}
     columns = {name.replace(" ", "_"): ratio[worst] for name, ratio in shown.items()}
-    best = [min(shown, key=lambda name: float(shown[name][k])) for k in worst]
+    idle = [result.channels[k] in result.verdict().idle for k in worst]
+    best = [
+        "not counted" if still else min(shown, key=lambda name: float(shown[name][k]))
+        for k, still in zip(worst, idle, strict=True)
+    ]
     of = f", the {ROWS} worst of {len(result.channels)} channels" if len(result.channels) > ROWS else ""
     title = f"Residual of the {held.part} part over its signal{of}"
     table = tabular.Table(title, *tabular.columns(channel=[result.channels[k] for k in worst], **columns, best=best))

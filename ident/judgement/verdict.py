@@ -210,11 +210,12 @@ class Verdict(Worded):
     def channels(self) -> str:
         """The predicted channels in words: all, all but some, some by name, or how many."""
         count, predicted, missed = len(self.counted), list(self.predicted), list(self.missed)
+        what = "channels that count" if self.idle else "channels"
         if not missed:
-            return f"all {count} channels" if count > 1 else listed(predicted)
+            return f"all {count} {what}" if count > 1 else listed(predicted)
         if len(missed) <= NAMED and len(missed) < len(predicted):
-            return f"all channels but {listed(missed)}"
-        return listed(predicted) if 0 < len(predicted) <= NAMED else f"{len(predicted)} of {count} channels"
+            return f"all {what} but {listed(missed)}"
+        return listed(predicted) if 0 < len(predicted) <= NAMED else f"{len(predicted)} of {count} {what}"
 
     def __str__(self) -> str:
         first = [] if self.worse is None else [self.worse.text]

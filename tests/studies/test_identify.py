@@ -131,8 +131,8 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert abs(value["m1"] - 61.65) < 0.1
     assert abs(value["m3rz3"] - 8.5) < 0.4
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
-    assert printed.startswith("✕ Not usable. One finding speaks against it; it predicts all 3 channels.")
-    assert "It predicts all 3 channels. Not counted: Fy, Mx, Mz" in estimate["verdict"]
+    assert printed.startswith("✕ Not usable. One finding speaks against it; it predicts all 3 channels that count.")
+    assert "It predicts all 3 channels that count. Not counted: Fy, Mx, Mz" in estimate["verdict"]
     suffix = Path(model).suffix
     phi = parameters_from_model(tmp_path / "bow" / f"model{suffix}")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
@@ -239,7 +239,7 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys,
     links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
     assert {"table_base_parameters.csv", "figure_held_out.svg"} <= links
     assert all((tmp_path / "me" / link).is_file() for link in links)
-    assert "✓ Usable. It predicts all 5 channels; held-out residuals are at most" in capsys.readouterr().out
+    assert "✓ Usable. It predicts all 5 channels that count; held-out residuals are at most" in capsys.readouterr().out
 
 
 def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path, aligned):

@@ -50,7 +50,7 @@ def test_a_sound_recording_is_usable(tmp_path, capsys):
     estimate, doubts = judged(tmp_path)
     assert doubts == {} and estimate["outcome"] == "usable"
     assert estimate["verdict"] == (
-        "Usable to predict wrenches: fitted residuals are at most 0.086 of the signal in all 5 channels. "
+        "Usable to predict wrenches: fitted residuals are at most 0.086 of the signal in all 5 channels that count. "
         "Not counted: Fx (the model does not change it)."
     )
     wrench = recording().wrench("ground").values
