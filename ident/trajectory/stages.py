@@ -27,7 +27,7 @@ from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Report, Tolerance
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.positive_drives import with_positive
-from ident.trajectory.fit.sandwich import with_scatter
+from ident.trajectory.fit.sandwich import by_samples, with_scatter
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.physical import physical_fit
 from ident.trajectory.pieces import cut
@@ -340,7 +340,7 @@ class Stages:
         out = self._coloured(out) if estimate.coloured else out
         if out.fit.status == "interrupted":
             return out
-        return out.with_fit(replace(out.fit, status="near", scatters=_by_samples(estimate.fit, pieces)))
+        return out.with_fit(replace(out.fit, status="near", scatters=by_samples(estimate.fit, pieces)))
 
     def searched(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""
@@ -350,7 +350,7 @@ class Stages:
         refit = self.refit_of(estimate)
 
         def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-            return with_scatter(estimate.measurement, refit(begin, free, rounds))
+            return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
 
         far = [at for at, each in self.setup.items() if each.row.far and self.search]
         delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
@@ -471,16 +471,6 @@ class Stages:
             return with_positive(solve, drives | (self._is_drive & free), begin, free, rounds)
 
         return refit
-
-
-def _by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:
-    """Covariance of the right side of each piece, from that of a fit of other pieces of the same recordings (p, p)."""
-    out = []
-    for piece in pieces:
-        own = [k for k, other in enumerate(fit.pieces) if other.log == piece.log]
-        share = len(piece.when) / sum(len(fit.pieces[k].when) for k in own)
-        out.append(share * np.sum([fit.scatter_shares[k] for k in own], axis=0))
-    return out
 
 
 def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:

@@ -20,9 +20,9 @@ def counted(monkeypatch):
             fits.append(sum(len(piece.when) for piece in pieces))
         return fit(measurement, pieces, begin, **how)
 
-    def scattered(measurement, fit):
+    def scattered(measurement, fit, **how):
         covariances.append(sum(len(piece.when) for piece in fit.pieces))
-        return with_scatter(measurement, fit)
+        return with_scatter(measurement, fit, **how)
 
     monkeypatch.setattr(iteration, "fit", counting)
     monkeypatch.setattr(stages, "with_scatter", scattered)

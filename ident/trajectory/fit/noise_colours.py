@@ -61,14 +61,15 @@ class NoiseColours:
 
 
 def some_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Response]:
-    """Linear responses of every k-th piece of a fit by index, as many as suffice to estimate the noise.
+    """Linear responses of every k-th piece of each recording by index, as many as suffice to estimate the noise.
 
     Args:
         measurement: Channels and parameters.
         fit: The fit.
     """
-    total = sum(len(piece.when) for piece in fit.pieces)
-    return {k: response_of(measurement, fit, k) for k in range(0, len(fit.pieces), max(1, round(total / ENOUGH)))}
+    share, logs = max(1, round(sum(len(piece.when) for piece in fit.pieces) / ENOUGH)), [x.log for x in fit.pieces]
+    chosen = [k for k, log in enumerate(logs) if (k - logs.index(log)) % share == 0]
+    return {k: response_of(measurement, fit, k) for k in chosen}
 
 
 def response_of(measurement: Predictor, fit: TrajectoryFit, k: int) -> Response:

@@ -9,6 +9,8 @@ weights with such a covariance are those of generalised estimating equations (Li
 doi:10.1093/biomet/73.1.13).
 """
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,22 +19,25 @@ from ident.estimation.noise import autoregressive
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
-from ident.trajectory.fit.piece import Predictor
+from ident.trajectory.fit.piece import Piece, Predictor
 
 
-def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
+def with_scatter(measurement: Predictor, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
     """Fit with the covariance of its gradient under the estimated noise.
 
     Args:
         measurement: Channels and parameters.
         fit: The fit.
+        every: True for all pieces; False for as many as the noise is estimated from, enough for decisions, and of the
+            others by numbers of samples.
     """
     responses = some_responses(measurement, fit)
     colours, scatters, tails = noise_colours(fit, responses), list[np.ndarray](), _Tails()
-    for k, own in enumerate(fit.selections):
-        if k and not _goes_on(fit, k):
+    chosen = list(range(len(fit.pieces)) if every else responses)
+    for k in chosen:
+        if k - 1 not in chosen or not _goes_on(fit, k):
             tails = _Tails()
-        here = responses.pop(k, None) or response_of(measurement, fit, k)
+        here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
         scatter = here.scatter_of_motion
         for which, (stream, rows) in enumerate(zip(here.streams, here.rows, strict=True)):
             pulls = stream.weights(rows)
@@ -51,7 +56,17 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
-    return replace(fit, scatters=scatters)
+    of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters)
+    return of_chosen if every else replace(fit, scatters=by_samples(of_chosen, fit.pieces))
+
+
+def by_samples(fit: TrajectoryFit, pieces: Sequence[Piece]) -> list[np.ndarray]:
+    """Covariance of the right side of each piece, from that of a fit of other pieces of the same recordings (p, p)."""
+    samples, scatters = np.zeros(1 + max(piece.log for piece in pieces)), defaultdict[int, np.ndarray | float](float)
+    for piece, scatter in zip(fit.pieces, fit.scatter_shares, strict=True):
+        samples[piece.log] += len(piece.when)
+        scatters[piece.log] += scatter
+    return [len(piece.when) / samples[piece.log] * np.asarray(scatters[piece.log]) for piece in pieces]
 
 
 _Tails = dict[tuple[int, int, int], np.ndarray]

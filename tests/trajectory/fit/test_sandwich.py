@@ -4,8 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from recorded_faults import PENDULUM, faulty
 
-from ident.trajectory.fit import sandwich
+import ident
+from ident.trajectory.fit import noise_colours, sandwich
+from ident.trajectory.fit.noise_colours import response_of
 from ident.trajectory.fit.sandwich import _goes_on, _half, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
@@ -62,6 +65,23 @@ def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, go
     assert _goes_on(fit, 1) == goes_on
 
 
+def test_for_decisions_some_pieces_stand_for_the_others(monkeypatch):
+    estimate = ident.identify(PENDULUM, [faulty(seed) for seed in range(2)]).trajectory
+    exact, used = with_scatter(estimate.measurement, estimate.fit), []
+
+    def counted(measurement, fit, k):
+        used.append(fit.pieces[k].log)
+        return response_of(measurement, fit, k)
+
+    monkeypatch.setattr(noise_colours, "ENOUGH", 300)
+    monkeypatch.setattr(noise_colours, "response_of", counted)
+    monkeypatch.setattr(sandwich, "response_of", counted)
+    quick = with_scatter(estimate.measurement, estimate.fit, every=False)
+    assert set(used) == {0, 1} and len(used) < len(estimate.fit.pieces) == len(quick.scatters)
+    some, every = (np.sqrt(np.diag(each.covariance))[estimate.fit.free] for each in (quick, exact))
+    assert (some / every).min() > 0.6 and (some / every).max() < 1.6
+
+
 @pytest.mark.parametrize("start", [1.0, 3.0])
 def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
     """For unit white weights: `Mᵀ λP M + Rᵀ Γ R`, over two adjacent pieces as over one."""
@@ -76,7 +96,7 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
     monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
     monkeypatch.setattr(sandwich, "response_of", response)
-    monkeypatch.setattr(sandwich, "replace", lambda fit, scatters: scatters)
+    monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
     shares = [(np.zeros((2, 2)), None)] * 2
     fit = SimpleNamespace(pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), shares=shares)
