@@ -56,7 +56,9 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
     out, origin = options.output_of(args, folder), own_model.provenance(args, result.logs)
-    document = identify_report.document(result, args.model, args.logs, origin, following(result))
+    document = identify_report.document(
+        result, args.model, args.logs, origin, following(result), geometry=args.write_geometry
+    )
     return result, document, out
 
 
@@ -168,6 +170,11 @@ def add_options(out: argparse.ArgumentParser) -> None:
     )
     out.add_argument(
         "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
+    )
+    out.add_argument(
+        "--write-geometry",
+        action="store_true",
+        help="write where joints lie into the updated model, too",
     )
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")

@@ -411,6 +411,15 @@ class Estimate:
         """Set-up errors, which the estimate includes."""
         return [] if self.trajectory is None else setup_findings(self.trajectory)
 
+    @property
+    def displaced(self) -> dict[str, np.ndarray]:
+        """Displacements of joints in their parents' frames, m (3,), by the names of the bodies that they carry."""
+        tree, out = self.prepared.mechanism.tree, dict[str, np.ndarray]()
+        for each in (own for own in self.setup if own.kind == "centre"):
+            shift = out.setdefault(tree.names[tree.compounds[each.values["of"]][-1]], np.zeros(3))
+            shift["xyz".index(each.values["axis"])] = each.value
+        return out
+
     @cached_property
     def evidence(self) -> Evidence:
         """Evidence that the estimate is judged by."""

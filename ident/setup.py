@@ -57,6 +57,7 @@ class SetupKind:
         along: Those of an error along a link, in place of `signs`: away from its other end, and towards it.
         short: Template of a few words, for an error that the data cannot distinguish from another one.
         label: Template of its label in the table of a payload's sensor.
+        note: What else follows from the error, in a sentence.
         together: Template of the cause that changes the parameters of all objects along one axis alike, which the data
             may not be able to distinguish from another error; empty for none.
         shift: Shift of the samples' true times; None if the error acts on something else.
@@ -78,6 +79,7 @@ class SetupKind:
     along: tuple[str, str] = ("", "")
     short: str
     label: str
+    note: str = ""
     together: str = ""
     shift: Shift | None = None
     own: bool = False
@@ -213,6 +215,7 @@ SETUP: Mapping[str, SetupKind] = {
         along=("farther from the joint '{link}'", "nearer to the joint '{link}'"),
         short="another place of joint '{of}' along {axis} of its parent's frame",
         label="shift of joint {of} along {axis} of its parent's frame",
+        note="Inertias of an updated model belong to that place; --write-geometry writes it, too.",
     ),
 }
 """Every kind of set-up error by its name, in the order of the parameters."""

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from opensim_files import quietly_read
+from opensim_walker import leg
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench
 from slow_pendulum import TIME, motion
 
@@ -44,6 +46,23 @@ def test_a_link_that_is_15_percent_longer_is_found_though_no_robot_is_so_inexact
     assert (abs(taken.psi - TRUTH) > 3 * taken.std_setup).any()
     home = estimate.fit.equations.mechanism.tree.bodies[2].home
     np.testing.assert_allclose(home[:3, 3], [0, 0, 0.425 + finding.value])
+
+
+def test_a_model_written_with_its_joints_displaced_predicts_other_motions(tmp_path):
+    estimate = identified(1.15)
+    states = motion(np.random.default_rng(1), 1.0)
+    tree = PENDULUM.tree
+    home = tree.bodies[2].home.copy()
+    home[:3, 3] *= 1.15
+    true = replace(tree, bodies=(*tree.bodies[:2], replace(tree.bodies[2], home=home)))
+    expected = ident.base_wrench_regressor(true, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    errors = []
+    for displaced in (estimate.displaced, {}):
+        sim.write_model(tmp_path / "new.xml", PENDULUM, estimate.consistent(), displaced=displaced)
+        new = sim.mechanism(tmp_path / "new.xml", base="base")
+        wrench = ident.base_wrench_regressor(new.tree, *states, gravity=new.gravity) @ new.known
+        errors.append(np.linalg.norm(wrench - expected, axis=0)[[1, 2, 3]])
+    assert (errors[0] < 0.3 * errors[1]).all()
 
 
 def test_centres_are_in_the_intervals_though_none_is_found():
@@ -88,3 +107,13 @@ def test_several_joints_between_two_bodies_are_one():
     compounds = sim.mechanism(scenes.load("humanoid"), base="pelvis").tree.compounds
     assert {"left_hip_flexion", "left_knee", "left_ankle", "lumbar_bending"} <= {*compounds}
     assert "left_hip_rotation" not in compounds and len(compounds["left_hip_flexion"]) == 3
+
+
+def test_joints_that_only_follow_have_their_leaders_name(tmp_path):
+    """So has an OpenSim knee whose turn and slides follow its coordinate; a coordinate alone carries nothing."""
+    tree = quietly_read(leg(tmp_path)).tree
+    assert {joint: tree.names[own[-1]] for joint, own in tree.compounds.items()} == {
+        "tx": "pelvis",
+        "hip": "femur",
+        "knee": "tibia",
+    }

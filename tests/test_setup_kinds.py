@@ -86,10 +86,11 @@ NEGATIVE = {
 @pytest.mark.parametrize("key", ROWS, ids=lambda key: key[0])
 def test_sentence_short_form_and_label_of_every_kind(key):
     each, (text, few, label) = SetupParameter(*key, std=0.1), ROWS[key]
-    assert sentence(each, 0.03, 1e-4) == f"{text}. The estimate includes this."
+    end = f". The estimate includes this. {each.row.note}".rstrip()
+    assert sentence(each, 0.03, 1e-4) == f"{text}{end}"
     for word, other in NEGATIVE.items():
         text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
-    assert sentence(each, -0.03, 1e-4) == f"{text}. The estimate includes this."
+    assert sentence(each, -0.03, 1e-4) == f"{text}{end}"
     assert short(each) == few and each.text(each.row.label) == label
 
 
@@ -97,7 +98,9 @@ def test_sentence_short_form_and_label_of_every_kind(key):
 def test_a_shift_along_a_link_is_away_from_its_other_end_or_towards_it(link, words):
     each = SetupParameter("centre", "knee", 2, 0.01, link=link)
     start = f"The joint 'knee' lies 12.3 ± 1.1 mm {words} the joint 'hip' than in the model."
-    assert sentence(each, 0.0123, 0.0011) == f"{start} The estimate includes this."
+    assert sentence(each, 0.0123, 0.0011).startswith(
+        f"{start} The estimate includes this. Inertias of an updated model "
+    )
     other = {"farther from": "nearer to", "nearer to": "farther from"}[words]
     assert words not in sentence(each, -0.0123, 0.0011) and other in sentence(each, -0.0123, 0.0011)
     fit = SimpleNamespace(names=[each.name], covariance=np.eye(1) * 0.0011**2, theta=np.array([0.0123]))

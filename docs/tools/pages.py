@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from docs.tools import arm_log, benchmark, moving_picture, validation
-from docs.tools.drawings import figure_benchmark, figure_estimator
+from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture
 from experiments.data.key_numbers import summary
 from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures, result_folder, tabular
@@ -104,6 +104,7 @@ def write(root: Path) -> None:
         figures.save(study_figures.figure(tilted, "figure_2"), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
         figures.save(figure_estimator(), folder, "estimator", ["svg"])
+        (folder / "result.svg").write_text(result_picture(), encoding="utf-8")
         moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
         result_folder.write_json(folder / BENCHMARK, measured)
     arm_log.save(root / "scenes" / "arm.csv")

@@ -43,11 +43,11 @@ def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iter
         return f"data:{EMBEDDED[embedded]};base64,{base64.b64encode(content).decode()}"
 
     given = {"results": shown, "formats": chosen, "picture": picture}
-    return _environment().get_template(template).render(**given, **values)
+    return environment().get_template(template).render(**given, **values)
 
 
 @cache
-def _environment() -> Environment:
+def environment() -> Environment:
     """The templates; they are compiled at first use, which takes as long as filling them."""
     environment = Environment(
         loader=PackageLoader("experiments.document"),

@@ -33,7 +33,7 @@ def first_screen(result: Estimate) -> Iterator[str]:
 def prediction(result: Estimate) -> Iterator[str]:
     """Yields pictures of the prediction: of all channels by candidate, and of the worst and the best channel."""
     held, verdict = result.held_out, result.verdict()
-    yield pictures.candidates(result.channels, {ESTIMATE: held.ratio, **result.rivals})
+    yield pictures.candidates(result.channels, {ESTIMATE: held.ratio, **result.rivals}, verdict.idle)
     ranked = sorted(verdict.counted or verdict.ratios, key=verdict.ratios.__getitem__)
     measured = held.samples.measured
     time, measured, predicted = map(held.interrupted, (held.time, measured, measured - held.residual))

@@ -227,7 +227,11 @@ def screen(made: Document, result: Estimate) -> str:
     worst = np.sort(np.argsort(-held.ratio, kind="stable")[:ROWS])
     shown = {ESTIMATE: held.ratio, **result.rivals}
     columns = {name.replace(" ", "_"): ratio[worst] for name, ratio in shown.items()}
-    best = [min(shown, key=lambda name: float(shown[name][k])) for k in worst]
+    idle = [result.channels[k] in result.verdict().idle for k in worst]
+    best = [
+        "not counted" if still else min(shown, key=lambda name: float(shown[name][k]))
+        for k, still in zip(worst, idle, strict=True)
+    ]
     of = f", the {ROWS} worst of {len(result.channels)} channels" if len(result.channels) > ROWS else ""
     title = f"Residual of the {held.part} part over its signal{of}"
     table = tabular.Table(title, *tabular.columns(channel=[result.channels[k] for k in worst], **columns, best=best))
@@ -297,6 +301,8 @@ def document(
     logs: Sequence[Path],
     provenance: dict[str, Any],
     following: Following | None = None,
+    *,
+    geometry: bool = False,
 ) -> Document:
     """Tables, figures, numbers and a replay of an identification, and the updated model file.
 
@@ -306,6 +312,7 @@ def document(
         logs: The identified logs, none for recordings without files.
         provenance: Provenance of the results.
         following: Errors of models that are simulated with the recorded commands, if there are any.
+        geometry: True to displace joints of the updated model, too.
     """
     updated = updated_file(result.prepared.mechanism)
     recordings = ", ".join(map(name_of, logs)) or f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
@@ -331,7 +338,7 @@ def document(
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
-        files={updated: partial(_write_updated, result)} if updated else {},
+        files={updated: partial(_write_updated, result, geometry)} if updated else {},
     )
     return replace(made, screen=screen(made, result), verbose=verbose(made, result))
 
@@ -395,9 +402,10 @@ def following_lines(following: Following | None) -> list[str]:
     ]
 
 
-def _write_updated(result: Estimate, path: Path) -> None:
-    """Writes the model with the physical bodies and the drives of an estimate."""
-    write_model(path, result.prepared.mechanism, result.consistent(), result.drives_updated)
+def _write_updated(result: Estimate, geometry: bool, path: Path) -> None:
+    """Writes the model with the physical bodies and the drives of an estimate, and perhaps with displaced joints."""
+    displaced = result.displaced if geometry else {}
+    write_model(path, result.prepared.mechanism, result.consistent(), result.drives_updated, displaced)
 
 
 def updated_file(mechanism: Mechanism) -> str | None:

@@ -38,8 +38,10 @@ def table(estimate: Fit) -> tabular.Table:
 def numbers(result: Streamed) -> dict[str, Any]:
     """All numbers of the estimate for scripts, as `Estimate.to_dict` has them."""
     estimate = result.estimate
+    number, offsets = estimate.condition_number, estimate.offsets
+    common = summary(estimate, result.verdict, result.findings, condition_number=number, offsets=offsets)
     return {
-        **summary(result.evidence, result.verdict, result.findings),
+        **common,
         "singular_values": estimate.singular_values.tolist(),
         "residual_norms": estimate.residual_norms.tolist(),
         "samples": estimate.samples,

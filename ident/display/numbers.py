@@ -26,7 +26,13 @@ def estimate_numbers(
     numbers = zip(*(x.tolist() for x in each), at_rest, strict=True)
     bodies = zip(evidence.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
     return {
-        **summary(evidence, verdict, findings),
+        **summary(
+            evidence.fit,
+            verdict,
+            findings,
+            condition_number=evidence.condition_number,
+            offsets=evidence.offsets,
+        ),
         "cutoff_hz": evidence.logs[0].cutoff,
         "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(evidence.channels, numbers, strict=True)},
         "candidates": {

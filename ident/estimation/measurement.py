@@ -29,7 +29,7 @@ from ident.model import closed_form, compiled
 from ident.model.adjoint import Value, gradient
 from ident.model.inverse_dynamics import joint_torques
 from ident.model.regressor import CHUNK
-from ident.model.tape import Program, Signal, Tape
+from ident.model.tape import Program, Signal, Tape, uncollected
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 from ident.setup import Shift
 from ident.tolerances import DRIVE
@@ -213,12 +213,14 @@ class Measurement:
         return other
 
     @cached_property
+    @uncollected()
     def _channels_program(self) -> Program:
         """Program that computes the channels."""
         tape, _, results = self._recorded()
         return Program.of(tape, results)
 
     @cached_property
+    @uncollected()
     def _gradients_program(self) -> tuple[Program, np.ndarray]:
         """Program that computes the channels and then their gradients that are not identically zero, and their mask.
 
@@ -323,10 +325,10 @@ class Measurement:
                 v, w = body.twist[:3], body.twist[3:]
                 axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
                 bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
-        for i, body in enumerate(self.tree.bodies):
-            if body.joint and self.of_kind("centre", body.joint):
-                first = bodies[k := self.tree.first_link(i)]
-                place = first.home[:3, 3] + self._vector("centre", body.joint, theta)
+        for joint, members in self.tree.compounds.items():
+            if self.of_kind("centre", joint):
+                first = bodies[k := self.tree.first_link(members[0])]
+                place = first.home[:3, 3] + self._vector("centre", joint, theta)
                 bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
         return replace(self.tree, bodies=tuple(bodies))
 

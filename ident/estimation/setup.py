@@ -10,7 +10,6 @@ import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.tree import Tree
 from ident.recordings.wrench import GROUND
 from ident.setup import PRIORS, SETUP, SetupKind
 
@@ -153,7 +152,7 @@ def objects(
         "axes": [
             Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges if body.name not in loops
         ],
-        "centres": _centres(tree, loops, equations.mechanism.centre_std, moving=moving),
+        "centres": _centres(equations, loops, moving=moving),
     }
 
 
@@ -161,13 +160,17 @@ ALONG = 0.97
 """Least cosine between a link and a coordinate axis, as within 14°, with which a shift along that axis is one along the
 link."""
 
+PARALLEL = 1e-9
+"""Largest component of a unit vector across another one with which they are parallel, but for rounding."""
 
-def _centres(tree: Tree, loops: Sequence[str], std: float | None, *, moving: bool) -> list[Subject]:
+
+def _centres(equations: Equations, loops: Sequence[str], *, moving: bool) -> list[Subject]:
     """Joints that may be displaced in the frames of the bodies that carry them, compound ones as a whole.
 
-    Left out is what nothing sees: a shift along the only axis of a hinge, which is one of the next joints and of the
-    body's parameters, and that of a mechanism's only joint on its base, which is one of the sensors.
+    Left out is what changes nothing: in torques alone, a shift along the axis about which all before the joint turns;
+    and the place of a mechanism's only joint on its base, which is that of the sensors.
     """
+    tree, felt = equations.mechanism.tree, moving or len(equations.channels) > len(equations.torques)
 
     def rests(parent: int) -> bool:
         return parent == BASE or not (moving or any(tree.bodies[i].moves for i in tree.chain(parent)))
@@ -179,16 +182,17 @@ def _centres(tree: Tree, loops: Sequence[str], std: float | None, *, moving: boo
         first, parent = firsts[joint], tree.bodies[firsts[joint]].parent
         if on_base == [joint] or {tree.bodies[i].name for i in members} & {*loops}:
             continue
-        homes = [reduce(np.matmul, (tree.bodies[k].home for k in tree.chain(i) if k >= first)) for i in members]
-        turns = np.vstack([(T[:3, :3] @ tree.bodies[i].motions[3:]).T for T, i in zip(homes, members, strict=True)])
-        hinge = np.linalg.matrix_rank(turns, tol=1e-6) == 1
-        axes = across(turns[np.argmax(np.abs(turns).sum(axis=1))]) if hinge else range(3)
+        turns, R = np.zeros((3, 0)), np.eye(3)
+        for i in reversed(tree.chain(parent)):
+            turns, R = np.hstack([turns, R @ tree.bodies[i].motions[3:]]), R @ tree.bodies[i].home[:3, :3].T
+        axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > PARALLEL).any()]
         other = "" if parent == BASE else names.get(tree.first_link(parent), "")
         links = dict[int | None, str]()
         if other:
-            link = (homes[0] @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent]))[:3]
+            home = reduce(np.matmul, (tree.bodies[k].home for k in tree.chain(members[0]) if k >= first))
+            link = (home @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent]))[:3]
             links = {k: "-" * bool(link[k] < 0) + other for k in axes if abs(link[k]) > ALONG * np.linalg.norm(link)}
-        out.append(Subject(joint, axes, {"joints": (joint,)}, std, links))
+        out.append(Subject(joint, axes, {"joints": (joint,)}, equations.mechanism.centre_std, links))
     return out
 
 

@@ -13,7 +13,7 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.place import Place
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings
-from ident.judgement.verdict import Verdict
+from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL, POOR
 
@@ -149,8 +149,7 @@ class PayloadVerdict(Verdict):
         return replace(cls.of(evidence, findings, **own), precision=None)
 
     def _part(self) -> str:
-        mass = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
-        return f"Use its mass alone, {mass} (95 %); turn the sensor further and faster for centre and inertias."
+        return f"{self.brief} Turn the sensor further and faster for centre and inertias."
 
     def _use(self) -> Iterator[str]:
         yield f"Usable: {self._numbers}"
@@ -165,7 +164,8 @@ class PayloadVerdict(Verdict):
     @property
     def brief(self) -> str:
         """The load with its intervals, or why it is not to be used."""
-        return self._numbers if self.usable else super().brief
+        alone = f"Use its mass alone, {self.mass:.4g} ± {self.mass_within:.2g} kg (95 %)."
+        return {Outcome.USABLE: self._numbers, Outcome.PARTLY: alone}.get(self.outcome, super().brief)
 
 
 def _of_sensor(finding: Finding, sensor: str) -> Finding:

@@ -112,7 +112,7 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
     size = _with_std(abs(value), std, each.row.unit)
     text = each.text(each.row.sentence, size=size, sign=each.sign(value))
     where = "" if each.log is None else f" in log {each.log}"
-    return f"{text}{where}. The estimate includes this."
+    return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 
 def short(each: SetupParameter) -> str:

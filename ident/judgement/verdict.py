@@ -201,7 +201,7 @@ class Verdict(Worded):
             speak = "One finding speaks" if len(self.doubts) == 1 else f"{len(self.doubts)} findings speak"
             return f"{speak} against it; it predicts {self.channels}."
         if self.outcome is Outcome.PARTLY:
-            return f"It predicts {self.channels}; use it for these alone."
+            return f"It predicts {self.channels}; use it for nothing else."
         but = ", single parameters are uncertain" if self.precision is not None and self.precision.poor else ""
         most = max(self.predicted.values())
         return f"It predicts {self.channels}; {self.part} residuals are at most {most:.2g} of the signal{but}."
@@ -210,11 +210,12 @@ class Verdict(Worded):
     def channels(self) -> str:
         """The predicted channels in words: all, all but some, some by name, or how many."""
         count, predicted, missed = len(self.counted), list(self.predicted), list(self.missed)
+        what = "channels that count" if self.idle else "channels"
         if not missed:
-            return f"all {count} channels" if count > 1 else listed(predicted)
-        if len(missed) <= min(NAMED, len(predicted)):
-            return f"all channels but {listed(missed)}"
-        return listed(predicted) if 0 < len(predicted) <= NAMED else f"{len(predicted)} of {count} channels"
+            return f"all {count} {what}" if count > 1 else listed(predicted)
+        if len(missed) <= NAMED and len(missed) < len(predicted):
+            return f"all {what} but {listed(missed)}"
+        return listed(predicted) if 0 < len(predicted) <= NAMED else f"{len(predicted)} of {count} {what}"
 
     def __str__(self) -> str:
         first = [] if self.worse is None else [self.worse.text]
@@ -242,7 +243,7 @@ class Verdict(Worded):
 
     def _part(self) -> str:
         """Sentence on what a partly usable estimate may be used for."""
-        return "Use it for these alone; for the others move further and faster, or complete the model."
+        return "Use it for nothing else; for the others move further and faster, or complete the model."
 
     def _use(self) -> Iterator[str]:
         """Yields sentences on what a usable estimate may be used for."""

@@ -161,16 +161,22 @@ class Tree:
 
     @cached_property
     def compounds(self) -> dict[str, tuple[int, ...]]:
-        """Indices of the moving bodies of each joint with coordinates, massless links first, by its first joint's name.
+        """Indices of the moving bodies of each joint that carries something, massless links first, by its first joint.
 
-        Several joints between two bodies with mass are one compound joint.
+        Several joints between two bodies with mass are one compound joint. One that only follows has its leader's name,
+        unless that is another.
         """
         members = defaultdict[int, list[int]](list)
         for i, body in enumerate(self.bodies):
             if body.moves:
                 members[self.first_link(i)].append(i)
-        names = {first: [joint for i in own if (joint := self.bodies[i].joint)] for first, own in members.items()}
-        return {names[first][0]: tuple(own) for first, own in members.items() if names[first]}
+        out = dict[str, tuple[int, ...]]()
+        for own in (each for first, each in members.items() if set(self.carried(first)) & {*self.inertial}):
+            names = [self.bodies[i].joint for i in own]
+            leaders = [lead.joint for i in own if (lead := self.bodies[i].follows)]
+            if name := next(filter(None, [*names, *leaders]), ""):
+                out.setdefault(name, tuple(own))
+        return out
 
     def first_link(self, i: int) -> int:
         """Index of the first of the massless links that precede body i; that of the body itself without any."""

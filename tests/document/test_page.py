@@ -89,19 +89,6 @@ def test_tables_are_aligned_marked_and_readable_aloud(tmp_path):
     assert '<p class="note">* Why.' in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-def test_numbers_have_minus_signs_and_align_their_points(tmp_path):
-    table = Table("t", ("name", "x", "std"), (("a", -2.5187, 0.0312), ("b", 12.0, 1.25)), deviations={"x": "std"})
-    (_, *first), (_, *second) = read(table, tmp_path).rows[1:]
-    assert first == [({}, "\N{MINUS SIGN}2.519"), ({}, "0.031")]
-    assert second == [({"data-lack": "00"}, "12.0"), ({"data-lack": "00"}, "1.2")]
-
-
-def test_parameters_are_symbols_beside_the_names_of_their_bodies(tmp_path):
-    table = Table("Title", ("parameter", "x"), (("m2rz2", 1.0), ("offset(Fx)", 2.0)), bodies=("<a>", "b&c"))
-    first = [row[0][1] for row in read(table, tmp_path).rows[1:]]
-    assert first == ["b&c kg m", "m2rz,2", "other ", "offset(Fx)"]
-
-
 def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     """A drive stands beside the body that its joint moves; sums are folded."""
     rows = (("m1", 2.0, "m1 + m2"), ("m2rz2", 1.0, "m2rz2"), ("Fc(a)", 0.5, ""), ("Fc(b)", 0.1, ""))
@@ -123,3 +110,12 @@ def test_errors_stand_beside_the_papers():
     table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
     assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
     assert index.compared(table).columns[:4] == table.columns
+
+
+def test_the_papers_columns_stand_alone_beside_ours():
+    columns = ("name", "true_scene", "true_paper", "error", "paper_error", "std")
+    table = Table("", columns, (("a", 1.0, 1.0, 0.123, 0.1, 9.0),), caption="Errors", digits={"paper_error": (1,)})
+    shown = index.printed(table)
+    assert shown.columns == ("name", "true_paper", "true_scene", "paper_error", "error") and shown.title == "Errors"
+    assert shown.headings() == ["name", "true, paper", "true, ours", "error, paper", "error, ours"]
+    assert shown.texts()[0][3:] == ["0.1", "0.1"]

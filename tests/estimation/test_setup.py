@@ -34,7 +34,7 @@ def test_all_that_a_laboratory_leaves_open():
         "scale": 0,
         "gravity": 2,
     }
-    expected |= {"zero": hinges, "axis": 2 * hinges, "centre": 2 * hinges - 2}
+    expected |= {"zero": hinges, "axis": 2 * hinges, "centre": 3 * hinges - 3}
     assert {kind: kinds.count(kind) for kind in PRIORS} == expected
     assert {each.kind: each.std for each in own} == {kind: std for kind, std in PRIORS.items() if kind in kinds}
     assert not {"lag", "scale"} & set(kinds)
@@ -84,7 +84,7 @@ def test_what_does_not_turn_has_neither_zero_nor_axis_and_torques_no_frame():
 
 
 def test_joints_are_displaced_as_a_whole_where_something_shows_it():
-    """Along the only axis of a hinge nothing does, nor a displacement of the first joint of all."""
+    """Torques do not show a shift along the axis of all joints before; nothing shows one of the first joint of all."""
     R = Rotation.from_euler("y", 90, degrees=True).as_matrix()
     hinge, z = [0, 0, 0, 0, 0, 1], np.array([0, 0, 0, 1, 0, 0])
     tree = Tree(
@@ -104,13 +104,16 @@ def test_joints_are_displaced_as_a_whole_where_something_shows_it():
         each = setup_parameters(equations, [], priors, moving=moving)
         return {x.name: (x.std, x.link) for x in each if x.kind == "centre"}
 
-    expected = {"centre_y(knee)": "", "centre_z(knee)": "-hip", "centre_x(ankle)": "knee", "centre_y(ankle)": ""}
-    expected |= {"centre_z(ankle)": "", "centre_x(ball)": "", "centre_y(ball)": "", "centre_z(ball)": ""}
+    expected = {f"centre_{axis}({joint})": "" for joint in ("knee", "ankle", "ball") for axis in "xyz"}
+    expected |= {"centre_z(knee)": "-hip", "centre_x(ankle)": "knee"}
     assert own() == own(moving=True) == {name: (0.01, link) for name, link in expected.items()}
     stated = own(**{"centre": 0.002, "centre(knee)": 0.03, "centre(ball)": 0})
     assert stated == {
         name: (0.03 if "knee" in name else 0.002, link) for name, link in expected.items() if "ball" not in name
     }
+    equations = Equations(mechanism, find_base_parameters(mechanism), torques=(0,), channels=("torque(hip)",))
+    assert {*expected} - {*own()} == {"centre_z(knee)"}
+    assert {*expected} == {*own(moving=True)}
 
 
 @pytest.mark.parametrize("seed", range(10))

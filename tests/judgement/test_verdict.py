@@ -107,7 +107,7 @@ def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(es
     doubted = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1, 1, 1, 1, 1])
     verdict = Verdict.of(doubted.evidence, [Finding.of("weight_drifts", drift=2.0)])
     assert verdict.outcome is Outcome.NOT and verdict.doubts == ("weight_drifts",) and verdict.best == "estimate"
-    assert verdict.brief == "One finding speaks against it; it predicts all 5 channels."
+    assert verdict.brief == "One finding speaks against it; it predicts all 5 channels that count."
     residual = estimate.held_out.residual * 1e6
     rivals = {"model": 9 * residual, "least squares": 8 * residual}
     nothing = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals))

@@ -16,6 +16,7 @@ from mechanisms import (
     random_tree,
     random_twist,
     regrouping_error,
+    tilted_axis,
 )
 from test_against_opensymoro import DATA, tree_of
 
@@ -27,7 +28,7 @@ from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters, separating_sensors
-from ident.parameters.structure import Sensors
+from ident.parameters.structure import Sensors, structure_matrix
 
 BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
 
@@ -67,6 +68,12 @@ def test_structure_equals_opensymoros_regrouping(path, key, sensors):
     assert list(base.names) == expected["kept"]
 
 
+def test_ranks_of_axes_that_are_not_parallel():
+    tree = double_pendulum(tilted_axis(5, 0), tilted_axis(5, 90))
+    assert find_base_parameters(tree).rank == 15
+    assert find_base_parameters(tree, sensors=TORQUES).rank == 10
+
+
 @pytest.mark.parametrize("n", [1, 2, 5, 12])
 def test_rank_of_a_floating_chain_of_revolute_joints(n):
     rng = np.random.default_rng(n)
@@ -83,6 +90,10 @@ def test_regrouping_keeps_the_wrench():
     np.testing.assert_allclose(base.reduce(Y) @ base.regroup(phi), expected, atol=1e-11 * abs(expected).max())
 
 
+def test_without_gravity_less_is_seen():
+    assert find_base_parameters(double_pendulum(), gravity=np.zeros(3)).rank < 13
+
+
 def test_which_sensor_would_separate_more():
     gains = separating_sensors(Mechanism(double_pendulum(), GRAVITY))
     assert not gains["with the base wrench"] and not gains["with joint torques"]
@@ -90,6 +101,12 @@ def test_which_sensor_would_separate_more():
     assert gains["with joint axes that are not parallel"] == ("m2rx2", "Iyy2", "Izz2", "m3rx3", "Iyy3", "Izz3")
     torques = separating_sensors(Mechanism(double_pendulum(), GRAVITY), TORQUES)
     assert torques["with the base wrench"] == ("m1", "m1rx1", "m1ry1", "Ixy2", "Ixz2", "Ixy3", "Ixz3")
+
+
+def test_structure_of_a_welded_tree_is_its_weight():
+    tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
+    assert structure_matrix(Mechanism(tree, GRAVITY)).shape[1] == 30
+    assert find_base_parameters(tree).names == ("m1", "m1rx1", "m1ry1")
 
 
 def test_what_cannot_have_base_parameters_is_refused():

@@ -146,17 +146,6 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, 
     assert not (tmp_path / "out").exists()
 
 
-def test_a_log_in_several_files_is_one(tmp_path):
-    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in "ab"]
-    origin = json.loads((folders[0] / "provenance.json").read_text())
-    several = [{"file": f"{name}.mot", "sha256": name * 64} for name in ("angles", "forces")]
-    origin["recording"]["logs"] = [{"files": several, "samples": 9}]
-    (folders[0] / "provenance.json").write_text(json.dumps(origin))
-    first, second = read_results(folders)
-    assert list(first.logs.values()) == ["angles.mot+forces.mot"] and list(second.logs.values()) == ["b.csv"]
-    assert Difference(first, second).settings["logs"] == ("angles.mot+forces.mot", "b.csv")
-
-
 def entries(content, way=()):
     """Paths to all entries of a JSON object; for lists only the first entry."""
     pairs = (
@@ -192,27 +181,6 @@ def test_every_entry_may_be_wrong_in_every_way(tmp_path, monkeypatch, name):
                 assert "\n" not in str(error)
                 refused += 1
     assert refused > 100
-
-
-@pytest.mark.parametrize(
-    ("entry", "value", "message"),
-    [
-        ("values", [1.0, 2.0], "its 'values', 'std_setup' and 'covariance' are not of its 4 'columns'"),
-        ("values", [1.0, 2.0, 3.0, "x"], "it needs a list of finite numbers as 'values'"),
-        ("std_setup", [1.0, 2.0, 3.0, -1.0], "a number of it is out of range"),
-        ("regrouping", {"m7": "m7"}, "its 'regrouping' has parameters that are not among its 'columns'"),
-        ("covariance", np.diag([1.0, 0, 1, 1]).tolist(), "its 'covariance' has a variance that is not positive"),
-        ("covariance", (np.eye(4) + 2 * np.eye(4)[::-1]).tolist(), "its 'covariance' is not symmetric and positive"),
-        ("setup", [{"name": "x"}], "an entry of its 'setup' lacks text"),
-        ("held_out", {"Fx": 3}, "it needs a mapping of mappings as 'held_out'"),
-    ],
-)
-def test_a_wrong_entry_is_named(tmp_path, capsys, entry, value, message):
-    folders = [result(tmp_path / each, [1.0, 2.0, 3.0], log=each) for each in "ab"]
-    content = json.loads((folders[1] / "estimate.json").read_text())
-    (folders[1] / "estimate.json").write_text(json.dumps(content | {entry: value}))
-    refused = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
-    assert f"estimate.json' needs to be of identify, but {message}" in refused
 
 
 def test_covariances_that_are_singular_together_are_refused(tmp_path, capsys):

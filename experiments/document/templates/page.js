@@ -1,12 +1,17 @@
 // Folds that open where a link leads, and tables that are sorted by a press on a head.
 
-function unfold(anchor, block = "start") {
+function unfold(anchor) {
   const target = anchor && document.getElementById(decodeURIComponent(anchor));
   for (let each = target; each; each = each.parentElement) if (each.tagName === "DETAILS") each.open = true;
-  if (target) target.scrollIntoView({ block });
+  return target;
 }
 
-const unfoldHash = () => unfold(location.hash.slice(1));
+// Without the page that this one may be a frame of.
+function unfoldHash() {
+  const target = unfold(location.hash.slice(1));
+  if (target) window.scrollTo(0, target.getBoundingClientRect().top + window.scrollY);
+}
+
 window.addEventListener("hashchange", unfoldHash);
 document.querySelectorAll('a[href^="#"]').forEach((link) => link.addEventListener("click", () => setTimeout(unfoldHash)));
 unfoldHash();

@@ -65,7 +65,7 @@ class Replay {
   tell(text, body) {
     byId("told").textContent = text;
     this.view.chosen = body ?? null;
-    unfold("moving", "nearest");
+    unfold("moving").scrollIntoView({ block: "nearest" });
     this.draw();
   }
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.trajectory.algebra.banded import WINDOW, Banded, Factor, runs
+from ident.trajectory.algebra.banded import WINDOW, Banded, Factor
 from ident.trajectory.algebra.groups import Group
 from ident.trajectory.algebra.spline import LOCAL, Spline, sliding
 
@@ -121,16 +121,11 @@ class Posterior:
     def of_coordinates(self, some: slice, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Blocks of `A⁻¹` (k, 7 c, 7 c) and rows of `W √Σ` (k, 7 c, q) of some coordinates (c,) and intervals."""
         inverse, followed = self.inverse[some], self.followed[some]
-        k, width, q = followed.shape
-        n, c = width // WINDOW, len(coordinates)
-        if c == n:
+        n = followed.shape[1] // WINDOW
+        if len(coordinates) == n:
             return inverse, followed
-        inverse = inverse.reshape(k, WINDOW, n, WINDOW, n)
-        out, rows = np.empty((k, WINDOW, c, WINDOW, c)), followed.reshape(k, WINDOW, n, q)[:, :, coordinates]
-        for own, at in runs(coordinates):
-            for others, at_others in runs(coordinates):
-                out[:, :, own, :, others] = inverse[:, :, at, :, at_others]
-        return out.reshape(k, WINDOW * c, -1), rows.reshape(k, WINDOW * c, q)
+        at = (n * np.arange(WINDOW)[:, None] + coordinates).ravel()
+        return inverse[:, at[:, None], at], followed[:, at]
 
     def followed_of(self, coordinate: int) -> np.ndarray:
         """Rows of `W √Σ` of one coordinate for every window (S, 7, q)."""
