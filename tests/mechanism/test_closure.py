@@ -7,9 +7,11 @@ from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER
 
 import ident
 import sim
+from experiments.document.replay import Replay
 from ident.errors import InputError, ModelError
 from ident.estimation.loads import stated_drive_torques
 from ident.estimation.preparation import prepared
+from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
@@ -222,6 +224,35 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimato
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
         ident.identify(read(model), log, estimator="ordinary")
+
+
+def test_a_replay_keeps_loops_closed():
+    arm = read(FOUR_BAR)
+    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
+    motion = Motion(SWING[:, None], *np.zeros((2, len(T), 1)))
+    replay = Replay(ready.mechanism, ready.recording, motion, (), np.arange(len(T)), {})
+    names = [body["name"] for body in replay.to_page()["bodies"]]
+    poses = replay.poses(np.arange(0, len(T), 10))
+    ends = [poses[:, names.index(name)] @ [x, 0, z, 1] for name, x, z in (("rod", 0.3, 0.12), ("rocker", 0.05, 0.22))]
+    np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_load_in_a_loop_is_weighed_by_the_cranks_torque():
+    arm, rng, t = closed("four-bar"), np.random.default_rng(0), np.arange(800) / 100
+    logs = []
+    for load, waves in ((0.0, [2, 5.3]), (0.6, [1.7, 4.6])):
+        q, dq, ddq = swings(t, [0.8, 0.25], waves)
+        phi = arm.known.reshape(-1, 10).copy()
+        phi[arm.bodies.index("rod")] += parameters_from_com(load, np.array([0.2, 0, 0.05]), 1e-3 * load * np.eye(3))
+        tau = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi.ravel())[:, 0]
+        noisy = {"crank_position": q[:, 0] + 1e-4 * rng.normal(size=len(t)), "crank_torque": tau}
+        noisy["crank_torque"] = tau + 2e-3 * rng.normal(size=len(t))
+        logs.append(ident.read_log({"time": t} | noisy, read(FOUR_BAR)))
+    load = ident.identify_load(read(FOUR_BAR), logs[:1], logs[1:], body="rod").in_frame()
+    true = np.array([0.6, 0.2, 0.05])
+    assert load.identifiable[[0, 1, 3]].all()
+    assert (abs(load.values[[0, 1, 3]] - true) < 4 * load.std_setup[[0, 1, 3]]).all()
 
 
 def test_columns_of_dependent_joints_count():
