@@ -5,6 +5,7 @@ import io
 import re
 import tempfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,22 @@ from mkdocs.structure.files import File, Files
 
 import ident
 import sim
+from experiments import identify
 
 DOCS = Path(__file__).parent
 ROOT_PAGES = {
-    "README.md": "index.md",
+    "README.md": "overview.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "paper.md": "paper.md",
     "CITATION.cff": "CITATION.cff",
 }
+TEMPLATES = DOCS.parent / "experiments" / "document" / "templates"
+"""Templates of the pages of results, whose colours and pictures these pages have as well."""
+
+EXAMPLE = "example"
+"""Folder of the report that the first page shows: of the arm in README."""
+
 GALLERY = "Each picture is drawn by the short script behind it, which runs when these pages are built."
 """Opening of the gallery."""
 
@@ -41,11 +49,38 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         pages |= script_page(script)
     drawn = {script.stem: script_page(script) for script in sorted((DOCS / "gallery").glob("*.py"))}
     pages["gallery.md"] = gallery(drawn)
+    pages["shared.css"] = (TEMPLATES / "shared.css").read_text(encoding="utf-8")
+    pages["index.md"] = first_page()
     for name, each in drawn.items():
         pages |= each | {f"gallery/{name}.md": f"{each[f'gallery/{name}.md']}\n[All pictures](../gallery.md)\n"}
     for name, content in pages.items():
         files.append(File.generated(config, name, content=content))
     return files
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Writes the report that the first page shows; among the files its tables in Markdown would become pages."""
+    folder = Path(config.site_dir) / EXAMPLE
+    folder.mkdir(exist_ok=True)
+    for name, content in example().items():
+        (folder / name).write_bytes(content)
+
+
+@cache
+def example() -> dict[str, bytes]:
+    """Files of the report on README's arm, by name."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        files = [str(DOCS.parent / "scenes" / name) for name in ("arm.xml", "arm.csv")]
+        identify.main([*files, "--base", "base", "--formats", "none", "--name", EXAMPLE, "--out", folder])
+        return {path.name: path.read_bytes() for path in (Path(folder) / EXAMPLE).iterdir()}
+
+
+def first_page() -> str:
+    """The first page, with verdict and pictures of that report."""
+    shown = re.findall(
+        r'<p class="verdict.*?</p>|<div class="pictures">.*?</div>', example()["report.html"].decode(), re.DOTALL
+    )
+    return (DOCS / "index.md").read_text(encoding="utf-8").replace("<!-- report -->", "\n".join(shown))
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -21,7 +21,7 @@ from ident.display.brief import listed
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.batch import LogAgreement, Outcome
+    from experiments.data.batch import LogAgreement, LogOutcome
     from experiments.runs.checkpoint import Checkpoint
     from experiments.runs.workers import Workers
     from ident.mechanism.mechanism import Mechanism
@@ -38,7 +38,7 @@ MODEL = ("base", "ignore", "fix", "packages", "base_rpy_deg", "person", "columns
 
 def run(args: argparse.Namespace) -> None:
     """Identifies every log, and writes and prints a table of all."""
-    from experiments.data.batch import Outcome
+    from experiments.data.batch import LogOutcome
     from experiments.document.provenance import provenance
     from experiments.document.result_folder import check_inputs, writable
     from experiments.document.writer import write
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     check_inputs([out.folder / PROGRESS], own_model.inputs(args))
     with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
-        outcomes = [Outcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
+        outcomes = [LogOutcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
         origin, agreed = provenance({**kept.identity, **out.choices}), agreement_of(tasks, outcomes)
         document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
         write(document, out, stale=batch_report.OUTPUTS)
@@ -125,7 +125,7 @@ class FullDiskError(InputError):
     """Results of no log can be written."""
 
 
-def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[Outcome]") -> "LogAgreement | None":
+def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[LogOutcome]") -> "LogAgreement | None":
     """Agreement of the logs that did not fail, None for fewer than two.
 
     Raises:
@@ -157,13 +157,13 @@ def check_outcomes(tasks: Sequence[argparse.Namespace], outcomes: Sequence[Any])
     Raises:
         InputError: They are damaged, or not of these tasks.
     """
-    from experiments.data.batch import Outcome
+    from experiments.data.batch import LogOutcome
     from ident.annotations import misfit
 
     if len(outcomes) > len(tasks):
         raise InputError(f"it has {len(outcomes)} outcomes of {len(tasks)} logs")
     for task, given in zip(tasks, outcomes, strict=False):
-        if wrong := misfit(Outcome, vars(outcome := Outcome(**given))):
+        if wrong := misfit(LogOutcome, vars(outcome := LogOutcome(**given))):
             raise InputError(f"an outcome is damaged: {wrong}")
         if outcome.log != str(task.logs[0]) or outcome.folder != ("" if outcome.error else task.name):
             raise InputError(f"where the outcome of {task.logs[0]} belongs is one of {outcome.log!r}")
@@ -197,13 +197,13 @@ def outcome_in_json(task: argparse.Namespace) -> dict[str, Any]:
     return outcome
 
 
-def outcome_of(task: argparse.Namespace) -> "Outcome":
+def outcome_of(task: argparse.Namespace) -> "LogOutcome":
     """Outcome of one log, whose results are written; a failure is an outcome as well.
 
     Raises:
         FullDiskError: Results of no log can be written.
     """
-    from experiments.data.batch import Outcome
+    from experiments.data.batch import LogOutcome
     from experiments.document.writer import written
     from experiments.reports import identify_report
 
@@ -216,15 +216,15 @@ def outcome_of(task: argparse.Namespace) -> "Outcome":
     except (InputError, OSError, MemoryError) as error:
         if {getattr(each, "errno", None) for each in (error, error.__cause__)} & FULL:
             raise FullDiskError(f"{name}: {error}") from None
-        return Outcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
+        return LogOutcome(name, error=str(error) or type(error).__name__, seconds=time.process_time() - begun)
     except Exception as error:
         # One log must not end the others; what is printed is for a report of the fault.
         traceback.print_exc()
         sentence = f"This is a fault of multicontact: {type(error).__name__}: {error}"
-        return Outcome(name, error=sentence, seconds=time.process_time() - begun)
+        return LogOutcome(name, error=sentence, seconds=time.process_time() - begun)
     known = [each for each in result.parameters if each.kind in ("base", "drive")]
     verdict = result.verdict()
-    return Outcome(
+    return LogOutcome(
         log=name,
         folder=folder.name,
         verdict=verdict.outcome.value,

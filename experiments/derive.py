@@ -4,25 +4,25 @@ import argparse
 from pathlib import Path
 
 from experiments.cli import options, running
-from experiments.runs.environment import extra
 
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model, and writes and prints it."""
     from experiments.document.provenance import provenance
     from experiments.document.result_folder import results_folder, write_json
+    from ident.files.limits import library
 
-    with extra("symbolic"):
-        from experiments.symbols import derivation, report
+    with library("symbolic", "This"):
+        from experiments.symbols import derivation
 
     derived = derivation.derivation(args.mechanism, args.base, args.ignore)
     out = args.out / derived.name
     with results_folder(out, inputs=[Path(args.mechanism)]) as folder:
-        for file, text in report.sources(derived).items():
+        for file, text in derivation.sources(derived).items():
             (folder / file).write_text(text, encoding="utf-8")
         choices = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
         write_json(folder / "provenance.json", provenance(choices))
-    print(report.text(derived))
+    print(derivation.text(derived))
     print(f"LaTeX, Python and C are in {out}.")
 
 

@@ -66,7 +66,7 @@ def report(
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.output_parser("human", __doc__)
+    out = options.output_parser("human", __doc__, options.PRINTED)
     out.add_argument("--seed", type=options.whole_number(0), default=0, help="of motions, noise and the wrong prior")
     out.add_argument("--seconds", type=options.whole_number(2, 120), default=4, help="length of each recording")
     out.add_argument("--activities", nargs="+", help="what is recorded, by default all that a person does")

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
         rerun_file.check_installed()
     _, document, out = identified_from(args, own_model.folder(args))
     document = rerun_file.with_rerun(document) if args.rerun else document
-    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args))
+    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args), verbose=args.verbose)
 
 
 def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate", "Document", "Output"]:
@@ -56,7 +56,9 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
     out, origin = options.output_of(args, folder), own_model.provenance(args, result.logs)
-    document = identify_report.document(result, args.model, args.logs, origin, following(result))
+    document = identify_report.document(
+        result, args.model, args.logs, origin, following(result), geometry=args.write_geometry
+    )
     return result, document, out
 
 
@@ -123,6 +125,7 @@ def parser() -> argparse.ArgumentParser:
         help=f"{options.LOGS}; several share their parameters",
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
+    out.add_argument("--verbose", action="store_true", help="print more than a screen: remarks, notes and bodies")
     add_options(out)
     options.add_rerun(out)
     otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
@@ -167,6 +170,11 @@ def add_options(out: argparse.ArgumentParser) -> None:
     )
     out.add_argument(
         "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
+    )
+    out.add_argument(
+        "--write-geometry",
+        action="store_true",
+        help="write where joints lie into the updated model, too",
     )
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")

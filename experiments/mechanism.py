@@ -29,7 +29,7 @@ def report(out: "Output") -> "Document":
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    return options.output_parser("mechanism", __doc__)
+    return options.output_parser("mechanism", __doc__, options.PRINTED)
 
 
 main = running.main(__name__, run, parser)

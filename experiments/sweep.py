@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.output_parser("sweep", __doc__)
+    out = options.output_parser("sweep", __doc__, options.PRINTED)
     out.add_argument("study", choices=("misaligned", "multicontact"), help="study to run")
     out.add_argument(
         "--over", nargs="+", required=True, metavar=("OPTION", "VALUE"), help="option of the study, and its values"

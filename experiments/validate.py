@@ -60,7 +60,7 @@ def _places(args: argparse.Namespace) -> "Places":
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.output_parser("validate", __doc__)
+    out = options.output_parser("validate", __doc__, options.PRINTED)
     out.add_argument("names", nargs="*", metavar="NAME", help="recordings, by default all that are there")
     out.add_argument("--data", type=Path, metavar="FOLDER", help=f"folder of recordings, by default {VARIABLE}")
     out.add_argument("--fetch", action="store_true", help="download what is missing, into the user's cache")

@@ -94,6 +94,32 @@ def checked_deviations(
     return {name: float(value) if value >= LEAST else 0.0 for name, value in given.items()}
 
 
+def checked_by_joint(
+    where: str, given: Any, kind: str, joints: Iterable[str], error: type[InputError] = InputError
+) -> tuple[Any, dict[str, float]]:
+    """Divides standard deviations into those of kinds and those of one kind by joint; errors as above.
+
+    Args:
+        where: Name of the argument in messages.
+        given: Mapping in which that kind may be a table of joints, as `{"centre": {"elbow": 0.01}}`.
+        kind: The kind.
+        joints: Names of the joints that have it.
+        error: Type of the error to raise.
+
+    Returns:
+        The others as they are, and the joints' by names as `centre(elbow)`.
+    """
+    if not isinstance(given, Mapping):
+        return given, {}
+    single = {name: x for name, x in given.items() if str(name).startswith(f"{kind}(")}
+    by_joint = {name[len(kind) + 1 : -1]: x for name, x in single.items()}
+    if is_table := isinstance(given.get(kind), Mapping):
+        by_joint |= given[kind]
+    others = {name: x for name, x in given.items() if name not in single and not (is_table and name == kind)}
+    checked = checked_deviations(f"{where}.{kind}", by_joint, joints, error)
+    return others, {f"{kind}({joint})": std for joint, std in checked.items()}
+
+
 def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, ...]:
     """Names out of a list, each once.
 

@@ -12,11 +12,10 @@ import numpy as np
 from ident.annotations import typed
 from ident.arguments import check_type, near
 from ident.display.brief import listed, short
-from ident.display.frames import parameters_frame
-from ident.display.html import estimate_html
+from ident.display.html import PAGES, estimate_html
 from ident.display.numbers import estimate_numbers
-from ident.display.parameters import Groups, Parameter, intervals, parameters_of
-from ident.display.text import decimals_of, estimate_summary, headline, ratios
+from ident.display.parameters import Groups, Parameter, intervals, parameters_frame, parameters_of
+from ident.display.text import decimals_of, first_parameters, headline, summary_text, undetermined_sentence
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
 from ident.estimation.preparation import Part, Prepared
@@ -133,7 +132,8 @@ class Estimate:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All coefficients with their intervals, units and bodies: base parameters, drives, offsets, torque scales."""
-        return parameters_of(self)
+        wider = np.sqrt(np.diag(self.covariance_setup))
+        return parameters_of(self.fit, self.prepared.mechanism, wider, bounded=self.bounded, scales=self.scales)
 
     def __getitem__(self, name: str) -> Parameter:
         """The coefficient of a name, such as `m2rz2` or `Fv(knee)`.
@@ -411,6 +411,15 @@ class Estimate:
         """Set-up errors, which the estimate includes."""
         return [] if self.trajectory is None else setup_findings(self.trajectory)
 
+    @property
+    def displaced(self) -> dict[str, np.ndarray]:
+        """Displacements of joints in their parents' frames, m (3,), by the names of the bodies that they carry."""
+        tree, out = self.prepared.mechanism.tree, dict[str, np.ndarray]()
+        for each in (own for own in self.setup if own.kind == "centre"):
+            shift = out.setdefault(tree.names[tree.compounds[each.values["of"]][-1]], np.zeros(3))
+            shift["xyz".index(each.values["axis"])] = each.value
+        return out
+
     @cached_property
     def evidence(self) -> Evidence:
         """Evidence that the estimate is judged by."""
@@ -440,11 +449,38 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
-        return estimate_numbers(self)
+        numbers = estimate_numbers(self.evidence, self.findings, self.verdict(), self.held_out, self.consistent())
+        return numbers | {
+            "std_setup": np.sqrt(np.diag(self.covariance_setup)).tolist(),
+            "condition_numbers": {k: x if np.isfinite(x) else None for k, x in self.condition_numbers.items()},
+            "scales": {joint: {"value": value, "std": std} for joint, (value, std) in self.scales.items()},
+        }
 
     def summary(self) -> str:
         """Parameters, prediction errors, verdict and findings as text; `print(estimate)` is short."""
-        return estimate_summary(self)
+        parameters, more = first_parameters(self.parameters, self.undetermined)
+        sentences = [
+            more,
+            f"Residual over signal: {self._ratios}; condition number {self.determined_condition:.3g}.",
+            self.undetermined_sentence,
+            str(self.verdict()),
+            *(f"  {note}" for part in self.logs for note in part.log.notes),
+            *(finding.line for finding in self.findings),
+        ]
+        return summary_text(self._headline, parameters, sentences)
+
+    @property
+    def undetermined_sentence(self) -> str:
+        """Sentence on the parameters that the motion does not determine since joints rest; empty for none."""
+        return undetermined_sentence(self.undetermined, (joint for part in self.logs for joint in part.log.resting))
+
+    @property
+    def _headline(self) -> str:
+        return headline(self.parameters, self.fit.samples, len(self.logs))
+
+    @property
+    def _ratios(self) -> str:
+        return ", ".join(f"{c} {r:.2f}" for c, r in zip(self.channels, self.held_out.ratio, strict=True))
 
     def __repr__(self) -> str:
         doubts = sum(finding.doubt for finding in self.findings)
@@ -452,14 +488,17 @@ class Estimate:
         numbers = [f"{count} {word}{'s' * (count != 1)}" for word, count in counts.items()]
         lines = {
             "mechanism": listed(self.prepared.mechanism.bodies),
-            "residual over signal": ratios(self),
+            "residual over signal": self._ratios,
             "verdict": f"{self.verdict().outcome.value}, {', '.join(numbers)}",
             "more": "print(estimate.summary()), estimate.to_frame(), estimate.plot()",
         }
-        return short(f"Estimate of {headline(self)}", lines)
+        return short(f"Estimate of {self._headline}", lines)
 
     def _repr_html_(self) -> str:
-        return estimate_html(self)
+        parameters, more = first_parameters(self.parameters, self.undetermined)
+        sentences = [more, f"Residual over signal: {self._ratios}"]
+        findings = ((each.text, each.doubt) for each in self.findings)
+        return estimate_html(self._headline, str(self.verdict()), parameters, sentences, findings, PAGES.get(self))
 
     def to_frame(self) -> "pd.DataFrame":
         """All coefficients as a pandas data frame, with 95 % intervals that include the set-up.
@@ -473,19 +512,22 @@ class Estimate:
         """Base parameters with 95 % intervals beside the model's, as a matplotlib figure."""
         from ident.display.plots import parameters_plot
 
-        return parameters_plot(self)
+        return parameters_plot(self.names, self.psi, self.interval(), self.fit.equations.from_model[: len(self)])
 
     def plot_fit(self) -> "Figure":
         """Measured and predicted channels on the held-out part, as a matplotlib figure."""
         from ident.display.plots import fit_plot
 
-        return fit_plot(self)
+        held, measured = self.held_out, self.held_out.samples.measured
+        lines = map(held.interrupted, (held.time, measured, measured - held.residual))
+        return fit_plot(self.fit.equations, *lines)
 
     def plot_spectra(self) -> "Figure":
         """Spectra of the channels and of their residuals, as a matplotlib figure."""
         from ident.display.plots import spectra_plot
 
-        return spectra_plot(self)
+        held, rate = self.held_out, self.prepared.recording.rate
+        return spectra_plot(self.fit.equations, rate, held.samples.measured, held.residual)
 
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` file that `load` reads back, in the same version; the model's file is not part of it.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from ident.annotations import typed
-from ident.arguments import check_holdout, checked_deviations, checked_names, described
+from ident.arguments import check_holdout, checked_by_joint, checked_deviations, checked_names, described
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
@@ -86,12 +86,13 @@ def check_choices(
         )
 
 
-def checked_setup(given: Any) -> dict[str, float]:
-    """Standard deviations of set-up errors by kind, zero for what is exact.
+def checked_setup(given: Any, joints: Iterable[str]) -> dict[str, float]:
+    """Standard deviations of set-up errors by kind, zero for what is exact; of single joints as `centre(elbow)`.
 
     Raises:
         InputError: They are malformed, or one is given to scales of torques, which have their own by joint.
     """
+    given, single = checked_by_joint("setup", given, "centre", joints)
     setup = checked_deviations("setup", given, PRIORS)
     for kind, std in setup.items():
         if std and SETUP[kind].stated:
@@ -99,7 +100,7 @@ def checked_setup(given: Any) -> dict[str, float]:
                 f"setup.{kind} needs zero or false for exact torques, got {std:g}: how uncertain a torque's scale is "
                 "belongs to its joint (torque_std or kp_std of the columns file, scales of a Recording)."
             )
-    return setup
+    return setup | single
 
 
 def _as_stated(log: Prepared, setup: Mapping[str, float]) -> Prepared:
@@ -153,9 +154,9 @@ def identify(
         held_out: Other recordings to judge by, as for `recording`; then all others are fitted whole.
         own: Parameters that each recording has separately in the trajectory estimate: `offset`, `delay`, `lag`.
         setup: Standard deviations of set-up errors in the trajectory estimate by their kinds, in SI units and radians,
-            as `{"delay": 0.01, "gain": 0.0}`; zero for what is exactly as stated. By default those of the recording,
-            else those of `ident.setup.PRIORS`. Of `scale`, only zero: each joint's torque has its own, in the
-            recording.
+            as `{"delay": 0.01, "gain": 0.0}`, of joints' centres by joint, too, as `{"centre": {"knee": 0.02}}`; zero
+            for what is exactly as stated. By default those of the recording, else `ident.setup.PRIORS`. Of `scale`,
+            only zero: each joint's torque has its own, in the recording.
         known: Standard deviations of the model's bodies in the trajectory estimate, as `{"mass": 0.1, "center": 0.02,
             "inertia": 0.3}` (relative, m, relative); True for the default, False for no prior, None for the default
             where the motion does not separate all parameters.
@@ -220,7 +221,6 @@ def identified(
     estimator = checked_estimator(estimator)
     check_holdout(holdout)
     own = checked_names("own", own, OWN)
-    setup = checked_setup({} if setup is None else setup)
     beforehand = {} if known is None or isinstance(known, bool) else checked_deviations("known", known, KNOWN)
     logs = [logs] if isinstance(logs, Prepared) else list(logs)
     if not logs:
@@ -230,6 +230,10 @@ def identified(
             f"A log states a load on '{carried[0]}', under [load] in its columns file: `payload` (in Python "
             "`identify_load`) identifies it beside logs without it."
         )
+    tree, setup = logs[0].mechanism.tree, {} if setup is None else setup
+    setup, stated = (checked_setup(each, tree.compounds) for each in (setup, logs[0].recording.setup))
+    if "centre" in setup:
+        stated = {name: std for name, std in stated.items() if not name.startswith("centre(")}
     logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
     check_choices(estimator, own=own, physical=physical, setup=setup)
     if ESTIMATORS[estimator].filters:
@@ -250,7 +254,7 @@ def identified(
         known={**KNOWN, **checked_deviations("known", recording.known, KNOWN), **beforehand},
         # Who states what is known of single bodies asks for it.
         wanted=bool(recording.known_bodies) or None if known is None else bool(known),
-        setup={**checked_setup(recording.setup), **setup},
+        setup={**stated, **setup},
         own=own,
         physical=physical,
         executor=executor,

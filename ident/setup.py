@@ -46,7 +46,7 @@ ANGLE = Unit("rad", math.degrees(1), "°", "_deg", math.radians(1))
 class SetupKind:
     """A kind of set-up errors.
 
-    In templates, `{of}` is the object's name and `{axis}` the axis.
+    In templates, `{of}` is the object's name, `{axis}` the axis and `{link}` the joint at the other end of a link.
 
     Attributes:
         std: Default standard deviation of the prior, whose mean is zero, in SI units and radians.
@@ -54,13 +54,17 @@ class SetupKind:
         of: The objects that have it, each along its axes: a key of `ident.estimation.setup.objects`.
         sentence: Template of the finding, with `{size}` and `{sign}`.
         signs: Words for `{sign}`, of a positive and of a negative error.
+        along: Those of an error along a link, in place of `signs`: away from its other end, and towards it.
         short: Template of a few words, for an error that the data cannot distinguish from another one.
         label: Template of its label in the table of a payload's sensor.
+        note: What else follows from the error, in a sentence.
         together: Template of the cause that changes the parameters of all objects along one axis alike, which the data
             may not be able to distinguish from another error; empty for none.
         shift: Shift of the samples' true times; None if the error acts on something else.
         own: True if each of several recordings may have its own.
         far: True if values beyond the reach of a local search are tried first.
+        gross: Standard deviation of an error that the data show far beyond what is stated, as a part of another size;
+            zero for kinds without one.
         weighs: True if an error changes what the mechanism seems to weigh.
         common: True if the channels of one instrument, a wrench or all joint torques, also share an error that is as
             uncertain as each one's own, as of an amplifier or of a calibration weight.
@@ -72,12 +76,15 @@ class SetupKind:
     of: str
     sentence: str
     signs: tuple[str, str] = ("+", "-")
+    along: tuple[str, str] = ("", "")
     short: str
     label: str
+    note: str = ""
     together: str = ""
     shift: Shift | None = None
     own: bool = False
     far: bool = False
+    gross: float = 0.0
     weighs: bool = False
     common: bool = False
     stated: bool = False
@@ -198,6 +205,18 @@ SETUP: Mapping[str, SetupKind] = {
         label="tilt of the axis of joint {of} about {axis}",
         together="a turn of all joint axes about {axis}",
     ),
+    "centre": SetupKind(
+        std=0.001,
+        unit=LENGTH,
+        of="centres",
+        gross=0.1,
+        sentence="The joint '{of}' lies {size} {sign} than in the model",
+        signs=("farther along +{axis} of its parent's frame", "farther along -{axis} of its parent's frame"),
+        along=("farther from the joint '{link}'", "nearer to the joint '{link}'"),
+        short="another place of joint '{of}' along {axis} of its parent's frame",
+        label="shift of joint {of} along {axis} of its parent's frame",
+        note="Inertias of an updated model belong to that place; --write-geometry writes it, too.",
+    ),
 }
 """Every kind of set-up error by its name, in the order of the parameters."""
 
@@ -207,3 +226,6 @@ OWN = (OFFSET, FRICTION, *(kind for kind, row in SETUP.items() if row.own))
 
 PRIORS = {kind: row.std for kind, row in SETUP.items()}
 """Default standard deviations of the priors."""
+
+OF_PEOPLE = 0.01
+"""Standard deviation of the joint centres in models of people, m: regressions and scaling place them to 10 to 20 mm."""

@@ -40,10 +40,9 @@ WRONG += [(x, "needs standard deviations by name, out of mass, center, inertia; 
         ({"held_out": ["run.csv"]}, r"^run\.csv: there is no such file"),
     ],
 )
-@pytest.mark.parametrize("estimator", ["trajectory", "ordinary"])
-def test_arguments_are_refused_in_one_sentence(given, message, estimator):
+def test_arguments_are_refused_in_one_sentence(given, message):
     with pytest.raises(ident.InputError, match=message):
-        ident.identify(PENDULUM, RECORDING, estimator=estimator, **given)
+        ident.identify(PENDULUM, RECORDING, **given)
 
 
 def test_a_recording_is_needed():

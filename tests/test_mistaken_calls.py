@@ -1,5 +1,7 @@
 """Mistaken calls of every front door: one sentence that names the argument, and no other error."""
 
+import subprocess
+import sys
 from typing import Any
 
 import driven_arm
@@ -41,6 +43,14 @@ def regressor(tree=TREE, q=Q, dq=Q, ddq=Q, gravity=GRAVITY, of=mc.base_wrench_re
 
 
 NUMBERS = "needs an array of real numbers"
+MECHANISM = 'needs a Mechanism, such as mc.mechanism("arm.xml"); got'
+FIX = "fix needs joints"
+
+
+def fixed(fix):
+    return mc.mechanism(SPEC, base="base", fix=fix)
+
+
 CALLS = {
     # Recordings.
     "channels in a list": (lambda: recording([np.ones(100)]), "measured needs a mapping of arrays"),
@@ -132,6 +142,31 @@ CALLS = {
         lambda: mc.least_squares(mc.Equations.of_wrench(PENDULUM), mc.Samples(3, 4)),
         "The samples must have a Motion",
     ),
+    # Objects of another kind.
+    "a path to identify": (lambda: mc.identify("arm.xml", "run.csv"), f"mechanism {MECHANISM} 'arm.xml'"),
+    "an estimate to identify": (lambda: mc.identify(estimates.quick(), "a"), f"{MECHANISM} an object of type Estimate"),
+    "an estimate to fit": (lambda: mc.identify(ARM, estimates.quick()), "recording needs a Recording, "),
+    "columns in a list": (lambda: mc.identify(ARM, "run.csv", columns=["a"]), "columns needs the path of a TOML file"),
+    "a log without a mechanism": (lambda: mc.read_log("run.csv", "arm.xml"), f"mechanism {MECHANISM} 'arm.xml'"),
+    "a path to regroup": (lambda: mc.find_base_parameters("arm.xml"), f"source {MECHANISM} 'arm.xml'"),
+    "a path as a robot": (lambda: mc.identify_payload("a", [], body="a", sensor="b"), f"robot {MECHANISM} 'a'"),
+    "a path as a log": (lambda: mc.identify_payload(ARM, "a", body="a", sensor="b"), "recording[0] needs a Recording"),
+    "an estimate as bodies": (lambda: mc.write_model("a.xml", PENDULUM, estimates.quick()), "estimate.consistent();"),
+    "no bodies": (lambda: mc.write_model("new.xml", PENDULUM, None), "need 30 finite parameters, got shape"),
+    "a mechanism as a path": (lambda: mc.write_model(ARM, "new.xml", None), "path needs the path of a file to write"),
+    "a path to write": (lambda: mc.write_model("new.xml", "arm.xml", None), f"mechanism {MECHANISM} 'arm.xml'"),
+    "a path to update": (lambda: mc.updated_spec("arm.xml", None), f"mechanism {MECHANISM} 'arm.xml'"),
+    "no model": (lambda: mc.mechanism(None), "source needs the path of a model, an MjSpec or an MjModel; got None"),
+    "a number as a model": (lambda: mc.tree_from_model(3), "source needs the path of a model, "),
+    "no estimate to report": (lambda: mc.report(LOG, "out"), "estimate needs an Estimate, "),
+    "no folder to report to": (lambda: mc.report(estimates.quick(), None), "folder needs the path of a folder"),
+    "no path to load": (lambda: mc.Estimate.load(3), "path needs a path; got 3"),
+    "no path to save": (lambda: LOG.save(3), "path needs a path; got 3"),
+    "no excitation": (lambda: mc.simulate(SPEC, None), "excitation needs a desired motion, "),
+    "a path to simulate": (lambda: mc.simulate("arm.xml", None), "spec needs an MjSpec, such as "),
+    "a recording to predict": (lambda: estimates.quick().predict(LOG), "motion needs a Motion"),
+    "a place of a joint": (lambda: fixed({"joint1": "here"}), FIX),
+    "a joint by number": (lambda: fixed({3: 0.1}), FIX),
     # Identification.
     "one recording twice": (lambda: identified([LOG, LOG]), "fitted once only, but one of them is given twice"),
     "one recording in two": (
@@ -208,6 +243,36 @@ def test_a_mistaken_call_is_one_sentence(call, message, tmp_path, monkeypatch):
         and sentence.endswith((".", ").", "LeRobot"))
     )
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("fix", "as_if"),
+    [
+        ({"joint2": -0.3}, {"joint2": [-0.3]}),
+        ({"joint2": np.float32(0.5)}, {"joint2": [0.5]}),
+        ("joint2", {"joint2": ()}),
+        (["joint2"], {"joint2": ()}),
+    ],
+)
+def test_a_joint_is_fixed_by_a_number_or_by_its_name_alone(fix, as_if):
+    assert fixed(fix).tree == fixed(as_if).tree
+    assert fixed(fix).tree.joints == ("joint1",)
+
+
+def test_a_folder_that_is_missing_is_one_sentence(tmp_path):
+    saves = [(estimates.quick().save, "npz"), (LOG.save, "npz"), (LOG.save, "csv")]
+    for save, end in [*saves, (lambda path: mc.write_model(path, PENDULUM, PENDULUM.known), "xml")]:
+        with pytest.raises(mc.InputError, match=r"nowhere' does not exist; make it first\.$"):
+            save(tmp_path / "nowhere" / f"new.{end}")
+
+
+def test_a_misspelt_command_names_those_that_are_near():
+    for given, near in (
+        ("idntify", "there is no command 'idntify'; near that are identify"),
+        ("xyzxyz", "are paper, mech"),
+    ):
+        run = subprocess.run([sys.executable, "-m", "multicontact", given], capture_output=True, text=True)
+        assert run.returncode == 2 and near in run.stderr
 
 
 def test_what_is_meant_works():

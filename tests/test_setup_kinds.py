@@ -65,6 +65,11 @@ ROWS = {
         "a tilt of the axis of joint 'knee' about z",
         "tilt of the axis of joint knee about z",
     ),
+    ("centre", "knee", 2): (
+        "The joint 'knee' lies 30.00 ± 0.10 mm farther along +z of its parent's frame than in the model",
+        "another place of joint 'knee' along z of its parent's frame",
+        "shift of joint knee along z of its parent's frame",
+    ),
 }
 NEGATIVE = {
     "late": "early",
@@ -81,11 +86,27 @@ NEGATIVE = {
 @pytest.mark.parametrize("key", ROWS, ids=lambda key: key[0])
 def test_sentence_short_form_and_label_of_every_kind(key):
     each, (text, few, label) = SetupParameter(*key, std=0.1), ROWS[key]
-    assert sentence(each, 0.03, 1e-4) == f"{text}. The estimate includes this."
+    end = f". The estimate includes this. {each.row.note}".rstrip()
+    assert sentence(each, 0.03, 1e-4) == f"{text}{end}"
     for word, other in NEGATIVE.items():
         text = re.sub(rf"(?<!\w){re.escape(word)}(?!\w)", other, text)
-    assert sentence(each, -0.03, 1e-4) == f"{text}. The estimate includes this."
+    assert sentence(each, -0.03, 1e-4) == f"{text}{end}"
     assert short(each) == few and each.text(each.row.label) == label
+
+
+@pytest.mark.parametrize(("link", "words"), [("hip", "farther from"), ("-hip", "nearer to")])
+def test_a_shift_along_a_link_is_away_from_its_other_end_or_towards_it(link, words):
+    each = SetupParameter("centre", "knee", 2, 0.01, link=link)
+    start = f"The joint 'knee' lies 12.3 ± 1.1 mm {words} the joint 'hip' than in the model."
+    assert sentence(each, 0.0123, 0.0011).startswith(
+        f"{start} The estimate includes this. Inertias of an updated model "
+    )
+    other = {"farther from": "nearer to", "nearer to": "farther from"}[words]
+    assert words not in sentence(each, -0.0123, 0.0011) and other in sentence(each, -0.0123, 0.0011)
+    fit = SimpleNamespace(names=[each.name], covariance=np.eye(1) * 0.0011**2, theta=np.array([0.0123]))
+    search = SimpleNamespace(deviations=(Deviation(0, ()),))
+    (finding,) = setup_findings(SimpleNamespace(fit=fit, search=search, setup={0: each}))
+    assert finding.text.startswith(start)
 
 
 def test_every_kind_has_a_sentence_of_its_own_here():
@@ -133,6 +154,6 @@ def test_a_parameter_of_one_log_is_named_and_placed_there():
 
 def test_columns_files_and_arguments_take_every_kind():
     angles = ("rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
-    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", *angles]
+    assert list(DEVIATIONS) == ["delay", "lag", "clock", "origin", "gain", "centre", *angles]
     assert {key: factor for key, factor in DEVIATIONS.items() if factor != 1} == dict.fromkeys(angles, np.pi / 180)
     assert OWN == ("offset", "friction", "delay", "lag")

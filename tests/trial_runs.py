@@ -16,14 +16,14 @@ import pytest
 from fuzz.here import Here
 
 from experiments import multicontact
-from experiments.data.simulated import Problem
+from experiments.data.simulated import StudyProblem
 from experiments.runs import workers
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies import simulated
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
 
-ANALYSE = partial(trial, Problem.of(packaged("multicontact")), ("contact",))
+ANALYSE = partial(trial, StudyProblem.of(packaged("multicontact")), ("contact",))
 
 
 def arguments(tmp_path, *more):

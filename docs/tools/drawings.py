@@ -1,17 +1,23 @@
 """Figures of the documentation: what the trajectory estimate does, and how fast the regressor is."""
 
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+import scenes
 from docs.tools.benchmark import AGAIN, ALL_COLUMNS, CHAIN, REGRESSOR
 from docs.tools.mechanisms import PENDULUM
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
 from docs.tools.noise.recordings import noisy_recording
 from experiments.document import figures, styles
+from experiments.reports.identify_page import first_screen
 from experiments.studies.competitors import USUAL, low_passed
+from ident import read_log
 from ident.identification import identify
+from sim import mechanism
 
 CONDITION = "person_half_degree"
 """A person who bows on a force plate, with angles measured to half a degree."""
@@ -19,6 +25,17 @@ CONDITION = "person_half_degree"
 JOINT = "hip"
 SHOWN = (10.0, 16.0)
 """Times in the figure, s."""
+
+
+def result_picture() -> str:
+    """The first screen of the report on README's arm, as one SVG drawing in the colours of pages."""
+    folder = Path(scenes.__file__).parent
+    arm = mechanism(folder / "arm.xml", "base")
+    shown = first_screen(identify(arm, read_log(folder / "arm.csv", arm)))
+    style = (files("experiments.document") / "templates" / "shared.css").read_text(encoding="utf-8")
+    placed = (svg.replace("<svg ", f'<svg x="{390 * k}" width="360" height="260" ') for k, svg in enumerate(shown))
+    head = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1140 260">'
+    return f"{head}<style>{style} svg {{ background: var(--paper); }}</style>{''.join(placed)}</svg>\n"
 
 
 def accelerations() -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
-from experiments.data.simulated import Study
+from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures, styles
 from ident.files.atomic import replacing
 
@@ -28,7 +28,7 @@ CHANNEL = 3
 GROUND, HAND, TOTAL, ESTIMATE = "C1", "C2", "black", "C0"
 
 
-def moving_figure(result: Study) -> tuple[Figure, Callable[[int], None]]:
+def moving_figure(result: SimulatedStudy) -> tuple[Figure, Callable[[int], None]]:
     """The mechanism from the side with its force arrows, beside the moment at the base over time.
 
     Args:
@@ -49,7 +49,7 @@ def moving_figure(result: Study) -> tuple[Figure, Callable[[int], None]]:
     return figure, drawn
 
 
-def save(result: Study, path: Path) -> None:
+def save(result: SimulatedStudy, path: Path) -> None:
     """Writes the animation as a GIF."""
     first, last = np.searchsorted(result.recording.time, WINDOW)
     writer = PillowWriter(FRAMES_PER_SECOND)
@@ -63,7 +63,7 @@ def save(result: Study, path: Path) -> None:
                 figure.set_layout_engine("none")
 
 
-def _points(result: Study) -> np.ndarray:
+def _points(result: SimulatedStudy) -> np.ndarray:
     """Both joints and the load cell in Y and Z of the base frame, m (N, 3, 2)."""
     tree = result.known.tree
     q, *_ = result.recording.noise_free.joint_states(tree.joints)
@@ -74,7 +74,7 @@ def _points(result: Study) -> np.ndarray:
     return np.stack([poses[:, links[0]], poses[:, links[1]], cell], axis=1)[..., 1:3, 3]
 
 
-def _forces(result: Study) -> np.ndarray:
+def _forces(result: SimulatedStudy) -> np.ndarray:
     """Forces of ground and hand on the mechanism, in Y and Z of the base frame, N (N, 2, 2)."""
     ground = result.recording.wrench("ground").values
     # By Eq. 17 the total is the ground's wrench less the one that the link exerts on the hand.
@@ -99,7 +99,7 @@ def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
         ax.text(0.2, height, f"{name}: {np.hypot(*force):.0f} N", color=color, fontsize=9)
 
 
-def _draw_curves(ax: Axes, result: Study) -> Line2D:
+def _draw_curves(ax: Axes, result: SimulatedStudy) -> Line2D:
     """Draws the moment about X over time, from the ground, with the hand, and predicted; returns the cursor."""
     time, (symbol, unit) = result.recording.time, figures.SYMBOLS[CHANNEL]
     for label, wrench, line in (

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from docs.tools import arm_log, benchmark, moving_picture, validation
-from docs.tools.drawings import figure_benchmark, figure_estimator
+from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture
 from experiments.data.key_numbers import summary
-from experiments.data.simulated import Study
+from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures, result_folder, tabular
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
@@ -23,7 +23,7 @@ BENCHMARK = "benchmark.json"
 """Record of the benchmark."""
 
 
-def table_3(result: Study) -> tabular.Table:
+def table_3(result: SimulatedStudy) -> tabular.Table:
     """Table III with our errors beside the paper's, by least squares and by the trajectory estimate."""
     shown = study_tables.table(result, "table_3")
     by_name = dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
@@ -37,7 +37,7 @@ def table_3(result: Study) -> tabular.Table:
     return tabular.Table("", *tabular.columns(**columns), decimals=2)
 
 
-def table_wrench_errors(result: Study) -> tabular.Table:
+def table_wrench_errors(result: SimulatedStudy) -> tabular.Table:
     """Errors of the recovered wrenches by channel, in brackets relative to the true wrench."""
     rows = []
     for (channel, errors), (_, unit) in zip(summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True):
@@ -47,7 +47,7 @@ def table_wrench_errors(result: Study) -> tabular.Table:
     return tabular.Table("", columns, tuple(rows), decimals=2)
 
 
-def table_4(result: Study) -> tabular.Table:
+def table_4(result: SimulatedStudy) -> tabular.Table:
     """Table IV with our errors beside the paper's, by least squares and by the trajectory estimate."""
     shown = study_tables.table(result, "table_4")
     name, true_paper, true_scene, error, paper_error, trajectory, _ = zip(*shown.rows, strict=True)
@@ -104,6 +104,7 @@ def write(root: Path) -> None:
         figures.save(study_figures.figure(tilted, "figure_2"), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
         figures.save(figure_estimator(), folder, "estimator", ["svg"])
+        (folder / "result.svg").write_text(result_picture(), encoding="utf-8")
         moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
         result_folder.write_json(folder / BENCHMARK, measured)
     arm_log.save(root / "scenes" / "arm.csv")

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.runs.environment import extra
 from ident.errors import InputError
+from ident.files.limits import library
 from ident.geometry import se3
 from ident.geometry.inertia import PINOCCHIO
 from ident.mechanism.body import BASE, Body
@@ -37,7 +37,7 @@ class Pinocchio:
         Raises:
             InputError: Pinocchio is not installed.
         """
-        with extra("peers"):
+        with library("peers", "This"):
             import pinocchio as pin
         self.tree, self.model, self._pin = tree, pin.Model(), pin
         self.model.gravity.linear = gravity

@@ -22,6 +22,13 @@ LOGS = (
 """Help on the formats of a log."""
 
 
+NONE = "none"
+"""Format of figures that are not drawn."""
+
+PRINTED = "pdf", "png"
+"""Formats of the figures of studies: for print, and for the page."""
+
+
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
     """Help that shows defaults, except None and empty lists."""
 
@@ -60,11 +67,11 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
     return parser
 
 
-def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of a command that writes tables and figures for print; arguments as for `command_parser`."""
+def output_parser(name: str, description: str | None, formats: Sequence[str] = ("svg",)) -> argparse.ArgumentParser:
+    """Parser of a command that writes tables and figures; arguments as for `command_parser` and `add_formats`."""
     parser = command_parser(name, description)
     add_page(parser)
-    add_formats(parser)
+    add_formats(parser, formats)
     return parser
 
 
@@ -81,7 +88,7 @@ def page_of(args: argparse.Namespace) -> Iterator[None]:
     if "page_columns" not in args:
         yield
         return
-    from experiments.document.styles import page
+    from experiments.document.sheet import page
 
     with page(args.page_columns):
         yield
@@ -91,24 +98,24 @@ def output_of(args: argparse.Namespace, folder: Path | None = None) -> "Output":
     """Folder, another one if given, and formats of figures that the options ask for."""
     from experiments.document.writer import Output
 
-    return Output(folder or args.out, getattr(args, "formats", ()))
+    return Output(folder or args.out, [each for each in getattr(args, "formats", ()) if each != NONE])
 
 
-def add_formats(parser: argparse.ArgumentParser) -> None:
-    """Adds the formats of figures."""
+def add_formats(parser: argparse.ArgumentParser, default: Sequence[str]) -> None:
+    """Adds the formats of figures, by default the one that the page shows, for studies also the one for print."""
     parser.add_argument(
         "--formats",
         nargs="+",
-        choices=FORMATS,
-        default=["pdf", "png"],
+        choices=(*FORMATS, NONE),
+        default=[*default],
         action=_Distinct,
-        help="formats of the figures, each drawn once; pages show png or svg",
+        help="formats of the figures, each drawn once, or none; pages show png or svg",
     )
 
 
 def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser with the options of every simulated study; arguments as for `output_parser`."""
-    parser = output_parser(name, description)
+    parser = output_parser(name, description, PRINTED)
     otherwise = "; by default the study file's"
     parser.add_argument("--seed", type=whole_number(0), help=f"seed of all noise{otherwise}")
     parser.add_argument("--samples", type=whole_number(1), help=f"samples recorded at 100 Hz{otherwise}")

@@ -100,7 +100,7 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LogOutcome:
     """Outcome of one log.
 
     Attributes:
@@ -162,13 +162,13 @@ class Spread:
     rms_z: float
 
 
-def spreads(outcomes: Sequence[Outcome]) -> list[Spread]:
+def spreads(outcomes: Sequence[LogOutcome]) -> list[Spread]:
     """Parameters over all logs that did not fail, in the order of their first occurrence."""
     names = dict.fromkeys(name for each in outcomes for name in each.values)
     return [_spread(name, [each for each in outcomes if name in each.values]) for name in names]
 
 
-def _spread(name: str, outcomes: Sequence[Outcome]) -> Spread:
+def _spread(name: str, outcomes: Sequence[LogOutcome]) -> Spread:
     """Spread of a parameter over logs that have it."""
     values = np.array([each.values[name] for each in outcomes])
     std = np.array([each.std[name] for each in outcomes])

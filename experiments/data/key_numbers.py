@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.simulated import Study
+from experiments.data.simulated import SimulatedStudy
 from ident.mechanism.axes import angle
 
 CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
@@ -15,7 +15,7 @@ STILL = 1e-9
 """Standard deviation, N or N m, below which a channel has only rounding errors."""
 
 
-def summary(study: Study) -> dict[str, Any]:
+def summary(study: SimulatedStudy) -> dict[str, Any]:
     """Key numbers for scripts; those of a model end with its name."""
     file, numbers = study.file, dict[str, Any]()
     for name in file.models:
@@ -41,7 +41,7 @@ def summary(study: Study) -> dict[str, Any]:
     }
 
 
-def axes(study: Study) -> dict[str, float]:
+def axes(study: SimulatedStudy) -> dict[str, float]:
     """Key numbers of the recovered axes."""
     recovered, tree = study.recovered, study.known.tree
     first = tree.moving[0]
@@ -57,7 +57,7 @@ def axes(study: Study) -> dict[str, float]:
     }
 
 
-def trajectory_summary(study: Study) -> dict[str, float | None]:
+def trajectory_summary(study: SimulatedStudy) -> dict[str, float | None]:
     """Key numbers of the trajectory estimates, which take longer than all others."""
     numbers: dict[str, float | None] = {}
     for name, model in study.file.models.items():
@@ -67,7 +67,7 @@ def trajectory_summary(study: Study) -> dict[str, float | None]:
     return numbers
 
 
-def wrench_errors(study: Study, models: Sequence[str]) -> dict[str, dict[str, float | None]]:
+def wrench_errors(study: SimulatedStudy, models: Sequence[str]) -> dict[str, dict[str, float | None]]:
     """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
     std = study.true.values.std(axis=0)
     rms = {model: np.sqrt((wrench_error(study, model) ** 2).mean(axis=0)) for model in models}
@@ -80,12 +80,12 @@ def wrench_errors(study: Study, models: Sequence[str]) -> dict[str, dict[str, fl
     return errors
 
 
-def wrench_error(study: Study, model: str) -> np.ndarray:
+def wrench_error(study: SimulatedStudy, model: str) -> np.ndarray:
     """Recovered less true, noise-free total wrench (N, 6)."""
     return study.fit(model).predicted - study.true.values
 
 
-def touches(study: Study) -> dict[str, float]:
+def touches(study: SimulatedStudy) -> dict[str, float]:
     """Fraction and episodes of each contact and its peak force; fractions in which all and none touch."""
     number = np.sum(list(study.touching.values()), axis=0)
     numbers: dict[str, float] = {}

@@ -26,6 +26,7 @@ CAREFUL = {
     "gravity": np.radians(0.05),
     "zero": np.radians(0.5),
     "axis": np.radians(0.5),
+    "centre": 0.0,
 }
 """Set-up uncertainty of a laboratory with calibrated plates and joints, as `ident.setup.PRIORS`."""
 
@@ -73,7 +74,7 @@ ROUNDING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class PersonStudy:
     """Results of the study.
 
     Attributes:

@@ -27,7 +27,7 @@ from sim.models.mujoco_model import tree_from_model
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class StudyProblem:
     """A study's mechanism before any recording.
 
     Attributes:
@@ -42,7 +42,7 @@ class Problem:
     true: Tree
 
     @classmethod
-    def of(cls, file: StudyFile) -> "Problem":
+    def of(cls, file: StudyFile) -> "StudyProblem":
         """The problem of a study.
 
         Raises:
@@ -78,7 +78,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class SimulatedStudy:
     """Results of a study; each model's estimates are computed on first use.
 
     Attributes:
@@ -87,7 +87,7 @@ class Study:
         significance: Significance level at which parallel axes are rejected, as for `recover_axes`.
     """
 
-    problem: Problem
+    problem: StudyProblem
     recording: Recording
     significance: float = PARALLEL_SIGNIFICANCE
     _made: dict[tuple[str, str], Trial | TrajectoryTrial] = field(default_factory=dict)
@@ -99,7 +99,7 @@ class Study:
 
     @property
     def known(self) -> Mechanism:
-        """The untilted mechanism, as for `Problem`."""
+        """The untilted mechanism, as for `StudyProblem`."""
         return self.problem.known
 
     def fit(self, model: str, estimator: str | None = None) -> Trial:

@@ -67,7 +67,7 @@ def _from_file(path: Path) -> mujoco.MjSpec:
 
 
 @dataclass(frozen=True)
-class Model:
+class StudyModel:
     """A model to identify, with its estimators.
 
     Attributes:
@@ -108,7 +108,7 @@ class StudyFile:
     title: str
     scene: Scene
     excitation: Excitation
-    models: Mapping[str, Model]
+    models: Mapping[str, StudyModel]
     noise: Mapping[str, float] = field(default_factory=dict)
     samples: int = 1000
     seed: int = 0

@@ -36,9 +36,6 @@ _WRITTEN: dict[str, dict[str, Any]] = {
 VISIBLE = 0.012
 """Smallest visible share of a panel's width, about a point."""
 
-INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
-"""Colours of curves, in the order of pages: black, red and blue as in the paper, then the remaining ones."""
-
 
 @dataclass(frozen=True)
 class Line:

@@ -8,7 +8,7 @@ from itertools import groupby, pairwise
 from math import ceil
 
 from experiments.document import symbols
-from experiments.document.styles import HEIGHTS, WIDTHS, page_columns
+from experiments.document.sheet import HEIGHTS, WIDTHS, page_columns
 from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
 from experiments.document.tabular import DAGGER, Table
 from ident.geometry.inertia import body_of_parameter

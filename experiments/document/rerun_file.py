@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgba
 from scipy.spatial.transform import Rotation
 
 from experiments.document.document import Document
-from experiments.document.figures import INKS
 from experiments.document.replay import Replay
+from experiments.document.sheet import INKS
 from experiments.document.symbols import visible
-from experiments.runs.environment import extra
+from ident.files.limits import library
 from ident.mechanism.body import BASE
 from sim.models.shapes import Shape, shapes
 
@@ -46,7 +45,7 @@ def check_installed() -> None:
     Raises:
         InputError: It is not.
     """
-    with extra("rerun"):
+    with library("rerun", "This"):
         import rerun  # noqa: F401
 
 
@@ -66,7 +65,7 @@ def write_rerun(replay: Replay, path: Path) -> None:
     Raises:
         InputError: The library is not installed.
     """
-    with extra("rerun"):
+    with library("rerun", "This"):
         import rerun
 
     stream = rerun.RecordingStream(APPLICATION, recording_id=APPLICATION, send_properties=False)
@@ -158,6 +157,7 @@ def _moving(replay: Replay) -> Iterator[Moving]:
 def _curves(replay: Replay) -> Iterator[Moving]:
     """Yields each curve of each channel, without the samples that it lacks."""
     import rerun
+    from matplotlib.colors import to_rgba
 
     time = replay.recording.time[replay.drawn]
     inks = [INKS[k % len(INKS)] for k in replay.inks or range(len(replay.curves))]

@@ -155,6 +155,7 @@ class Table:
         units: Units of the rows, by default those of the parameters if there are bodies.
         heads: Headings that `heading` would not form.
         names: Texts that replace first cells, except in the CSV file.
+        carriers: Bodies by the joints that move them, whose drives stand beside their parameters on pages.
     """
 
     title: str
@@ -172,6 +173,7 @@ class Table:
     units: tuple[str, ...] = ()
     heads: Mapping[str, str] = field(default_factory=dict)
     names: Mapping[str, str] = field(default_factory=dict)
+    carriers: Mapping[str, str] = field(default_factory=dict)
 
     def csv(self) -> str:
         """Comma-separated values with full precision; if bodies have names, a column holds each parameter's body.
@@ -244,13 +246,13 @@ class Table:
         first, *more = (self.heads.get(name, heading(name)) for name in self.columns)
         return [first, *["unit"] * bool(self._units()), *more]
 
-    def texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:
-        """Rows as text, with cells written by `escaped`."""
+    def texts(self, escaped: Callable[[str], str] = str, *, owners: bool = True) -> list[list[str]]:
+        """Rows as text, with cells written by `escaped`, parameters with or without the names of their bodies."""
         units, rows = self._units(), []
         for k, (first, *more) in enumerate(self.rows):
             decimals = [self.decimals_at(name, k) for name in self.columns[1:]]
             cells = [self._text(*each, escaped) for each in zip(more, decimals, strict=True)]
-            rows.append([self._name(first, escaped), *map(escaped, units[k : k + 1]), *cells])
+            rows.append([self._name(first, escaped, owners), *map(escaped, units[k : k + 1]), *cells])
         return rows
 
     def lacking(self) -> list[list[str]]:
@@ -280,18 +282,41 @@ class Table:
         first, *more = [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
         return [first, *[False] * bool(self._units()), *more]
 
+    def groups(self) -> list[tuple[str, str, list[int]]]:
+        """Rows in groups, each with its name and its units: by body, or by unit; one group without either."""
+        heads, texts, units = self.headings(), self.texts(), dict[tuple[str, str], dict[str, None]]()
+        members = dict[tuple[str, str], list[int]]()
+        for k, row in enumerate(texts):
+            unit = row[heads.index("unit")] if "unit" in heads else ""
+            body = row[0] if heads[0] == "body" else self._owner(self.rows[k][0])
+            group = (body, "" if self.bodies or heads[0] == "body" else unit)
+            members.setdefault(group, []).append(k)
+            units.setdefault(group, {})[unit] = None
+        return [(group[0], ", ".join(units[group]), rows) for group, rows in members.items()]
+
+    def _owner(self, cell: Cell) -> str:
+        """Body of a parameter or of the joint of a drive such as `Fc(elbow)`, empty for other rows."""
+        joint = str(cell).removesuffix(")").partition("(")[2]
+        return body_of_parameter(str(cell), self.bodies) or self.carriers.get(joint, "") if self.bodies else ""
+
+    def shown_columns(self) -> list[int]:
+        """Columns of `texts` that pages show: without those that the heads of groups have."""
+        heads = self.headings()
+        first = int(heads[0] == "body" and len(self.groups()) < len(self.rows))
+        return [k for k in range(first, len(heads)) if heads[k] != "unit"]
+
     def _units(self) -> tuple[str, ...]:
         """Units of the rows; empty if unknown."""
         return self.units or tuple(unit_of(str(row[0])) or "" for row in self.rows if self.bodies)
 
-    def _name(self, cell: Cell, escaped: Callable[[str], str]) -> str:
+    def _name(self, cell: Cell, escaped: Callable[[str], str], owners: bool = True) -> str:
         """A row's first cell: a parameter with the name of its body."""
         named = isinstance(cell, str) and cell in self.names
         text = escaped(self.names[str(cell)]) if named else self._text(cell, self.decimals, escaped)
         # Concatenated, not formatted: in pages the parts are HTML already.
         text += DAGGER if cell in self.regrouped.names else ""
         body = body_of_parameter(cell, self.bodies) if isinstance(cell, str) else None
-        return text if body is None else text + " of " + escaped(body)
+        return text if body is None or not owners else text + " of " + escaped(body)
 
     def _text(self, cell: Cell, decimals: int, escaped: Callable[[str], str]) -> str:
         if cell is None:

@@ -11,8 +11,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from experiments.document import drawn_data, figures, print_table, styles, symbols
-from experiments.document.document import Document
+from experiments.document import print_table, sheet, symbols
+from experiments.document.document import Document, Plot
 from experiments.document.result_folder import OUTPUTS, results_folder, write_json
 from experiments.document.symbols import pieces
 from experiments.document.tabular import Table
@@ -43,11 +43,11 @@ def page(template: str, root: Path, shown: Mapping[str, Document], formats: Iter
         return f"data:{EMBEDDED[embedded]};base64,{base64.b64encode(content).decode()}"
 
     given = {"results": shown, "formats": chosen, "picture": picture}
-    return _environment().get_template(template).render(**given, **values)
+    return environment().get_template(template).render(**given, **values)
 
 
 @cache
-def _environment() -> Environment:
+def environment() -> Environment:
     """The templates; they are compiled at first use, which takes as long as filling them."""
     environment = Environment(
         loader=PackageLoader("experiments.document"),
@@ -91,12 +91,18 @@ class Output:
     @property
     def choices(self) -> dict[str, Any]:
         """Columns of the page if they are not the default, for the provenance."""
-        columns = styles.page_columns()
+        columns = sheet.page_columns()
         return {} if columns == 2 else {"page_columns": columns}
 
 
 def write(
-    document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = (), then: str = ""
+    document: Document,
+    out: Output,
+    *,
+    stale: Sequence[str] = OUTPUTS,
+    inputs: Sequence[Path] = (),
+    then: str = "",
+    verbose: bool = False,
 ) -> Document:
     """Writes a document into its folder with a page, prints it and returns it.
 
@@ -106,9 +112,10 @@ def write(
         stale: Patterns of files of an earlier run to remove.
         inputs: Input files, which are never replaced.
         then: What to do next, in a sentence.
+        verbose: True to print the longer text.
     """
     written(document, out, stale=stale, inputs=inputs)
-    print(document.text())
+    print((verbose and document.verbose) or document.text())
     end(document, out, then)
     return document
 
@@ -136,14 +143,22 @@ def write_parts(document: Document, out: Output) -> None:
     """Writes tables, figures with their data, and numbers into a folder."""
     for name, table in document.tables.items():
         _write_table(table, out.folder, name)
-    for name, (figure, caption) in document.figures.items():
-        figures.save(figure, out.folder, name, out.formats)
-        (out.folder / f"{name}.csv").write_text(drawn_data.csv_text(figure), encoding="utf-8")
-        if "pdf" in out.formats:
-            content = print_table.figure(name, caption, float(figure.get_figwidth()))
-            (out.folder / f"{name}.tex").write_text(content, encoding="utf-8")
+    for name, plot in document.figures.items() if out.formats else ():
+        _write_figure(plot, out, name)
     for name, numbers in document.numbers.items():
         write_json(out.folder / f"{name}.json", numbers)
+
+
+def _write_figure(plot: Plot, out: Output, name: str) -> None:
+    """Draws a figure and writes it in each format, its data, and for PDF the float that holds it."""
+    # Commands that draw nothing start without matplotlib.
+    from experiments.document import drawn_data, figures
+
+    figures.save(plot.figure, out.folder, name, out.formats)
+    (out.folder / f"{name}.csv").write_text(drawn_data.csv_text(plot.figure), encoding="utf-8")
+    if "pdf" in out.formats:
+        content = print_table.figure(name, plot.caption, float(plot.figure.get_figwidth()))
+        (out.folder / f"{name}.tex").write_text(content, encoding="utf-8")
 
 
 def _write_table(table: Table, folder: Path, name: str) -> None:

@@ -66,7 +66,7 @@ class Quantity:
 
 
 @dataclass
-class Entry:
+class TableEntry:
     """A line in the table of a wrench or pose.
 
     Attributes:
@@ -81,7 +81,7 @@ class Entry:
 
 
 @dataclass
-class Group:
+class ColumnGroup:
     """Columns that probably hold a wrench, or the poses of a ball joint or a base.
 
     Attributes:
@@ -93,7 +93,7 @@ class Group:
     """
 
     name: str
-    entries: dict[str, Entry]
+    entries: dict[str, TableEntry]
     is_open: bool = False
     is_inner: bool = False
     own_name: str = ""
@@ -134,8 +134,8 @@ class Belief:
     log: LogContents
     mechanism: Mechanism
     quantities: dict[str, Quantity] = field(default_factory=dict)
-    groups: dict[str, Group] = field(default_factory=dict)
-    poses: dict[str, Group] = field(default_factory=dict)
+    groups: dict[str, ColumnGroup] = field(default_factory=dict)
+    poses: dict[str, ColumnGroup] = field(default_factory=dict)
     open: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
@@ -184,7 +184,7 @@ class Belief:
         self.undecided |= set(joints)
 
     @property
-    def outer(self) -> dict[str, Group]:
+    def outer(self) -> dict[str, ColumnGroup]:
         """Wrenches by name that are no remarks, without those of sensors between two bodies."""
         return {name: group for name, group in self.groups.items() if not (group.is_inner or group.is_doubtful)}
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, Entry, Group, Quantity
-from experiments.guesses.model import Left, Model, beside, explained
+from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, Quantity, TableEntry
+from experiments.guesses.model import ComparedModel, Left, beside, explained
 from experiments.guesses.series import ENOUGH, LITTLE
 from experiments.guesses.wrenches import set_axes, set_unit, size_ratio
 from experiments.guesses.written import toml_text
@@ -31,7 +31,7 @@ CLEARLY = 0.01
 """Difference of unexplained shares below which two units are a tie, whatever their ratio."""
 
 
-def check_positions(model: Model, by_size: list[str]) -> bool:
+def check_positions(model: ComparedModel, by_size: list[str]) -> bool:
     """Checks units and signs of joints against wrenches and torques, independent of the units and axes of these.
 
     Likely columns that explain next to nothing become doubtful.
@@ -54,7 +54,7 @@ def check_positions(model: Model, by_size: list[str]) -> bool:
     return no_sign_is_open
 
 
-def _other_unit(model: Model, by_size: list[str], here: Left) -> Left:
+def _other_unit(model: ComparedModel, by_size: list[str], here: Left) -> Left:
     """Exchanges radians and degrees if the model explains far more then; returns the shares left unexplained."""
     positions = model.belief.of("position")
     # A program has one unit for all angles.
@@ -88,7 +88,7 @@ def _doubt(belief: Belief, left: float) -> None:
             x.sure = DOUBTFUL
 
 
-def _turn(model: Model, here: Left) -> tuple[bool, float]:
+def _turn(model: ComparedModel, here: Left) -> tuple[bool, float]:
     """Inverts joints whose opposite sign explains far more, one by one; if two do so equally, the sign stays open.
 
     Returns:
@@ -128,7 +128,9 @@ def set_orientation(belief: Belief, limit: int) -> None:
         return
     if check is not None and check.suspicious:
         shares = f"{100 * check.misfit:.0f} % unexplained then, as it is {100 * check.stated:.0f} %"
-        belief.poses[BASE] = Group(BASE, {"rpy_deg": Entry(list(check.rpy_deg), f"gravity: the model leaves {shares}")})
+        belief.poses[BASE] = ColumnGroup(
+            BASE, {"rpy_deg": TableEntry(list(check.rpy_deg), f"gravity: the model leaves {shares}")}
+        )
         belief.mechanism = belief.mechanism.mounted(check.rpy_deg)
 
 

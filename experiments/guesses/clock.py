@@ -17,7 +17,7 @@ SLOWEST = {"s": 0.2, "ms": 200.0, "us": 2e5, "ns": 2e8}
 """Longest steps of times in each unit: nobody records a motion at less than 5 Hz."""
 
 
-class Clock(NamedTuple):
+class ClockColumn(NamedTuple):
     """A column of times.
 
     Attributes:
@@ -34,7 +34,7 @@ class Clock(NamedTuple):
         return clocks({"time": [self.entry]})[0]
 
 
-def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
+def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> ClockColumn:
     """The column of times: an increasing one, chosen by its name or else by its uniform steps.
 
     Args:
@@ -48,7 +48,7 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
     growing = {name: dx for name, dx in steps.items() if len(dx) and (dx >= 0).all() and np.median(dx) > 0}
     named = [name for name in growing if words(name).kind == "time" or words(name).unit in UNITS["time"]]
     if rate and not named:
-        return Clock({"rate": rate}, f"no column has times, and --rate says {rate:g} Hz")
+        return ClockColumn({"rate": rate}, f"no column has times, and --rate says {rate:g} Hz")
     # Counters of samples increase uniformly as well, but by one.
     steady = [name for name, dx in growing.items() if np.median(np.abs(dx / np.median(dx) - 1)) < 0.5]
     candidates = named or [name for name in steady if not (steps[name] == 1).all()] or list(growing)
@@ -68,4 +68,4 @@ def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
     unit = stated if stated in UNITS["time"] else by_step
     how = "its name says so" if unit == stated else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
     what = "named so" if column in named else "it alone grows steadily"
-    return Clock({"column": column, "unit": unit}, f"{what}; {unit} since {how}")
+    return ClockColumn({"column": column, "unit": unit}, f"{what}; {unit} since {how}")

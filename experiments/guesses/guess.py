@@ -4,10 +4,10 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.guesses.belief import BASE, Belief, Entry, Group
+from experiments.guesses.belief import BASE, Belief, ColumnGroup, TableEntry
 from experiments.guesses.checks import check_positions, check_wrenches_and_torques, set_orientation
 from experiments.guesses.log_contents import check_same_columns, log_contents
-from experiments.guesses.model import Model
+from experiments.guesses.model import ComparedModel
 from experiments.guesses.names import add_commands, add_named
 from experiments.guesses.orientations import add_orientations
 from experiments.guesses.places import ask_place, place_wrenches
@@ -50,8 +50,8 @@ def believed(
     doubt_units(belief, by_size)
     set_rates(belief)
     if belief.flies and any(not group.is_inner for group in belief.groups.values()) and GROUND not in belief.groups:
-        of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
-        of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
+        of_base = belief.poses.setdefault(BASE, ColumnGroup(BASE, {}))
+        of_base.entries["held"] = TableEntry(False, "the model's joints move it freely in a plane")
     _complete(belief)
     if belief.complete and mechanism.prior is not None:
         check_wrenches_and_torques(belief, limit, axes=axes and belief.can_predict)
@@ -71,7 +71,7 @@ def _check(belief: Belief, by_size: list[str], limit: int) -> bool:
         return True
     set_orientation(belief, limit)
     try:
-        model = Model.of(belief)
+        model = ComparedModel.of(belief)
     except InputError as error:
         belief.notes.append(f"Orders and signs could not be checked against the model: {error}")
         for group in [group for group in belief.groups.values() if group.is_open]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.guesses.clock import ROWS, Clock, clock_of
+from experiments.guesses.clock import ROWS, ClockColumn, clock_of
 from ident.errors import LogError
 from ident.files.csv_file import Layout
 from ident.files.limits import LIMIT
@@ -20,7 +20,7 @@ from ident.recordings.several_clocks import TIME, streams_of
 from ident.recordings.several_files import files_of, name_of, read_files
 from ident.recordings.times import LEAST_SAMPLES
 
-OWN_TIMES = Clock({"column": TIME, "unit": "s"}, "the file knows its times")
+OWN_TIMES = ClockColumn({"column": TIME, "unit": "s"}, "the file knows its times")
 """Clock of a file that has several."""
 
 WHOLE_TURNS = (2 * np.pi, 360.0)
@@ -57,7 +57,7 @@ class LogContents:
 
     path: Path
     layouts: tuple[Layout, ...] = (Layout(),)
-    clocks: tuple[Clock, ...] = ()
+    clocks: tuple[ClockColumn, ...] = ()
     time: np.ndarray = field(default_factory=lambda: np.empty(0))
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     constant: dict[str, float] = field(default_factory=dict)
@@ -157,7 +157,7 @@ def log_contents(path: Path, limit: int = LIMIT, rate: float = 0.0) -> LogConten
         raise LogError(f"{path}: {error}") from None
 
 
-def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, Clock, Table]:
+def _opened(path: Path, limit: int, rate: float, alone: bool) -> tuple[Layout, ClockColumn, Table]:
     """Layout of a file, its column of times, and its first `ROWS` samples."""
     try:
         if has_several_clocks(path):

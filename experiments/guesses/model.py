@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from experiments.guesses.belief import Belief
+from ident.errors import ModelError
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.recorded_motion import joint_states
@@ -39,7 +40,7 @@ class Left(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ComparedModel:
     """The model of a belief beside its log: columns low-passed by one filter, at few samples.
 
     Attributes:
@@ -53,7 +54,7 @@ class Model:
     levels: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, belief: Belief, candidates: Iterable[str] = ()) -> "Model":
+    def of(cls, belief: Belief, candidates: Iterable[str] = ()) -> "ComparedModel":
         """The model beside a log; the cut-off suits the known positions and the candidates.
 
         Raises:
@@ -70,7 +71,7 @@ class Model:
         return cls(belief, {name: states[:, :, k] for k, name in enumerate(names)}, levels)
 
     def states_of(self, positions: Mapping[str, str], scale: float = 1.0) -> dict[str, np.ndarray]:
-        """Positions and both derivatives of all joints (3, M); joints without columns are at rest.
+        """Positions and both derivatives of all joints (3, M); those without columns depend on others, or are at rest.
 
         Args:
             positions: Columns taken as positions, by joint, beside those of the belief.
@@ -86,12 +87,20 @@ class Model:
                 out[joint] = self.states[x.column] * x.gain * (self.belief.factor(x) if x.unit else angle)
             elif x and x.column in self.belief.log.constant:
                 out[joint][0] = self.belief.log.constant[x.column] * self.belief.factor(x)
-        return out
+        tree = _closed(self.belief.mechanism, frozenset({*out} - {*positions, *known}), ()).tree
+        own = np.stack(tree.dependent_states(*_joint_states(tree, out)))
+        return out | {joint: own[..., k] for k, joint in enumerate(tree.dependent)}
 
     def predicted(self, states: States) -> dict[str, np.ndarray]:
         """Total wrench in the base frame and joint torques by channel (M,) each."""
-        motion = Motion(*_joint_states(self.belief.mechanism.tree, states))
-        return predicted_channels(self.belief.mechanism, motion, np.eye(4), torques=True)
+        whole, driven = self.belief.mechanism, self.belief.of("torque")
+        motion = Motion(*_joint_states(whole.tree, states))
+        channels = predicted_channels(whole, motion, np.eye(4), torques=True)
+        closed = _closed(whole, frozenset({*states} - {*self.belief.of("position")}), tuple(driven))
+        if closed is not whole:
+            motion = Motion(*_joint_states(closed.tree, states))
+            channels |= predicted_channels(closed, motion, np.eye(4), torques=True)
+        return channels
 
     def left(self, factors: Mapping[str, float] | None = None) -> Left | None:
         """Mean of the unexplained shares, with factors on some positions; None without any wrench and torque."""
@@ -144,7 +153,10 @@ class Model:
         """Each moved body with all bodies on it; of unit mass if the model states none."""
         tree, out = self.belief.mechanism.tree, dict[str, Mechanism]()
         for i in (i for i in tree.inertial if self.mover(tree.names[i]) >= 0):
-            part = self.belief.mechanism.beyond(tree.names[i])
+            try:
+                part = self.belief.mechanism.beyond(tree.names[i])
+            except ModelError:  # A loop goes through it.
+                continue
             out[tree.names[i]] = part if part.known.any() else replace(part, prior=np.eye(len(part.known))[0])
         return out
 
@@ -166,6 +178,12 @@ class Model:
             x, y = both[:, 0], both[:, 1:]
             out[joint] = 1 - (x @ y) ** 2 / np.maximum((x @ x) * (y * y).sum(axis=0), 1e-300)
         return out
+
+
+@lru_cache(maxsize=64)
+def _closed(mechanism: Mechanism, lacking: frozenset[str], driven: tuple[str, ...]) -> Mechanism:
+    """The mechanism with those joints dependent that loops determine."""
+    return mechanism.closed(lacking, driven)
 
 
 def _joint_states(tree: Tree, states: States) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

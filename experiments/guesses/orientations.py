@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, LIKELY, SURE, Belief, Entry, Group
+from experiments.guesses.belief import BASE, LIKELY, SURE, Belief, ColumnGroup, TableEntry
 from experiments.guesses.names import decisions
 from experiments.guesses.units import LONG
 from experiments.guesses.words import LIKE, likeness, unit_of, without_unit, words
@@ -38,8 +38,8 @@ def add_orientations(belief: Belief, base: str | None) -> None:
             belief.ask(f"The orientation of '{ball}' may be in {' or in '.join(rivals)}.")
             continue
         why = "named so, with a norm of one" if like >= 0.99 else f"named alike ({100 * like:.0f} %), norm one"
-        entry = Entry(groups.pop(rest), why, SURE if like >= 0.99 else LIKELY)
-        belief.poses[f"joints.{ball}"] = Group(ball, {"position": entry})
+        entry = TableEntry(groups.pop(rest), why, SURE if like >= 0.99 else LIKELY)
+        belief.poses[f"joints.{ball}"] = ColumnGroup(ball, {"position": entry})
     if base is not None and belief.held:
         _add_base(belief, groups, base)
 
@@ -52,13 +52,13 @@ def _add_base(belief: Belief, groups: Mapping[str, list[str]], base: str) -> Non
     if len(bases) > 1:
         belief.ask(f"The poses of the base may be those of {' or of '.join(bases)}.")
     for rest in bases if len(bases) == 1 else ():
-        position, entries = places[rest], {"position": Entry(places[rest], "beside the quaternion")}
+        position, entries = places[rest], {"position": TableEntry(places[rest], "beside the quaternion")}
         if not log.states_unit(position):
             size, stated = max(map(log.largest, position)), unit_of("length", words(position[0]).unit)
             unit, why = stated or ("mm" if size > LONG else "m"), "by its name" if stated else f"it goes to {size:.3g}"
-            entries["unit"] = Entry(unit, why)
-        entries["quaternion"] = Entry(groups[rest], "named like the base, with a norm of one")
-        belief.poses[BASE] = Group(BASE, entries)
+            entries["unit"] = TableEntry(unit, why)
+        entries["quaternion"] = TableEntry(groups[rest], "named like the base, with a norm of one")
+        belief.poses[BASE] = ColumnGroup(BASE, entries)
 
 
 def _grouped(belief: Belief, between: str, components: str) -> dict[str, list[str]]:

@@ -5,8 +5,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief, Entry, Group
-from experiments.guesses.model import Model, explained, unexplained
+from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry
+from experiments.guesses.model import ComparedModel, explained, unexplained
 from experiments.guesses.series import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES
 from experiments.guesses.words import LIKE, likeness, words
 from experiments.guesses.wrenches import set_turn, set_unit, size_ratio
@@ -22,7 +22,7 @@ TINY = 1e-6
 """Difference of unexplained shares that is rounding, as of bodies that are rigidly connected."""
 
 
-def place_wrenches(model: Model) -> None:
+def place_wrenches(model: ComparedModel) -> None:
     """Decides by the model where a wrench is measured whose name does not say so: at the base, or beyond a joint.
 
     A sensor beyond a joint reads what it carries, in axes that move with it; other wrenches on bodies are contacts.
@@ -58,9 +58,9 @@ def place_wrenches(model: Model) -> None:
                 )
 
 
-def ask_place(belief: Belief, group: Group, why: str) -> None:
+def ask_place(belief: Belief, group: ColumnGroup, why: str) -> None:
     """Leaves a wrench a remark, with a question on the place where it is measured."""
-    group.entries["body"] = Entry("?", "the body beyond the sensor", DOUBTFUL)
+    group.entries["body"] = TableEntry("?", "the body beyond the sensor", DOUBTFUL)
     belief.ask(f"It is open where the wrench '{group.own_name}' is measured. {why}")
     _rename(belief, group)
 
@@ -75,14 +75,14 @@ def _varying(x: np.ndarray) -> np.ndarray:
     return np.asarray(x - x.mean(axis=0))
 
 
-def _rename(belief: Belief, group: Group) -> None:
+def _rename(belief: Belief, group: ColumnGroup) -> None:
     """Gives a wrench that is not the ground's its own name."""
     belief.groups.pop(group.name)
     group.name, group.is_open = group.own_name, False
     belief.groups[group.name] = group
 
 
-def _carry(group: Group, model: Model, left: Mapping[str, float], sizes: Mapping[str, float]) -> None:
+def _carry(group: ColumnGroup, model: ComparedModel, left: Mapping[str, float], sizes: Mapping[str, float]) -> None:
     """Puts a wrench on the body beyond its sensor: named like it, or else of the likeliest weight."""
     best, group.is_inner = min(left, key=lambda body: left[body]), True
     alike = [body for body in left if CLEAR * left[body] <= left[best] + TINY]
@@ -91,13 +91,13 @@ def _carry(group: Group, model: Model, left: Mapping[str, float], sizes: Mapping
     body = named[0] if len(named) == 1 else min(rigid, key=lambda body: abs(np.log(sizes[body])))
     why = f"the model explains {explained(left[body])} of it as the wrench of what '{body}' carries"
     is_one = len(named) == 1 or len(rigid) == len(alike)
-    group.entries["body"] = Entry(body, why, LIKELY if is_one else DOUBTFUL)
+    group.entries["body"] = TableEntry(body, why, LIKELY if is_one else DOUBTFUL)
     if not is_one:
         model.belief.ask(f"The wrench '{group.own_name}' may be that of what {' or '.join(alike)} carries.")
     _rename(model.belief, group)
 
 
-def _turn_inner(group: Group, model: Model, predicted: np.ndarray) -> None:
+def _turn_inner(group: ColumnGroup, model: ComparedModel, predicted: np.ndarray) -> None:
     """Sets units, sign and axes of a sensor's wrench by the model; its offsets do not matter."""
     for key, part in (("force", slice(0, 3)), ("torque", slice(3, 6))):
         if key in group.entries:

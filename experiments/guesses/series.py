@@ -7,9 +7,9 @@ from math import perm
 
 import numpy as np
 
-from experiments.guesses.belief import Belief, Entry, Group
+from experiments.guesses.belief import Belief, ColumnGroup, TableEntry
 from experiments.guesses.families import Family, families
-from experiments.guesses.model import Model, explained
+from experiments.guesses.model import ComparedModel, explained
 from experiments.guesses.names import assigned
 from experiments.guesses.units import ROUND, is_rate
 from experiments.guesses.words import MEASURED, PARTS, unit_of, words
@@ -78,7 +78,7 @@ class Order:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class ColumnSearch:
     """Search for the columns of joints.
 
     Attributes:
@@ -87,7 +87,7 @@ class Search:
         families: Families of columns that are not assigned yet.
     """
 
-    model: Model
+    model: ComparedModel
     joints: tuple[str, ...]
     families: tuple[Family, ...] = ()
 
@@ -261,7 +261,7 @@ def add_series(belief: Belief) -> None:
     own = [each for each in own if len(each.names) > 1]
     if not own or not lacking or not belief.can_predict:
         return
-    search = Search(Model.of(belief, [name for each in own for name in each.names]), lacking, there)
+    search = ColumnSearch(ComparedModel.of(belief, [name for each in own for name in each.names]), lacking, there)
     named = ("torque", "current") if own[0].kind else ("torque", "current", "")
     every = [order for each in own for order in search.orders(each, named)]
     if measured := [order for order in every if order.share is not None]:
@@ -282,7 +282,7 @@ def add_any(belief: Belief) -> None:
     if not belief.can_predict or still or belief.undecided or not lacking or len(names) < len(lacking):
         return
     if perm(len(names), len(lacking)) <= MOST:
-        search = Search(Model.of(belief, names), lacking)
+        search = ColumnSearch(ComparedModel.of(belief, names), lacking)
         search.add_best(list(search.any_order(names, others)))
     else:
         several = f"any of {len(names)} columns, too many to compare all of them with the model"
@@ -297,7 +297,7 @@ def add_measured(belief: Belief) -> None:
     _, names = _candidates(belief)
     if known or not moving or not names or not joints or not belief.can_predict:
         return
-    model = Model.of(belief)
+    model = ComparedModel.of(belief)
     like, channels = model.likeness(names, model.predicted(model.states_of({})))
 
     def matched(wanted: Sequence[str]) -> dict[str, tuple[str, float]]:
@@ -312,8 +312,10 @@ def add_measured(belief: Belief) -> None:
         least = explained(1 - min(share for _, share in wrench.values()))
         for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:])):
             _fill(columns, part, belief)
-            entry = Entry([columns.get(c, "") for c in part], f"the model explains {least} of its variance or more")
-            belief.groups.setdefault(GROUND, Group(GROUND, {})).entries[key] = entry
+            entry = TableEntry(
+                [columns.get(c, "") for c in part], f"the model explains {least} of its variance or more"
+            )
+            belief.groups.setdefault(GROUND, ColumnGroup(GROUND, {})).entries[key] = entry
         return
     torques = matched(joints)
     for joint, (column, share) in torques.items() if 2 * len(torques) >= len(joints) else ():

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
+from experiments.guesses.belief import DOUBTFUL, SURE, Belief, ColumnGroup, TableEntry
 from experiments.guesses.families import families
 from experiments.guesses.names import exact_names, is_named_after
 from experiments.guesses.words import most_alike, unit_of, words
@@ -66,13 +66,13 @@ def add_wrenches(belief: Belief) -> None:
         site = _site(own, belief)
         is_ground = belief.held and not site and (len(wrenches) == 1 or grounds == [own])
         name = GROUND if is_ground else site or (own if own not in ("", GROUND) else f"wrench{k}")
-        group = Group(name, _entries(belief, parts), is_ground and grounds != [own], own_name=own or "sensor")
+        group = ColumnGroup(name, _entries(belief, parts), is_ground and grounds != [own], own_name=own or "sensor")
         if site:
             _mount(group, belief)
         elif not is_ground:
             _place(belief, group)
         elif "point" in group.entries:
-            group.entries["frame"] = Entry("world", "a point of application rests in the world")
+            group.entries["frame"] = TableEntry("world", "a point of application rests in the world")
         belief.groups[name] = group
 
 
@@ -113,38 +113,38 @@ def _site(rest: str, belief: Belief) -> str:
     return named[0] if len(named) == 1 else ""
 
 
-def _mount(group: Group, belief: Belief) -> None:
+def _mount(group: ColumnGroup, belief: Belief) -> None:
     """Adds the pose of the site that a wrench is named after."""
     body, pose = belief.mechanism.site(group.name)
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
-    group.entries["body"] = Entry(body, "the model has a site of that name on it")
-    group.entries["position"] = Entry(pose[:3, 3].round(9).tolist(), "of that site")
-    group.entries["rpy_deg"] = Entry((angles.round(7) + 0.0).tolist(), "of that site")
+    group.entries["body"] = TableEntry(body, "the model has a site of that name on it")
+    group.entries["position"] = TableEntry(pose[:3, 3].round(9).tolist(), "of that site")
+    group.entries["rpy_deg"] = TableEntry((angles.round(7) + 0.0).tolist(), "of that site")
 
 
-def _entries(belief: Belief, parts: Parts) -> dict[str, Entry]:
+def _entries(belief: Belief, parts: Parts) -> dict[str, TableEntry]:
     """Lines on the columns of a wrench and their units."""
     log, there = belief.log, {kind for kind, _ in parts}
-    entries = {"force": Entry(_listed(parts, "force"), "named so", SURE)} if "force" in there else {}
+    entries = {"force": TableEntry(_listed(parts, "force"), "named so", SURE)} if "force" in there else {}
     moment, about = "torque", "about the origin"
     if {"point", "force", "torque"} <= there and not _is_about_origin(belief, parts):
         moment, about = "free_moment", "about the point, since p × F does not explain it"
         point = [name or 0.0 for name in _listed(parts, "point")]
-        entries["point"] = Entry(point, "named so; what has no column is 0 m")
+        entries["point"] = TableEntry(point, "named so; what has no column is 0 m")
     if "torque" in there:
-        entries[moment] = Entry(_listed(parts, "torque"), f"named so; {about}")
+        entries[moment] = TableEntry(_listed(parts, "torque"), f"named so; {about}")
     for key, kind in (("unit", "force"), ("torque_unit", "torque"), ("point_unit", "point")):
         columns = [name for name in _listed(parts, kind) if name]
         units = {unit_of(kind.replace("point", "length"), words(name).unit) for name in columns} - {""}
         if log.states_unit(columns) or (kind == "point" and "point" not in entries):
             continue
         if len(units) == 1:
-            entries[key] = Entry(units.pop(), "by the names")
+            entries[key] = TableEntry(units.pop(), "by the names")
         elif kind == "point":
             # The point is meaningless while nobody stands on the plate; the median assumes contact half of the time.
             size = float(np.median(np.abs(log.table(columns)), axis=0).max())
             if size > FAR_POINT:
-                entries[key] = Entry("mm", f"half of the time it is {size:.3g} or more away")
+                entries[key] = TableEntry("mm", f"half of the time it is {size:.3g} or more away")
     return entries
 
 
@@ -157,23 +157,23 @@ def _is_about_origin(belief: Belief, parts: Parts) -> bool:
     return sum(1 - np.corrcoef(moment[:, k], arm[:, k])[0, 1] ** 2 < ABOUT_ORIGIN for k in pairs) > 1
 
 
-def _place(belief: Belief, group: Group) -> None:
+def _place(belief: Belief, group: ColumnGroup) -> None:
     """Adds the body that a wrench other than the ground's acts on; if that is open, the wrench stays a remark."""
     names, entries = belief.mechanism.tree.names, group.entries
     if "point" in entries or not belief.held or belief.flies:
         at_rest = "a point of application rests in the world" if belief.held and not belief.flies else "plates rest"
-        entries["frame"] = Entry("world", at_rest)
+        entries["frame"] = TableEntry("world", at_rest)
         _stand(belief, group)
         return
     if len(named := most_alike(group.name, names)) == 1:
         ((body, like),) = named.items()
-        entries["body"] = Entry(body, f"named alike ({100 * like:.0f} %)")
+        entries["body"] = TableEntry(body, f"named alike ({100 * like:.0f} %)")
         return
-    entries["body"] = Entry("?", f"one of {', '.join(names)}", DOUBTFUL)
+    entries["body"] = TableEntry("?", f"one of {', '.join(names)}", DOUBTFUL)
     belief.ask(f"The name of the wrench '{group.name}' does not state the body that it acts on.")
 
 
-def _stand(belief: Belief, group: Group) -> None:
+def _stand(belief: Belief, group: ColumnGroup) -> None:
     """Adds the bodies that may stand on a plate."""
     tree = belief.mechanism.tree
     carrying = {tree.names[body.parent] for body in tree.bodies if body.parent >= 0}
@@ -183,12 +183,12 @@ def _stand(belief: Belief, group: Group) -> None:
     if sides := words(group.name).sides:
         among = [name for name in among if words(name).sides == sides] or among
     if len(among) == 1:
-        group.entries["on"] = Entry(among[0], what)
+        group.entries["on"] = TableEntry(among[0], what)
     elif 1 < len(among) <= 8:
-        group.entries["on"] = Entry(AUTO, "the body nearest to the force, in every episode")
-        group.entries["among"] = Entry(among, what)
+        group.entries["on"] = TableEntry(AUTO, "the body nearest to the force, in every episode")
+        group.entries["among"] = TableEntry(among, what)
     else:
-        group.entries["on"] = Entry("?", f"one of {', '.join(tree.names)}", DOUBTFUL)
+        group.entries["on"] = TableEntry("?", f"one of {', '.join(tree.names)}", DOUBTFUL)
         belief.ask(f"It is open which body stands on '{group.name}'.")
 
 
@@ -197,7 +197,7 @@ def size_ratio(measured: np.ndarray, predicted: np.ndarray) -> float:
     return max(float(np.linalg.norm(measured)) / max(float(np.linalg.norm(predicted)), 1e-12), 1e-12)
 
 
-def set_unit(belief: Belief, groups: Iterable[Group], kind: str, ratio: float) -> bool:
+def set_unit(belief: Belief, groups: Iterable[ColumnGroup], kind: str, ratio: float) -> bool:
     """Sets the unit of forces or moments by their size, unless it is known, and returns True if it is not the SI unit.
 
     Args:
@@ -219,7 +219,9 @@ def set_unit(belief: Belief, groups: Iterable[Group], kind: str, ratio: float) -
     for entries in (group.entries for group in groups):
         columns = [name for k in (kind, "free_moment") if k in entries for name in entries[k].value]
         if key not in entries and any(columns) and not belief.log.states_unit(columns):
-            entries[key] = Entry(unit, f"in {unit} it has {sizes[unit]:.2g} times the size that the model predicts")
+            entries[key] = TableEntry(
+                unit, f"in {unit} it has {sizes[unit]:.2g} times the size that the model predicts"
+            )
             changed = changed or choices[unit] != 1
     return changed
 
@@ -251,7 +253,7 @@ def set_axes(belief: Belief, log: Prepared) -> None:
             first.why += f"; sign and axes as the model has them ({off} off)"
 
 
-def _mirror(entries: dict[str, Entry], components: Iterable[str]) -> None:
+def _mirror(entries: dict[str, TableEntry], components: Iterable[str]) -> None:
     """Gives columns of components that have the opposite sign alone a gain of -1."""
     for key, part in (("force", COMPONENTS[:3]), ("torque", COMPONENTS[3:]), ("free_moment", COMPONENTS[3:])):
         wrong = [component for component in part if component in components]
@@ -259,19 +261,19 @@ def _mirror(entries: dict[str, Entry], components: Iterable[str]) -> None:
             names = zip(entries[key].value, part, strict=True)
             mirrored = [{"column": name, "gain": -1.0} if own in wrong and name else name for name, own in names]
             why = f"{', '.join(wrong)} mirrored, as the model predicts the opposite sign"
-            entries[key] = Entry(mirrored, f"{entries[key].why}; {why}")
+            entries[key] = TableEntry(mirrored, f"{entries[key].why}; {why}")
 
 
-def set_turn(group: Group, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
+def set_turn(group: ColumnGroup, rotation: np.ndarray, frame: str, why: str, *, opposite: bool) -> None:
     """Sets the sign and the axes of a wrench, at right angles if they nearly are."""
     if opposite:
-        group.entries["applied_to_link"] = Entry(False, f"the opposite sign: {why}")
+        group.entries["applied_to_link"] = TableEntry(False, f"the opposite sign: {why}")
     if not np.array_equal(rotation, np.eye(3)):
         angles = Rotation.from_matrix(rotation).as_euler("xyz", degrees=True)
         near = 90 * np.round(angles / 90)
         angles = np.where(np.abs(angles - near) < SNAPPED, near, angles).round(1) + 0.0
-        group.entries["rpy_deg"] = Entry(angles.tolist(), f"its axes in those of the {frame}: {why}")
+        group.entries["rpy_deg"] = TableEntry(angles.tolist(), f"its axes in those of the {frame}: {why}")
         # A frame that is not turned states no angles.
         if "frame" in group.entries:
-            group.entries["frame"] = Entry("plate", "axes other than the world's")
-            group.entries["position"] = Entry([0, 0, 0], "the world's origin")
+            group.entries["frame"] = TableEntry("plate", "axes other than the world's")
+            group.entries["position"] = TableEntry([0, 0, 0], "the world's origin")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, Entry, Quantity
+from experiments.guesses.belief import DOUBTFUL, LIKELY, SURE, Belief, Quantity, TableEntry
 from experiments.guesses.log_contents import LogContents
 from ident.errors import InputError
 from ident.files.atomic import replacing
@@ -51,7 +51,7 @@ def write_mapping(path: Path, belief: Belief, *, force: bool = False) -> None:
         temporary.write_text(toml_text(belief), encoding="utf-8")
 
 
-def _in_order(entries: dict[str, Entry]) -> Iterator[tuple[str, Entry]]:
+def _in_order(entries: dict[str, TableEntry]) -> Iterator[tuple[str, TableEntry]]:
     """Lines of a wrench in their order."""
     return ((key, entries[key]) for key in ORDER if key in entries)
 

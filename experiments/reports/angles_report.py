@@ -1,6 +1,7 @@
 """Report on joint angles from markers: angles as files, tables of markers, joints and lengths, a figure and a page."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments.data.outcomes import Angles
 from experiments.document import styles, tabular
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
@@ -158,7 +159,7 @@ def document(angles: Angles, model: Path, markers: Path, provenance: dict[str, A
         lines=lines(angles),
         heading="The trial",
         tables=tables,
-        figures={"figure_residuals": (residuals_figure(angles), "Distances of the markers from the fit.")},
+        figures={"figure_residuals": Plot(partial(residuals_figure, angles), "Distances of the markers from the fit.")},
         numbers={"provenance": provenance},
         recordings=dict.fromkeys(("angles.csv", "angles.npz"), angles.recording),
         files=files,

@@ -1,6 +1,7 @@
 """Report on identifications of many logs: one table of all, failures by name, and the logs that differ."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from experiments.data.batch import LogAgreement, Outcome, spreads
+from experiments.data.batch import LogAgreement, LogOutcome, spreads
 from experiments.document import styles, symbols, tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations
 from ident.display.brief import listed
@@ -28,7 +29,7 @@ APART = 2.0
 """Differences between logs over those that their noise explains, from which this is a doubt."""
 
 
-def logs_table(outcomes: Sequence[Outcome], differs: Sequence[str]) -> tabular.Table:
+def logs_table(outcomes: Sequence[LogOutcome], differs: Sequence[str]) -> tabular.Table:
     """Verdict, doubts and residuals of every log, what it differs in, or the sentence with which it failed."""
     return tabular.Table(
         "Logs, each identified by itself",
@@ -54,12 +55,12 @@ def logs_table(outcomes: Sequence[Outcome], differs: Sequence[str]) -> tabular.T
     )
 
 
-def _predicted(outcome: Outcome) -> str:
+def _predicted(outcome: LogOutcome) -> str:
     """Number of the channels that a log's estimate predicts, of those that count."""
     return f"{len(outcome.predicted)} of {len(outcome.predicted) + len(outcome.missed)}"
 
 
-def parameters_table(outcomes: Sequence[Outcome], bodies: tuple[str, ...]) -> tabular.Table:
+def parameters_table(outcomes: Sequence[LogOutcome], bodies: tuple[str, ...]) -> tabular.Table:
     """Parameters over the logs that did not fail: mean, spread, and agreement with the logs' own deviations."""
     rows = spreads(outcomes)
     return tabular.Table(
@@ -86,7 +87,7 @@ def parameters_table(outcomes: Sequence[Outcome], bodies: tuple[str, ...]) -> ta
     )
 
 
-def chart(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> Figure:
+def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> Figure:
     """The parameters that logs differ in most, over the rows of the logs, with intervals from the logs' noise."""
     names, apart = [agreed.names[k] for k in agreed.most[:PANELS]], agreed.differ
     numbers = np.array([k for k, each in enumerate(outcomes, start=1) if not each.error])
@@ -109,7 +110,7 @@ def chart(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, 
     return figure
 
 
-def differences(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> list[str]:
+def differences(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> list[str]:
     """For each log, what it differs from the others in most, with z; empty for one that agrees."""
     most = np.abs(agreed.z).argmax(axis=1)
     return [
@@ -118,7 +119,7 @@ def differences(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple
     ]
 
 
-def _range(name: str, outcomes: Sequence[Outcome], by: np.ndarray, z: np.ndarray, bodies: tuple[str, ...]) -> str:
+def _range(name: str, outcomes: Sequence[LogOutcome], by: np.ndarray, z: np.ndarray, bodies: tuple[str, ...]) -> str:
     """A parameter with the least and largest difference of logs, and their z."""
     parts = [_span(by, "+.3g"), _span(z, "+.1f")]
     return f"{with_bodies([name], bodies)} by {parts[0]} {outcomes[0].units[name]} (z {parts[1]})"
@@ -129,7 +130,7 @@ def _span(values: np.ndarray, form: str) -> str:
     return " to ".join(dict.fromkeys(f"{each:{form}}" for each in (values.min(), values.max())))
 
 
-def verdict(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> tuple[str, bool]:
+def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> tuple[str, bool]:
     """Sentences on the agreement of the logs, and True if it is a doubt."""
     k, number, size = agreed.most[0], len(outcomes), len(agreed.names)
     wide = f", and from each other by {agreed.spread:.1f} times their noise" if agreed.spread > APART else ""
@@ -157,7 +158,7 @@ def verdict(outcomes: Sequence[Outcome], agreed: LogAgreement, bodies: tuple[str
 
 def document(
     model: Path,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[LogOutcome],
     agreed: LogAgreement | None,
     bodies: tuple[str, ...],
     provenance: dict[str, Any],
@@ -179,8 +180,8 @@ def document(
     return Document(
         f"{model.name}, identified from each of {len(outcomes)} logs",
         findings=[
-            *([(sentence, True)] if doubt else []),
-            *((f"{each.log} failed: {each.error}", True) for each in failed),
+            *([Card("Logs differ", sentence, True)] if doubt else []),
+            *(Card(f"{each.log} failed", f"{each.log} failed: {each.error}", True) for each in failed),
         ],
         lines=[
             *([sentence] if sentence and not doubt else []),
@@ -189,7 +190,7 @@ def document(
         heading="The logs",
         tables={"table_logs": logs_table(outcomes, ["" if each.error else next(differs, "") for each in outcomes])}
         | ({"table_parameters": parameters_table(outcomes, bodies)} if fitted else {}),
-        figures={} if agreed is None else {"figure_logs": (chart(outcomes, agreed, bodies), caption)},
+        figures={} if agreed is None else {"figure_logs": Plot(partial(chart, outcomes, agreed, bodies), caption)},
         numbers={
             "batch": {"logs": [each.to_dict() for each in outcomes], "agreement": _numbers(fitted, agreed)},
             "provenance": provenance,
@@ -197,7 +198,7 @@ def document(
     )
 
 
-def _numbers(outcomes: Sequence[Outcome], agreed: LogAgreement | None) -> dict[str, Any] | None:
+def _numbers(outcomes: Sequence[LogOutcome], agreed: LogAgreement | None) -> dict[str, Any] | None:
     """Agreement of the logs for scripts."""
     if agreed is None:
         return None

@@ -1,6 +1,7 @@
 """Report on a comparison of results: differences with their intervals, prediction, set-up and settings."""
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments.data.comparison import Difference, Result
 from experiments.document import styles, symbols, tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
@@ -151,8 +152,8 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
         if table.rows:
             tables[name] = table
     drawn = {
-        f"figure_differences{end}": (
-            figure(pair),
+        f"figure_differences{end}": Plot(
+            partial(figure, pair),
             f"Base parameters of {pair.first.name} less those of {pair.second.name}.",
         )
         for end, pair in zip(ends, pairs, strict=True)
@@ -163,7 +164,7 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
         f"{' and '.join(result.name for result in compared)}, compared",
         verdict=" ".join(map(headline, pairs)),
         findings=[
-            (sentence, bool(pair.shared) or pair.comparison.differs)
+            Card(headline(pair), sentence, bool(pair.shared) or pair.comparison.differs)
             for sentence, pair in zip(sentences, pairs, strict=True)
         ],
         lines=[

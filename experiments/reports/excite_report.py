@@ -1,5 +1,6 @@
 """Report on a designed excitation: tables before and after, a figure, and the motion as a recording."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from experiments.data.outcomes import Design, geometric_mean
 from experiments.data.paper import RANDOM_START
 from experiments.document import figures, styles, symbols, tabular
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from experiments.document.tabular import of_deviations
 from ident.geometry.inertia import with_bodies
 from ident.recordings.recording import STATES
@@ -160,7 +161,7 @@ def document(design: Design, model: str, provenance: dict[str, Any]) -> Document
             "table_quality": table_quality(design),
             "table_limits": table_limits(design),
         },
-        figures={"figure_excitation": (figure(design), caption)},
+        figures={"figure_excitation": Plot(partial(figure, design), caption)},
         numbers={"provenance": provenance},
         recordings=dict.fromkeys(("trajectory.csv", "trajectory.npz"), design.recording),
     )

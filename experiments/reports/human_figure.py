@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from experiments.data.person import Study
+from experiments.data.person import PersonStudy
 from experiments.document import styles
 from ident.tolerances import INTERVAL
 
@@ -19,7 +19,7 @@ SHARES = (0.15, 0.3, 0.6, 1.0)
 """Fractions of each recording's length at which the precision is evaluated."""
 
 
-def figure(study: Study, feet_alone: Study) -> Figure:
+def figure(study: PersonStudy, feet_alone: PersonStudy) -> Figure:
     """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
     with styles.paper_style():
         drawing = Figure(figsize=(styles.column_width(), 7.2))
@@ -30,7 +30,7 @@ def figure(study: Study, feet_alone: Study) -> Figure:
     return drawing
 
 
-def _segments(ax: Axes, study: Study) -> None:
+def _segments(ax: Axes, study: PersonStudy) -> None:
     """Draws the error of each first moment's vector relative to its size, of prior and estimate."""
     phi, std = study.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
@@ -50,7 +50,7 @@ def _segments(ax: Axes, study: Study) -> None:
     ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=6, columnspacing=1)
 
 
-def growth(study: Study) -> np.ndarray:
+def growth(study: PersonStudy) -> np.ndarray:
     """Standard deviations over the prior's by kind, geometric means, for each number of recordings (k + 1, 3)."""
     number = len(study.activities)
     deviations = np.array([study.information([study.seconds] * n + [0.0] * (number - n)) for n in range(number + 1)])
@@ -58,7 +58,7 @@ def growth(study: Study) -> np.ndarray:
     return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
 
 
-def _growth(ax: Axes, study: Study, feet_alone: Study) -> None:
+def _growth(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
     """Draws the standard deviations of segments over the number of recordings."""
     numbers = np.arange(len(study.activities) + 1)
     for each, style, contacts in ((study, "-", "plates and rail"), (feet_alone, "--", "plates")):
@@ -72,7 +72,7 @@ def _growth(ax: Axes, study: Study, feet_alone: Study) -> None:
     ax.legend(loc="lower left", fontsize=6, ncols=1)
 
 
-def predicted_deviations(study: Study) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Total seconds, and s.d. of the wrench of motions not recorded over the prior's, for each motion and all."""
     lengths = np.array(SHARES) * study.seconds
     kinds = {name: np.eye(len(study.activities))[k] for k, name in enumerate(study.activities)}
@@ -83,7 +83,7 @@ def predicted_deviations(study: Study) -> dict[str, tuple[np.ndarray, np.ndarray
     }
 
 
-def _predictions(ax: Axes, study: Study, feet_alone: Study) -> None:
+def _predictions(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
     """Draws the standard deviation of the wrench of motions not recorded over the seconds recorded."""
     every = predicted_deviations(study)
     for name in study.activities:

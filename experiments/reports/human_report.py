@@ -2,15 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from experiments.data.person import MOVED, Laboratory, Study
+from experiments.data.person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.reports import identify_figures
+from experiments.reports import identify_page
 from experiments.reports.human_figure import figure, growth, predicted_deviations
 from ident.geometry.inertia import com_from_parameters
 from ident.tolerances import INTERVAL
@@ -33,7 +34,7 @@ OUTPUTS = (*RESULTS, *(recording_file("*", activity) for activity in ACTIVITIES)
 """Patterns of the files that it writes."""
 
 
-def table_segments(study: Study) -> tabular.Table:
+def table_segments(study: PersonStudy) -> tabular.Table:
     """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
     phi, std = study.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
@@ -55,7 +56,7 @@ def table_segments(study: Study) -> tabular.Table:
     return tabular.Table(title, tuple(columns), tuple(rows), deviations=deviations, heads=heads)
 
 
-def table_prediction(study: Study) -> tabular.Table:
+def table_prediction(study: PersonStudy) -> tabular.Table:
     """Errors of the wrench of motions that were not recorded."""
     rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, errors)) for name, errors in study.errors.items()]
     title = "Errors of the wrench of motions that were not recorded, over its standard deviation"
@@ -95,7 +96,7 @@ def _counted(persons: Sequence[Mapping[str, Any]]) -> tuple[tabular.Cell, ...]:
     return tuple(out)
 
 
-def numbers(study: Study) -> dict[str, Any]:
+def numbers(study: PersonStudy) -> dict[str, Any]:
     """Key numbers for scripts."""
     estimate, (phi, std) = study.estimate, study.segments
     segments = {
@@ -147,7 +148,7 @@ def count(persons: Sequence[Mapping[str, Any]], laboratory: Laboratory, provenan
     )
 
 
-def document(study: Study, feet_alone: Study, provenance: dict[str, Any]) -> Document:
+def document(study: PersonStudy, feet_alone: PersonStudy, provenance: dict[str, Any]) -> Document:
     """Results of a person who holds the rail and of one who does not, with a replay."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "
@@ -163,17 +164,19 @@ def document(study: Study, feet_alone: Study, provenance: dict[str, Any]) -> Doc
     return Document(
         "A person on two force plates, at a rail",
         f"{ABOUT} {measured(study.laboratory)}",
+        headline=Headline.of(estimate.verdict()),
         verdict=str(estimate.verdict()),
-        findings=[(finding.text, finding.doubt) for finding in estimate.findings],
+        pictures=[*identify_page.first_screen(estimate)],
+        findings=[*map(Card.of, estimate.findings)],
         lines=[f"{line}."],
         tables={"table_segments": table_segments(study), "table_prediction": table_prediction(study)},
-        figures={"figure_human": (figure(study, feet_alone), caption)},
+        figures={"figure_human": Plot(partial(figure, study, feet_alone), caption)},
         numbers={
             "summary": {"plates_and_rail": numbers(study), "plates": numbers(feet_alone)},
             "provenance": provenance,
         },
         # There is no table of base parameters, whose rows could be pressed.
-        replay=replace(identify_figures.replay(estimate), parameters=()),
+        replay=replace(identify_page.replay(estimate), parameters=()),
         recordings={
             recording_file(number, activity): recording
             for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), 1)

@@ -11,19 +11,11 @@ import numpy as np
 
 from experiments.data.errors import Following
 from experiments.document import rerun_file, tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import sentences, wrapped
-from experiments.reports.identify_figures import (
-    held_out_caption,
-    held_out_figure,
-    parameters_caption,
-    parameters_figure,
-    replay,
-    spectra_figure,
-)
-from ident.display.text import undetermined_sentence
+from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
@@ -86,8 +78,9 @@ def parameters_table(result: Estimate) -> tabular.Table:
         regrouped=Regrouped({"": base.expressions(digits=4)}),
         bodies=result.prepared.mechanism.bodies,
         units=_units(result),
+        carriers=carried(result),
     )
-    return table.without(result.undetermined, undetermined_sentence(result))
+    return table.without(result.undetermined, result.undetermined_sentence)
 
 
 def _of_servos(result: Estimate) -> tuple[frozenset[str], str]:
@@ -208,7 +201,7 @@ def data_lines(result: Estimate) -> list[str]:
         f"Fit: {filtered}.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
         f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. "
-        f"{undetermined_sentence(result) or published}",
+        f"{result.undetermined_sentence or published}",
     ]
     if (weight := checks.weight) is not None:
         lines.append(
@@ -224,8 +217,29 @@ def data_lines(result: Estimate) -> list[str]:
     return [*lines, *prepared.notes]
 
 
+ROWS, FIRST, LINE = 11, 5, 112
+"""Largest numbers of channels and of findings, and of letters of a finding, on a screen of 24 lines."""
+
+
 def screen(made: Document, result: Estimate) -> str:
-    """Text for the terminal: verdict, doubts, the main remarks and numbers; the page and the tables have the rest."""
+    """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
+    held, cards = result.held_out, made.findings
+    worst = np.sort(np.argsort(-held.ratio, kind="stable")[:ROWS])
+    shown = {ESTIMATE: held.ratio, **result.rivals}
+    columns = {name.replace(" ", "_"): ratio[worst] for name, ratio in shown.items()}
+    best = [min(shown, key=lambda name: float(shown[name][k])) for k in worst]
+    of = f", the {ROWS} worst of {len(result.channels)} channels" if len(result.channels) > ROWS else ""
+    title = f"Residual of the {held.part} part over its signal{of}"
+    table = tabular.Table(title, *tabular.columns(channel=[result.channels[k] for k in worst], **columns, best=best))
+    lines = [Headline.of(result.verdict()).line, "", table.text()]
+    for card in cards[:FIRST]:
+        lines.append(line_of(shorten(f"{card.title}. {card.text}", LINE, placeholder=" …"), card.doubt))
+    more = f"{len(cards) - FIRST} more findings and " if len(cards) > FIRST else ""
+    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
+
+
+def verbose(made: Document, result: Estimate) -> str:
+    """Longer text for the terminal: verdict, doubts, the main remarks and numbers; page and tables have the rest."""
     doubts, remarks = ([each for each in result.findings if each.doubt is kind] for kind in (True, False))
     notes = result.prepared.notes
     hidden = {"more remark": len(remarks) - REMARKS, "more note": len(notes) - REMARKS}
@@ -283,6 +297,8 @@ def document(
     logs: Sequence[Path],
     provenance: dict[str, Any],
     following: Following | None = None,
+    *,
+    geometry: bool = False,
 ) -> Document:
     """Tables, figures, numbers and a replay of an identification, and the updated model file.
 
@@ -292,13 +308,16 @@ def document(
         logs: The identified logs, none for recordings without files.
         provenance: Provenance of the results.
         following: Errors of models that are simulated with the recorded commands, if there are any.
+        geometry: True to displace joints of the updated model, too.
     """
     updated = updated_file(result.prepared.mechanism)
     recordings = ", ".join(map(name_of, logs)) or f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
     made = Document(
         f"{model.name if model else 'A mechanism'}, identified from {recordings}",
+        headline=Headline.of(result.verdict()),
         verdict=str(result.verdict()),
-        findings=[(finding.text, finding.doubt) for finding in result.findings],
+        pictures=[*first_screen(result)],
+        findings=[*map(Card.of, result.findings)],
         lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
         heading="The recording",
         tables={
@@ -309,15 +328,26 @@ def document(
             **({} if following is None else {"table_following": following_table(following)}),
         },
         figures={
-            "figure_held_out": (held_out_figure(result), held_out_caption(result)),
-            "figure_parameters": (parameters_figure(result), parameters_caption(result)),
-            "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
+            "figure_held_out": drawing("held_out", result, held_out_caption(result)),
+            "figure_parameters": drawing("parameters", result, parameters_caption(result)),
+            "figure_spectra": drawing("spectra", result, "Amplitude spectra of the channels and of their residuals."),
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
-        files={updated: partial(_write_updated, result)} if updated else {},
+        files={updated: partial(_write_updated, result, geometry)} if updated else {},
     )
-    return replace(made, screen=screen(made, result))
+    return replace(made, screen=screen(made, result), verbose=verbose(made, result))
+
+
+def drawing(name: str, result: Estimate, caption: str) -> Plot:
+    """A figure of `identify_figures`, which is imported when the figure is drawn."""
+
+    def draw() -> Any:
+        from experiments.reports import identify_figures
+
+        return getattr(identify_figures, f"{name}_figure")(result)
+
+    return Plot(draw, caption)
 
 
 def scales_table(result: Estimate) -> tabular.Table:
@@ -368,9 +398,10 @@ def following_lines(following: Following | None) -> list[str]:
     ]
 
 
-def _write_updated(result: Estimate, path: Path) -> None:
-    """Writes the model with the physical bodies and the drives of an estimate."""
-    write_model(path, result.prepared.mechanism, result.consistent(), result.drives_updated)
+def _write_updated(result: Estimate, geometry: bool, path: Path) -> None:
+    """Writes the model with the physical bodies and the drives of an estimate, and perhaps with displaced joints."""
+    displaced = result.displaced if geometry else {}
+    write_model(path, result.prepared.mechanism, result.consistent(), result.drives_updated, displaced)
 
 
 def updated_file(mechanism: Mechanism) -> str | None:

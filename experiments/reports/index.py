@@ -6,7 +6,7 @@ from pathlib import Path
 
 from experiments.data import paper
 from experiments.document.document import Document
-from experiments.document.tabular import Cell, Table
+from experiments.document.tabular import Cell, Table, heading
 from experiments.document.writer import page
 from ident.files.atomic import replacing
 
@@ -20,11 +20,34 @@ def write_index(out: Path, results: Mapping[str, Document], formats: Iterable[st
         formats: Formats of the figures.
     """
     shown = {
-        folder: replace(study, tables={name: compared(table) for name, table in study.tables.items()})
+        folder: replace(
+            study,
+            tables={name: compared(table) for name, table in study.tables.items()}
+            | {f"{name}_printed": printed(table) for name, table in study.tables.items()},
+        )
         for folder, study in results.items()
     }
     with replacing(out / "index.html") as temporary:
         temporary.write_text(page("index.html", out, shown, formats, paper=paper), encoding="utf-8")
+
+
+def printed(table: Table) -> Table:
+    """A table's columns that the paper prints, each beside ours."""
+    pairs = {f"paper_{name}": name for name in table.columns if f"paper_{name}" in table.columns}
+    pairs = {ours: theirs for ours, theirs in TRUE.items() if ours in table.columns} | pairs
+    words = {each: table.heads.get(each, heading(each)) for pair in pairs.items() for each in pair}
+    heads = {theirs: f"{words[ours].removesuffix(', scene')}, paper" for theirs, ours in pairs.items()}
+    heads |= {ours: f"{words[ours].removesuffix(', scene')}, ours" for ours in pairs.values()}
+    columns = (table.columns[0], *(name for pair in pairs.items() for name in pair))
+    kept = [table.columns.index(name) for name in columns]
+    rows = tuple(tuple(row[k] for k in kept) for row in table.rows)
+    digits = {each: table.digits[pair[0]] for pair in pairs.items() if pair[0] in table.digits for each in pair}
+    shown = replace(table, title=table.caption, columns=columns, rows=rows, heads=heads, notes=())
+    return replace(shown, digits=digits, deviations={})
+
+
+TRUE = {"true_paper": "true_scene"}
+"""Column of the paper's true values, and of ours."""
 
 
 def compared(table: Table) -> Table:

@@ -1,5 +1,6 @@
 """Report on the double pendulum itself: Figure 1 and Tables I and II."""
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.figure import Figure
 from experiments.data import paper
 from experiments.data.outcomes import Drawing
 from experiments.document import styles, tabular
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from ident.mechanism.tree import Tree
 
 FRAME_COLORS = ("C1", "C2", "C0")
@@ -135,6 +136,6 @@ def document(drawing: Drawing, difference: float, provenance: dict[str, Any]) ->
         "The mechanism of the studies (Tables I and II)",
         lines=[same],
         tables={"table_1": table_1(), "table_2": table_2(drawing.tree, drawing.base)},
-        figures={"figure_1": (figure_1(drawing), caption)},
+        figures={"figure_1": Plot(partial(figure_1, drawing), caption)},
         numbers={"provenance": provenance},
     )

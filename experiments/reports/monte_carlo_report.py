@@ -1,6 +1,7 @@
 """Report on trials: distribution of the errors, and percentiles of the paper's single run."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,9 @@ from matplotlib.figure import Figure
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.paper import REDRAWN
-from experiments.data.simulated import Study
+from experiments.data.simulated import SimulatedStudy
 from experiments.document import styles, symbols, tabular
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
@@ -118,7 +119,7 @@ def _limit(error: float) -> float:
 
 def document(
     distributions: Mapping[str, Distribution],
-    study: Study,
+    study: SimulatedStudy,
     redrawn: str,
     provenance: dict[str, Any],
 ) -> Document:
@@ -149,13 +150,13 @@ def document(
     }
     return Document(
         tables=tables,
-        figures={"figure_monte_carlo": (chart(distributions, bodies), caption)},
+        figures={"figure_monte_carlo": Plot(partial(chart, distributions, bodies), caption)},
         numbers={"monte_carlo": _numbers(distributions) | {"provenance": provenance}},
         screen="\n".join([*_texts(distributions, tables), f"{MEANING}{remark}\n"]),
     )
 
 
-def _model(study: Study, name: str) -> str:
+def _model(study: SimulatedStudy, name: str) -> str:
     """Model of a study whose trials have a name."""
     trials = study.file.trials
     return trials[name] if name in trials else trials[name.removesuffix(TRAJECTORY)]

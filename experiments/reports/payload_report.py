@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from experiments.document import tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Headline
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import Decimals, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
-from experiments.reports import identify_figures, identify_report
+from experiments.reports import identify_page, identify_report
 from ident.estimation.preparation import length
 from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
@@ -188,12 +188,13 @@ class PayloadReport:
         if model is not None and payload.robot.prior is not None:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
-        part = payload.estimate.held_out.part
-        held_out = identify_figures.held_out_figure(payload.estimate)
+        caption = f"Measured and predicted channels on the {payload.estimate.held_out.part} part."
         return Document(
             f"Payload of {model.name if model else payload.body}, identified from {', '.join(map(name_of, logs))}",
+            headline=Headline.of(payload.verdict()),
             verdict=str(payload.verdict()),
-            findings=[(finding.text, finding.doubt) for finding in payload.findings],
+            pictures=[*identify_page.prediction(payload.estimate)],
+            findings=[*map(Card.of, payload.findings)],
             lines=self.lines(),
             heading="The recording",
             tables={
@@ -202,7 +203,7 @@ class PayloadReport:
                 **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
-            figures={"figure_held_out": (held_out, f"Measured and predicted channels on the {part} part.")},
+            figures={"figure_held_out": identify_report.drawing("held_out", payload.estimate, caption)},
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,

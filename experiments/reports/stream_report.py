@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.data.outcomes import Streamed
 from experiments.document import tabular
-from experiments.document.document import Document
+from experiments.document.document import Card, Document, Headline
 from experiments.document.tabular import Regrouped
 from experiments.document.terminal import wrapped
 from ident.estimation.equations import COMPONENTS
@@ -70,8 +70,9 @@ def document(result: Streamed, model: Path, recordings: Sequence[Path], provenan
     reasons = [finding.line for finding in result.findings]
     return Document(
         f"{model.name}, identified from {', '.join(file.name for file in recordings)} in pieces",
+        headline=Headline.of(result.verdict),
         verdict=verdict,
-        findings=[(finding.text, finding.doubt) for finding in result.findings],
+        findings=[*map(Card.of, result.findings)],
         lines=[*lines, *result.notes],
         tables={"base_parameters": shown},
         numbers={

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.data.key_numbers import wrench_error
-from experiments.data.simulated import Study
+from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures
+from experiments.document.sheet import INKS
 
 TRUE_WIDTH = 1.6
 """Line width of the truth in points: it lies below the others and shows on both sides."""
@@ -27,7 +28,7 @@ LOWEST = 0.001
 """Smallest error shown, relative to a panel's largest."""
 
 
-def figure(study: Study, name: str) -> Figure:
+def figure(study: SimulatedStudy, name: str) -> Figure:
     """A figure of the study by file name."""
     entry = study.file.figures[name]
     if entry["kind"] == "contacts":
@@ -36,30 +37,30 @@ def figure(study: Study, name: str) -> Figure:
     return kinds[entry["kind"]](study, entry.get("curves", {}))
 
 
-def wrenches(study: Study, curves: Mapping[str, str]) -> Figure:
+def wrenches(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
     """Wrenches over time: the true and the measured total, the ground's, and predictions of models."""
     colors, strokes = inks(curves.values()), cycle(STROKES)
     drawn = {}
     for label, what in curves.items():
-        color = figures.INKS[colors[what]]
+        color = INKS[colors[what]]
         line = figures.Line(color, TRUE_WIDTH) if what == "true" else figures.Line(color, style=next(strokes))
         drawn[label] = wrench(study, what), line
     return figures.wrench_panels(study.recording.time, drawn, "Time (s)", shaded=episodes(study))
 
 
 def inks(curves: Iterable[str]) -> dict[str, int]:
-    """Indices into `figures.INKS` of the wrenches in a figure, in the paper's colours.
+    """Indices into `INKS` of the wrenches in a figure, in the paper's colours.
 
     With the ground's wrench in red, the true total is blue and a recovered one black (Figure 4); without it the true
     one is black, and the models' are red and blue (Figure 2).
     """
     shown = list(dict.fromkeys(curves))
     own = {"ground": 1, "true": 2} if "ground" in shown else {"true": 0}
-    free = cycle([k for k in range(len(figures.INKS)) if k not in own.values()])
+    free = cycle([k for k in range(len(INKS)) if k not in own.values()])
     return {what: own[what] if what in own else next(free) for what in shown}
 
 
-def page_inks(study: Study, curves: Iterable[str]) -> list[int]:
+def page_inks(study: SimulatedStudy, curves: Iterable[str]) -> list[int]:
     """Colours of wrenches on the study's page: those of its first figure of wrenches, or other free ones."""
     entries = (entry["curves"].values() for entry in study.file.figures.values() if entry["kind"] == "wrenches")
     wanted = list(curves)
@@ -67,7 +68,7 @@ def page_inks(study: Study, curves: Iterable[str]) -> list[int]:
     return [chosen[what] for what in wanted]
 
 
-def wrench(study: Study, what: str) -> np.ndarray:
+def wrench(study: SimulatedStudy, what: str) -> np.ndarray:
     """A wrench by its name in a study file: one of `study_displays.WRENCHES`, or a model's prediction (N, 6)."""
     if what == "ground":
         return study.recording.wrench("ground").values
@@ -75,7 +76,7 @@ def wrench(study: Study, what: str) -> np.ndarray:
     return totals[what]().values if what in totals else study.fit(what).predicted
 
 
-def wrench_errors(study: Study, curves: Mapping[str, str]) -> Figure:
+def wrench_errors(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
     """Absolute errors of the recovered wrenches over samples, as dots, and their running RMS.
 
     Models with equal errors, due to joint noise, have alternating dots, and means that show between each other's
@@ -103,7 +104,7 @@ def other_lines(curves: Iterable[str]) -> list[figures.Line]:
     """Lines of curves without the truth, each with its own colour and style."""
     drawn, strokes = list(curves), cycle(STROKES)
     colors = inks(drawn)
-    return [figures.Line(figures.INKS[colors[what]], style=next(strokes)) for what in drawn]
+    return [figures.Line(INKS[colors[what]], style=next(strokes)) for what in drawn]
 
 
 def running_rms(x: np.ndarray) -> np.ndarray:
@@ -114,7 +115,7 @@ def running_rms(x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(sums[last] - sums[first], 0) / (last - first)[:, None])
 
 
-def residuals(study: Study, curves: Mapping[str, str]) -> Figure:
+def residuals(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
     """Measured total wrench less the models' predictions, over time."""
     shown = {label: study.total(model).values - study.fit(model).predicted for label, model in curves.items()}
     lines = other_lines(curves.values()) if len(curves) > 1 else [figures.Line("black")]
@@ -124,7 +125,7 @@ def residuals(study: Study, curves: Mapping[str, str]) -> Figure:
     return figures.wrench_panels(study.recording.time, drawn, "Time (s)", symbol=r"\Delta {}", shaded=episodes(study))
 
 
-def contacts(study: Study) -> Figure:
+def contacts(study: SimulatedStudy) -> Figure:
     """Contribution of each contact to the ground wrench, measured and moved to the base frame, over time."""
     taken = {
         name: study.problem.total(study.recording, {name}).values - study.measured.values for name in study.known.sites
@@ -133,7 +134,7 @@ def contacts(study: Study) -> Figure:
     return figures.wrench_panels(study.recording.time, drawn, "Time (s)", shaded=episodes(study))
 
 
-def episodes(study: Study) -> dict[str, np.ndarray]:
+def episodes(study: SimulatedStudy) -> dict[str, np.ndarray]:
     """Samples in which all contacts touch (N,), by legend entry; empty if they never separate."""
     if not study.touching:
         return {}

@@ -1,13 +1,14 @@
 """Report on a simulated study: tables, figures, key numbers, and the terminal's text."""
 
 import dataclasses
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from experiments.data.key_numbers import CHANNELS, axes, summary, touches, trajectory_summary
-from experiments.data.simulated import Study
-from experiments.document.document import Document
+from experiments.data.simulated import SimulatedStudy
+from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import number
@@ -21,7 +22,7 @@ OUTPUTS = (*RESULTS, RECORDING)
 """Patterns of the files that it writes."""
 
 
-def lines(study: Study) -> list[str]:
+def lines(study: SimulatedStudy) -> list[str]:
     """Sentences with the main numbers."""
     shown = [*_conditions(study), *_errors(study), *(_axes(study) if study.recovers else [])]
     if study.touching:
@@ -33,7 +34,7 @@ def lines(study: Study) -> list[str]:
     return shown
 
 
-def _conditions(study: Study) -> list[str]:
+def _conditions(study: SimulatedStudy) -> list[str]:
     file, shown = study.file, []
     for name, model in file.models.items():
         estimate = study.fit(name).estimate
@@ -48,7 +49,7 @@ def _conditions(study: Study) -> list[str]:
     return shown
 
 
-def _errors(study: Study) -> list[str]:
+def _errors(study: SimulatedStudy) -> list[str]:
     shown = []
     for name, model in study.file.models.items():
         errors = [
@@ -63,7 +64,7 @@ def _errors(study: Study) -> list[str]:
     return shown
 
 
-def _axes(study: Study) -> list[str]:
+def _axes(study: SimulatedStudy) -> list[str]:
     numbers, groups = axes(study), len(study.recovered.groups)
     decided = "all joints were given one direction" if groups == 1 else f"there are {groups} directions"
     return [
@@ -75,7 +76,7 @@ def _axes(study: Study) -> list[str]:
     ]
 
 
-def replay(study: Study) -> Replay:
+def replay(study: SimulatedStudy) -> Replay:
     """Replay of the simulated motion, with the total wrench: true, measured, and predicted by the models."""
     arm, recording = (
         dataclasses.replace(study.known, tree=study.problem.true),
@@ -97,7 +98,7 @@ def replay(study: Study) -> Replay:
     )
 
 
-def document(study: Study, provenance: dict[str, Any]) -> Document:
+def document(study: SimulatedStudy, provenance: dict[str, Any]) -> Document:
     """All tables and figures that the file describes, the summary, a replay, and the recording with its load cells."""
     file = study.file
     models = [model.title for model in file.models.values()]
@@ -110,7 +111,9 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         about,
         lines=lines(study),
         tables={name: study_tables.table(study, name) for name in file.tables},
-        figures={name: (study_figures.figure(study, name), e["caption"]) for name, e in file.figures.items()},
+        figures={
+            name: Plot(partial(study_figures.figure, study, name), e["caption"]) for name, e in file.figures.items()
+        },
         numbers={
             "summary": summary(study) | {"trajectory": trajectory_summary(study)},
             "provenance": provenance,

@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.data import key_numbers
 from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
-from experiments.data.simulated import Study
+from experiments.data.simulated import SimulatedStudy
 from experiments.document import tabular
 from experiments.document.tabular import Decimals, Regrouped, as_stated, of_deviations, of_numbers
 
@@ -21,14 +21,14 @@ STD = {"": "std_wrench_noise", "weighted": "std_weighted", "trajectory": "trajec
 """Columns of standard deviations by estimator."""
 
 
-def table(study: Study, name: str) -> tabular.Table:
+def table(study: SimulatedStudy, name: str) -> tabular.Table:
     """A table of the study by file name."""
     entry = study.file.tables[name]
     kinds = {"parameters": parameters, "wrench errors": wrench_errors, "contacts": contacts}
     return kinds[entry["kind"]](study, entry)
 
 
-def parameters(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
+def parameters(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
     """The models' base parameters, a group of columns for each model."""
     groups = entry["groups"]
     names = study.fit(groups[0]["model"]).base.names
@@ -59,7 +59,7 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
     )
 
 
-def _beside_paper(study: Study, groups: Iterable[Mapping[str, Any]]) -> bool:
+def _beside_paper(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> bool:
     """False if columns of published numbers are empty because other options than the published ones are chosen."""
     return bool(study.file.published) or not any(name in PAPERS for group in groups for name in group["show"])
 
@@ -69,13 +69,13 @@ def _model(suffix: str) -> str:
     return tabular.heading(suffix).removeprefix(", ")
 
 
-def sums(study: Study, model: str) -> tuple[str, ...]:
+def sums(study: SimulatedStudy, model: str) -> tuple[str, ...]:
     """Base parameters of a model as sums; recovered axes have no more than four digits."""
     digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
     return study.fit(model).base.expressions(**digits)
 
 
-def _decimals(study: Study, model: str, name: str, parameters: Sequence[str], stated: int | None) -> Decimals:
+def _decimals(study: SimulatedStudy, model: str, name: str, parameters: Sequence[str], stated: int | None) -> Decimals:
     """Decimals of a column: as published, as the file states, or two digits of the standard deviations."""
     if name in PAPERS:
         return (as_stated(_published_of(study, model, name).values()),) * len(parameters)
@@ -110,7 +110,7 @@ def _head(quantity: str, model: str) -> str:
     return f"{' '.join(reversed(words.split(', ')))}, {tabular.heading(model)}" if model else words
 
 
-def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> Iterable[tabular.Cell]:
+def quantity(study: SimulatedStudy, model: str, name: str, parameters: Iterable[str]) -> Iterable[tabular.Cell]:
     """A column of a table: one of `study_displays.QUANTITIES` of a model, NaN where nothing was published."""
     if name in PAPERS:
         return [float(_published_of(study, model, name).get(each, np.nan)) for each in parameters]
@@ -127,14 +127,14 @@ def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> 
     return values[name.removesuffix("_wrench_noise").removesuffix("_scene")]
 
 
-def _published_of(study: Study, model: str, name: str) -> Mapping[str, float]:
+def _published_of(study: SimulatedStudy, model: str, name: str) -> Mapping[str, float]:
     """Published numbers of a column, by parameter."""
     published = study.file.published
     numbers: Mapping[str, float] = published.get("true", {})
     return numbers if name == "true_paper" else published.get("error", {}).get(model, {})
 
 
-def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
+def _notes(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> list[str]:
     """Notes that explain the heads of columns."""
     shown = {name: group["model"] for group in groups for name in group["show"]}
     notes = []
@@ -145,7 +145,7 @@ def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
     return notes
 
 
-def wrench_errors(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
+def wrench_errors(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
     """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
     errors = key_numbers.wrench_errors(study, entry["models"])
     columns = ("channel", *next(iter(errors.values())))
@@ -154,7 +154,7 @@ def wrench_errors(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
     return tabular.Table(title, columns, rows, entry.get("decimals", 3), caption=entry["caption"], units=UNITS)
 
 
-def contacts(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
+def contacts(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
     """Fraction and episodes of each contact, and its peak force."""
     touching, known = key_numbers.touches(study), study.known
 

@@ -1,6 +1,7 @@
 """Report on a sweep: a table of the numbers of all runs, and a chart."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from matplotlib.figure import Figure
 
 from experiments.data.outcomes import Sweep
 from experiments.document import figures, styles, symbols, tabular
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from ident.errors import InputError
 
 CHARTED = {
@@ -110,7 +111,7 @@ def document(sweep: Sweep, study: str, title: str, numbers: Sequence[str], prove
         lines=[run["refused"] for run in sweep.runs if "refused" in run],
         heading="Refused",
         tables={"table_sweep": table(sweep, sweep.names)},
-        figures={"figure_sweep": (chart(sweep, charted), caption)},
+        figures={"figure_sweep": Plot(partial(chart, sweep, charted), caption)},
         numbers={"sweep": {"runs": sweep.runs, "provenance": provenance}, "provenance": provenance},
         screen=table(sweep, list(charted)).text(),
     )

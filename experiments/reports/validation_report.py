@@ -1,12 +1,13 @@
 """Report on the validation: tables, figures, key numbers, and sentences that say where it wins and where it loses."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from experiments.data.validation import ESTIMATE, WORSE, Goal, Study, Validation, inside, typical
-from experiments.document.document import Document
+from experiments.document.document import Document, Plot
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
 from ident.tolerances import INTERVAL
@@ -197,17 +198,20 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     }
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])
-    figures = {"figure_truth": truth_figure(study)} if study.truths else {}
+    figures = {"figure_truth": partial(truth_figure, study)} if study.truths else {}
     if study.validations:
-        figures |= {"figure_validation": summary_figure(study), "figure_held_out": held_out_figure(study)}
+        figures |= {
+            "figure_validation": partial(summary_figure, study),
+            "figure_held_out": partial(held_out_figure, study),
+        }
     if any(each.entry.published for each in study):
-        figures["figure_published"] = published_figure(study)
+        figures["figure_published"] = partial(published_figure, study)
     return Document(
         "Validation against known parameters and real systems",
         ABOUT,
         lines=lines(study),
         folded={"Verdicts in words": [f"{each.entry.title}: {each.verdict}" for each in study]},
         tables={name: table for name, table in made.items() if table.rows},
-        figures={name: (figure, CAPTIONS[name]) for name, figure in figures.items()},
+        figures={name: Plot(draw, CAPTIONS[name]) for name, draw in figures.items()},
         numbers={"summary": numbers(study), "provenance": provenance},
     )

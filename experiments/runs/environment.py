@@ -11,8 +11,6 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
-from ident.errors import InputError
-
 GRACE = 1.5
 """Seconds that a command has to clean up after a request to terminate."""
 
@@ -129,14 +127,3 @@ def seldom_collected() -> Iterator[None]:
 def end_at_once() -> None:
     """Skips the garbage collection at the end of the process, which takes a tenth of a short command."""
     atexit.register(gc.freeze)
-
-
-@contextmanager
-def extra(name: str) -> Iterator[None]:
-    """Turns a failing import in a block into a sentence that names the extra to install."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"This needs the package '{error.name}', which the extra '{name}' brings: pip install -e '.[{name}]'."
-        ) from None

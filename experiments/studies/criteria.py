@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from experiments.studies.driven_excitation import drive_deviations
-from experiments.studies.excitation import Problem
+from experiments.studies.excitation import DesignProblem
 from ident.errors import ModelError
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import known_rows
@@ -21,7 +21,7 @@ INVISIBLE = 1e-14
 """Eigenvalues of the information below this fraction of the largest are rounding errors."""
 
 
-def known_root(problem: Problem) -> np.ndarray:
+def known_root(problem: DesignProblem) -> np.ndarray:
     """Root L of the prior covariance of ψ and drives, `P = Lᵀ L`; norms of its columns are standard deviations.
 
     Raises:
@@ -38,7 +38,7 @@ def known_root(problem: Problem) -> np.ndarray:
     return block_diag(root, np.diag(drive_deviations(problem.mechanism, problem.drives)))
 
 
-def predicted_deviations(problem: Problem, motion: Motion) -> np.ndarray:
+def predicted_deviations(problem: DesignProblem, motion: Motion) -> np.ndarray:
     """Standard deviations σ of ψ and drives from a motion, by weighted least squares without a prior.
 
     Args:
@@ -53,7 +53,7 @@ def predicted_deviations(problem: Problem, motion: Motion) -> np.ndarray:
     return np.linalg.norm(Vt.T / np.maximum(s, np.finfo(float).eps * s[0]), axis=1)
 
 
-def quality(problem: Problem, motion: Motion) -> dict[str, float]:
+def quality(problem: DesignProblem, motion: Motion) -> dict[str, float]:
     """All criteria of a sampled motion by name; without masses, those relative to the prior are missing."""
     Y = problem.regressor(*motion.states)
     columns, weighted = (x.reshape(-1, Y.shape[2]) for x in (Y, problem.whitening @ Y))
@@ -72,7 +72,7 @@ def quality(problem: Problem, motion: Motion) -> dict[str, float]:
     }
 
 
-def cost(problem: Problem, criterion: str, samples: int) -> Cost:
+def cost(problem: DesignProblem, criterion: str, samples: int) -> Cost:
     """Cost of a criterion of `defaults.CRITERIA`, as a logarithm, with its derivatives with respect to a motion.
 
     Args:

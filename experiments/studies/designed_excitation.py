@@ -1,7 +1,7 @@
 """Design of a motion for a model or a scene."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from experiments.data import paper
 from experiments.data.outcomes import Design, Excited
 from experiments.data.paper import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
 from experiments.studies import criteria, excitation
-from experiments.studies.excitation import Problem
+from experiments.studies.excitation import DesignProblem
 from ident.errors import InputError
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.mechanism.motion import Motion
@@ -24,7 +24,11 @@ from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits
 from sim.motion.fourier import FourierTrajectory
+from sim.motion.reach import reachable
 from sim.simulation.simulate import LONGEST, RATE
+
+POSTURES = 200
+"""Random postures in which loops are closed before a search, which starts from the nearest."""
 
 PER_PERIOD = 10
 """Smallest number of samples in a period of the fastest harmonic."""
@@ -62,7 +66,7 @@ def sample_times(seconds: float, harmonics: int) -> np.ndarray:
     return np.arange(round(seconds * RATE) + 1) / RATE
 
 
-def joint_limits(bounds: Bounds, problem: Problem, reference: Motion | None) -> Limits:
+def joint_limits(bounds: Bounds, problem: DesignProblem, reference: Motion | None) -> Limits:
     """Limits from the options, else from the paper's motion, else from the model.
 
     Raises:
@@ -83,7 +87,7 @@ def joint_limits(bounds: Bounds, problem: Problem, reference: Motion | None) -> 
     return Limits(low, high, velocity, acceleration)
 
 
-def _ranges(problem: Problem, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+def _ranges(problem: DesignProblem, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     """The part of the given range that the model allows for each joint, off its stops: lower and upper limits (n,)."""
     limits, given = [], bounds.position
     for joint in problem.joints:
@@ -118,7 +122,7 @@ def problem_of(
     packages: Sequence[Path] = (),
     drive: Sequence[str] | None = (),
     base_rpy_deg: Sequence[float] | None = None,
-) -> Problem:
+) -> DesignProblem:
     """Problem of exciting a model or a scene.
 
     Args:
@@ -137,7 +141,7 @@ def problem_of(
 
 
 def designed(
-    problem: Problem,
+    problem: DesignProblem,
     model: str,
     *,
     bounds: Bounds,
@@ -176,10 +180,11 @@ def designed(
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if seconds is None else seconds, harmonics)
     reference = Motion(*DOUBLE_PENDULUM.trajectory(time)) if published else None
-    limits = joint_limits(bounds, problem, reference)
+    problem, limits = _within_loops(problem, joint_limits(bounds, problem, reference))
     own = None if log is None else recorded(problem, log, columns)
     model_of, still = problem.mechanism.source.model, problem.still
-    collisions = None if clearance is None else Collisions(model_of, problem.joints, clearance, still, floor)
+    tree = problem.mechanism.tree
+    collisions = None if clearance is None else Collisions(model_of, tree, clearance, still, floor)
     if collisions is not None and floor is not None and not collisions.checks_floor:
         raise InputError("--floor needs moving bodies with geoms that can collide; this model has none.")
     rest = np.array([problem.rest[joint] for joint in problem.joints])
@@ -209,7 +214,21 @@ def designed(
     )
 
 
-def recorded(problem: Problem, log: Path, columns: Path | None = None) -> Motion:
+def _within_loops(problem: DesignProblem, limits: Limits) -> tuple[DesignProblem, Limits]:
+    """Limits in which the loops close, and the problem with loops closed all over them."""
+    tree = problem.mechanism.tree
+    if tree.closure is None:
+        return problem, limits
+    rest = np.array([problem.rest[joint] for joint in problem.joints])
+    low, high = reachable(tree, problem.whole.ranges, rest, limits.low, limits.high)
+    q = np.random.default_rng(0).uniform(low, high, (POSTURES, len(low)))
+    places = [tree.joints.index(joint) for joint in tree.closure.independent]
+    closure = tree.closure.along(q[:, places], np.zeros(POSTURES))
+    mechanism = replace(problem.mechanism, tree=replace(tree, closure=closure))
+    return replace(problem, mechanism=mechanism), replace(limits, low=low, high=high)
+
+
+def recorded(problem: DesignProblem, log: Path, columns: Path | None = None) -> Motion:
     """Motion of a log's joints, of those that the problem moves, at the rate of designed motions.
 
     Raises:
@@ -231,19 +250,20 @@ def _series(trajectory: FourierTrajectory, joints: Sequence[str]) -> dict[str, A
     return {"duration": trajectory.duration, "joints": list(joints), **coefficients}
 
 
-def _excited(problem: Problem, motion: Motion) -> Excited:
+def _excited(problem: DesignProblem, motion: Motion) -> Excited:
     return Excited(motion, criteria.quality(problem, motion), criteria.predicted_deviations(problem, motion))
 
 
-def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
+def recording(problem: DesignProblem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
     """Recording of the motion of all hinge and slide joints."""
     measured, units = {}, {}
-    still = np.zeros(len(time))
-    columns = {joint: k for k, joint in enumerate(problem.joints)}
-    for joint in dict.fromkeys((*problem.joints, *problem.rest)):
+    still, tree = np.zeros(len(time)), problem.mechanism.tree
+    states = [np.hstack(each) for each in zip(motion.states, tree.dependent_states(*motion.states), strict=True)]
+    columns = {joint: k for k, joint in enumerate((*problem.joints, *tree.dependent))}
+    for joint in dict.fromkeys((*columns, *problem.rest)):
         k = columns.get(joint)
         rest = (problem.rest[joint] + still, still, still)
-        for kind, x, per, at_rest in zip(STATES, motion.states, ("", "/s", "/s²"), rest, strict=True):
+        for kind, x, per, at_rest in zip(STATES, states, ("", "/s", "/s²"), rest, strict=True):
             measured[f"{joint}_{kind}"] = at_rest if k is None else x[:, k]
             units[f"{joint}_{kind}"] = problem.units[joint] + per
     return Recording(time, measured, units=units, provenance=provenance)

@@ -41,6 +41,8 @@ def determined(mechanism: Mechanism, parameters: BaseParameters, drive: Sequence
     felt = tuple(range(len(mechanism.tree.freedoms)))
     names = usual_drives(mechanism, felt) if drive is None else drive_names(mechanism.tree, drive)
     channels = mechanism.tree.freedoms
+    # Motions are not designed for drives of joints that loops move.
+    names = tuple(name for name in names if column_place(name)[1] in channels)
     equations = Equations(mechanism, parameters, torques=felt, channels=channels, drives=names)
     motion = _random_motion(mechanism)
     return separable(equations, Samples(motion, np.zeros((INSTANTS, len(channels))))).drives
@@ -94,5 +96,9 @@ def _places(mechanism: Mechanism, drives: Sequence[str]) -> list[tuple[str, int]
 
 
 def _random_motion(mechanism: Mechanism) -> Motion:
-    rng, n = np.random.default_rng(0), len(mechanism.tree.freedoms)
-    return Motion(*rng.uniform(-1, 1, size=(3, INSTANTS, n)))
+    rng, tree = np.random.default_rng(0), mechanism.tree
+    q, dq, ddq = rng.uniform(-1, 1, size=(3, INSTANTS, len(tree.freedoms)))
+    closed = tree.closure.drawn(rng, INSTANTS) if tree.closure else {}
+    for joint, x in closed.items():
+        q[:, [tree.joints.index(joint)]] = x
+    return Motion(q, dq, ddq)

@@ -29,7 +29,7 @@ from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class DesignProblem:
     """A mechanism to excite, and the measurements to design for.
 
     Attributes:
@@ -93,7 +93,7 @@ def problem(
     ignore: Sequence[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
     drive: Sequence[str] | None = (),
-) -> Problem:
+) -> DesignProblem:
     """Problem of exciting some joints of a mechanism on a fixed base.
 
     Args:
@@ -118,14 +118,11 @@ def problem(
     joints = [joint for joint in mechanism.tree.joints if kinds.get(joint) in ONE_DOF]
     moving = _chosen(joints, mechanism.tree, names)
     check_torques(model, mechanism_bodies(model, base), ignore, moving)
-    if coupled := [joint for joint in moving if joint in mechanism.in_loops]:
-        names = [row.name for row in mechanism.constraints.rows]
-        raise ModelError(
-            f"Motions are designed for joints of a tree; {', '.join(coupled)} are coupled by {', '.join(names)}. Name "
-            f"others with --joints, or leave the constraints out with --ignore {' '.join(names)}."
-        )
+    depending = _dependent(mechanism, names)
+    moving = [joint for joint in moving if joint not in depending]
     rest = rest_coordinates(model, base)
-    locked = mechanism.fixed({name: rest[name] for name in mechanism.tree.joints if name not in moving})
+    resting = {name: rest[name] for name in mechanism.tree.joints if name not in (*moving, *depending)}
+    locked = mechanism.fixed(resting).closed(depending, moving)
     gravity = mechanism.gravity
     if base is not None and mechanism.base_rpy_deg is None:
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))
@@ -134,7 +131,7 @@ def problem(
     units = {joint: "m" if kinds[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for joint in joints}
     wrench = sensors == "wrench"
     parameters = find_base_parameters(locked, sensors=Sensors(base_wrench=wrench, joint_torques=not wrench))
-    return Problem(
+    return DesignProblem(
         locked,
         mechanism,
         {joint: float(rest[joint][0]) for joint in joints},
@@ -145,6 +142,24 @@ def problem(
         parameters,
         () if wrench else determined(locked, parameters, drive),
     )
+
+
+def _dependent(mechanism: Mechanism, names: Sequence[str] | None) -> tuple[str, ...]:
+    """Joints that loops move: those that no actuator drives, or without actuators those that are not named.
+
+    Raises:
+        ModelError: One is named.
+    """
+    loops = mechanism.in_loops
+    driven = {joint for joint in loops if joint in mechanism.drives and mechanism.drives[joint].actuators}
+    depending = mechanism.constraints.dependent(mechanism.tree, (), driven or names or ())
+    if wrong := [joint for joint in names or () if joint in depending]:
+        leads = [joint for joint in loops if joint not in depending]
+        raise ModelError(
+            f"Joint '{wrong[0]}' cannot be excited: loops make it depend on {', '.join(leads) or 'no joint'}. "
+            f"Name {' '.join(leads) or 'others'} with --joints."
+        )
+    return depending
 
 
 def _whitening(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.person import Laboratory, Study
+from experiments.data.person import Laboratory, PersonStudy
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers, worker_pool
 from experiments.studies.competitors import USUAL
@@ -69,7 +69,7 @@ def study(
     activities: Sequence[str] | None = None,
     executor: Executor | None = None,
     report: Report | None = None,
-) -> Study:
+) -> PersonStudy:
     """Simulates recordings of all activities, and others that are held out, and identifies the person.
 
     Args:
@@ -99,7 +99,7 @@ def study(
     estimate = identified(fitted, judges=judges, known=True, executor=executor, report=report)
     held_out = held_out_regressor(estimate.base, activities, seconds, first)
     filtered = least_squares_from_prior(estimate)
-    return Study(estimate, humanoid(), tuple(activities), recordings, seconds, filtered, held_out, laboratory)
+    return PersonStudy(estimate, humanoid(), tuple(activities), recordings, seconds, filtered, held_out, laboratory)
 
 
 def laboratory(source: str, rate: float, noise: float | None = None) -> Laboratory:
@@ -123,7 +123,7 @@ def laboratory(source: str, rate: float, noise: float | None = None) -> Laborato
 
 def with_and_without_rail(
     seconds: float, *, laboratory: Laboratory, workers: int = 1, **more: Any
-) -> tuple[Study, Study]:
+) -> tuple[PersonStudy, PersonStudy]:
     """Studies of a person who holds a rail and of one who does not.
 
     Args:

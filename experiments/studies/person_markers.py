@@ -32,6 +32,7 @@ class Faults:
         frames: Poses of the sensors' frames in their stated frames (4, 4).
         gains: Readings of a sensor's six channels for one unit (6,).
         zeros: Zero errors of joints, rad.
+        centres: Displacements of joints in their parents' frames, by the compounds' names, m (3,).
     """
 
     tilts: Mapping[str, Rotation] = field(default_factory=dict)
@@ -39,10 +40,14 @@ class Faults:
     frames: Mapping[str, np.ndarray] = field(default_factory=dict)
     gains: Mapping[str, np.ndarray] = field(default_factory=dict)
     zeros: Mapping[str, float] = field(default_factory=dict)
+    centres: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def true(self, who: Mechanism) -> Mechanism:
-        """The person with true axes and gravity, from the stated one."""
+        """The person with true axes, centres and gravity, from the stated one."""
         bodies = [self._tilted(body) for body in who.tree.bodies]
+        for joint, shift in self.centres.items():
+            body = bodies[first := who.tree.first_link(who.tree.compounds[joint][0])]
+            bodies[first] = replace(body, home=pose(body.home[:3, :3], body.home[:3, 3] + shift))
         return replace(who, tree=Tree(tuple(bodies)), gravity=self.gravity.as_matrix() @ who.gravity)
 
     def read(self, sensor: str, wrench: np.ndarray) -> np.ndarray:
@@ -88,6 +93,7 @@ def drawn(who: Mechanism, sensors: Iterable[str], known: Mapping[str, float], rn
         frames=frames,
         gains={name: 1 + by_chance("gain", 6) for name in frames},
         zeros={joint: float(by_chance("zero", 1)[0]) for joint in hinges},
+        centres={joint: by_chance("centre", 3) for joint in who.tree.compounds},
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import TrajectoryTrial, Trial
-from experiments.data.simulated import Problem, Study
+from experiments.data.simulated import SimulatedStudy, StudyProblem
 from experiments.data.study_file import StudyFile
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers
@@ -131,7 +131,7 @@ class Trials:
     workers: Workers
 
 
-def draw_of(study: Study, asked: Trials, folder: Path) -> Draw:
+def draw_of(study: SimulatedStudy, asked: Trials, folder: Path) -> Draw:
     """Source of the recordings of a study's trials.
 
     Raises:
@@ -147,7 +147,7 @@ def draw_of(study: Study, asked: Trials, folder: Path) -> Draw:
     return draw
 
 
-def distributions(study: Study, draw: Draw, asked: Trials, folder: Path) -> dict[str, Distribution]:
+def distributions(study: SimulatedStudy, draw: Draw, asked: Trials, folder: Path) -> dict[str, Distribution]:
     """Runs the trials, and repeats the first of them for the trajectory estimate."""
     file, (kept, kept_trajectory) = study.file, kept_in(folder, draw)
     if not asked.workers.resume:
@@ -165,14 +165,14 @@ def distributions(study: Study, draw: Draw, asked: Trials, folder: Path) -> dict
     return made
 
 
-def _distribution(study: Study, model: str, outcomes: np.ndarray) -> Distribution:
+def _distribution(study: SimulatedStudy, model: str, outcomes: np.ndarray) -> Distribution:
     """A model's errors and predicted standard deviations (trials, 2, parameters), beside the published errors."""
     names, published = study.fit(model).base.names, study.file.published.get("error", {}).get(model, {})
     beside = np.array([published.get(name, np.nan) for name in names])
     return Distribution(names, outcomes[:, 0], outcomes[:, 1], beside)
 
 
-def simulated(file: StudyFile) -> Study:
+def simulated(file: StudyFile) -> SimulatedStudy:
     """Simulates the scene of a study and identifies all its models by least squares.
 
     Raises:
@@ -182,7 +182,7 @@ def simulated(file: StudyFile) -> Study:
     recording = simulate(
         file.spec(), file.excitation, samples=file.samples, seed=file.seed, noise_scale=file.noise_scale
     )
-    study = Study(Problem.of(file), recording)
+    study = SimulatedStudy(StudyProblem.of(file), recording)
     for name, model in file.models.items():
         for estimator in model.estimators:
             if estimator != "trajectory":
@@ -190,17 +190,17 @@ def simulated(file: StudyFile) -> Study:
     return study
 
 
-def study(name: str, **options: object) -> Study:
+def study(name: str, **options: object) -> SimulatedStudy:
     """One of the package's studies, with other values for some of its options."""
     return simulated(packaged(name, **options))
 
 
-def trial(problem: Problem, models: Sequence[str], recording: Recording) -> Outcome:
+def trial(problem: StudyProblem, models: Sequence[str], recording: Recording) -> Outcome:
     """Errors of some models from one recording, axes always recovered as one direction."""
-    study = Study(problem, recording, significance=0)
+    study = SimulatedStudy(problem, recording, significance=0)
     return outcome(*map(study.fit, models))
 
 
-def trajectory_trial(problem: Problem, model: str, recording: Recording) -> Outcome:
+def trajectory_trial(problem: StudyProblem, model: str, recording: Recording) -> Outcome:
     """Errors of a model's trajectory estimate from one recording, axes always recovered as one direction."""
-    return outcome(Study(problem, recording, significance=0).determined_trajectory(model))
+    return outcome(SimulatedStudy(problem, recording, significance=0).determined_trajectory(model))

@@ -286,7 +286,8 @@ def streamed(progress: Progress, reading: Reading, pool: WorkerPool, held_out: P
     other = None if held_out is None else _held_out(held_out, reading, equations, pool, overview.notes)
     evidence = evidence_of(Passed(overview.statistics, fitted), first, other)
     estimate = huber_white(first, reading.again(overview), steady=True)
-    return Streamed(estimate, evidence, findings(evidence), overview.notes)
+    judged = findings(evidence)
+    return Streamed(estimate, replace(evidence, fit=estimate, offsets=estimate.offsets), judged, overview.notes)
 
 
 def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool, notes: list[str]) -> Passed:

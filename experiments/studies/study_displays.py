@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Any
 
-from experiments.data.study_file import Model, Scene
+from experiments.data.study_file import Scene, StudyModel
 from ident.annotations import Needs
 from ident.errors import InputError
 from ident.files.schema import check_keys, choice, table, value_of
@@ -68,7 +68,7 @@ CONTACTS = "Measured wrenches in the base frame that the links exert on what tou
 """Captions of figures."""
 
 
-def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entries]:
+def usual(models: Mapping[str, StudyModel], main: str | None) -> tuple[Entries, Entries]:
     """Default entries of tables and of figures by kind: captions, and the models with parameters of their own."""
     own = labelled([name for name, model in models.items() if model.parameters is None])
     tables: Entries = {
@@ -85,7 +85,7 @@ def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entri
     return tables, figures
 
 
-def parameter_tables(models: Mapping[str, Model]) -> dict[str, dict[str, Any]]:
+def parameter_tables(models: Mapping[str, StudyModel]) -> dict[str, dict[str, Any]]:
     """Entries of tables of all parameters, for a file without tables: one for each set of base parameters.
 
     A model is in the table of the one whose parameters it shares. Tables are called `table_parameters` if there is one,
@@ -105,13 +105,13 @@ def parameter_tables(models: Mapping[str, Model]) -> dict[str, dict[str, Any]]:
     return tables
 
 
-def _owner(name: str, models: Mapping[str, Model]) -> str:
+def _owner(name: str, models: Mapping[str, StudyModel]) -> str:
     """Model whose base parameters one has: itself, or the one whose parameters it shares."""
     shared = models[name].parameters
     return name if shared is None else _owner(shared, models)
 
 
-def _usual_quantities(model: Model) -> list[str]:
+def _usual_quantities(model: StudyModel) -> list[str]:
     """Quantities of a model that a table shows by default."""
     weighted = "weighted" in model.estimators[1:]
     return [
@@ -136,7 +136,7 @@ def shown(
     what: str,
     entries: Mapping[str, Any],
     kinds: Mapping[str, Sequence[str]],
-    models: Mapping[str, Model],
+    models: Mapping[str, StudyModel],
     scene: Scene,
     defaults: Mapping[str, Mapping[str, Any]],
 ) -> Mapping[str, Mapping[str, Any]]:
@@ -160,7 +160,7 @@ def shown(
     return displays
 
 
-def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Model], more: Sequence[str]) -> None:
+def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, StudyModel], more: Sequence[str]) -> None:
     """Checks the entries of a table or a figure; curves can be `more` than models."""
     for key, kind in KINDS.items():
         value_of(f"{where}.{key}", entry.get(key, kind[1]), kind[0])
@@ -171,7 +171,7 @@ def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Mode
         choice(f"{where}.curves.{label}", curve, (*models, *more))
 
 
-def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Model]) -> None:
+def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, StudyModel]) -> None:
     check_keys(f"{where}.groups", group, ("model", "as", "show"))
     model = models[choice(f"{where}.groups.model", group.get("model"), models)]
     value_of(f"{where}.groups.as", group.get("as", ""), str)

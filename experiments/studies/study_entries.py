@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import scenes
 from experiments.data import paper
 from experiments.data.fitting import ESTIMATORS
-from experiments.data.study_file import ALL, AXES, Model, Scene, StudyFile
+from experiments.data.study_file import ALL, AXES, Scene, StudyFile, StudyModel
 from experiments.studies.study_displays import (
     FIGURES,
     TABLES,
@@ -115,7 +115,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     )
 
 
-def _with_tables(entries: Mapping[str, Any], models: Mapping[str, Model]) -> Mapping[str, Any]:
+def _with_tables(entries: Mapping[str, Any], models: Mapping[str, StudyModel]) -> Mapping[str, Any]:
     """The entries with tables of all parameters if they have no tables."""
     return entries if entries.get("tables") not in (None, {}) else {**entries, "tables": parameter_tables(models)}
 
@@ -158,8 +158,8 @@ def _recording(entry: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
-    models: dict[str, Model] = {}
+def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, StudyModel]:
+    models: dict[str, StudyModel] = {}
     for name, value in entries.items():
         where, entry = f"models.{name}", table(f"models.{name}", value)
         if name.casefold() in WRENCHES:
@@ -168,7 +168,7 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
             )
         check_keys(where, entry, ("title", "axes", "parameters", "ignore", "estimators"))
         given = entry.get("ignore", [])
-        models[name] = Model(
+        models[name] = StudyModel(
             title=value_of(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model"), str),
             axes=choice(f"{where}.axes", entry.get("axes", "drawn"), AXES),
             # Only earlier models, so that there are no cycles.

@@ -3,15 +3,13 @@
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 from weakref import WeakKeyDictionary
 
 from ident.display import text
+from ident.display.parameters import Parameter
 
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
-
-PAGES: "WeakKeyDictionary[Estimate, Path]" = WeakKeyDictionary()
+PAGES: "WeakKeyDictionary[Any, Path]" = WeakKeyDictionary()
 """Pages that were written of estimates, for the links to them."""
 
 RIGHT = ' style="text-align: right"'
@@ -28,20 +26,25 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable
     return f"<table><thead><tr>{row(heads, 'th')}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def estimate_html(estimate: "Estimate") -> str:
-    """Verdict, parameters and findings of an estimate, with a link to its page if one was written."""
-    verdict, (parameters, more) = estimate.verdict(), text.first_parameters(estimate)
+def estimate_html(
+    headline: str,
+    verdict: str,
+    parameters: Iterable[Parameter],
+    sentences: Iterable[str],
+    findings: Iterable[tuple[str, bool]],
+    page: Path | None,
+) -> str:
+    """Verdict, parameters, sentences and findings, True for a doubt, with a link to a page if one was written."""
     # Units stay on one line.
     rows = [(*row[:5], row[5].replace(" ", "\N{NO-BREAK SPACE}"), *row[6:]) for row in text.parameter_rows(parameters)]
-    items = [f"<li>{'<strong>Doubt:</strong> ' * each.doubt}{escape(each.text)}</li>" for each in estimate.findings]
+    items = [f"<li>{'<strong>Doubt:</strong> ' * doubt}{escape(sentence)}</li>" for sentence, doubt in findings]
     parts = [
-        f"<p><strong>{escape(text.headline(estimate))}</strong></p>",
-        f"<p>{escape(str(verdict))}</p>",
+        f"<p><strong>{escape(headline)}</strong></p>",
+        f"<p>{escape(verdict)}</p>",
         table(text.HEADS, rows, (2, 3, 4, 6)),
-        f"<p>{escape(more)}</p>" if more else "",
-        f"<p>Residual over signal: {escape(text.ratios(estimate))}</p>",
+        *(f"<p>{escape(sentence)}</p>" for sentence in sentences if sentence),
         f"<details><summary>{len(items)} findings</summary><ul>{''.join(items)}</ul></details>" if items else "",
-        _link(PAGES.get(estimate)),
+        _link(page),
     ]
     return f"<div>{''.join(parts)}</div>"
 

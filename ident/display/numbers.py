@@ -1,47 +1,51 @@
 """All results of an estimate in JSON's types."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ident.display.bodies import BodyValue
 from ident.geometry.inertia import PARAMETERS
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import Finding
 from ident.judgement.summary import summary
+from ident.judgement.verdict import Verdict
+from ident.parameters.consistency import ConsistentParameters
+from ident.regression.held_out import HeldOut
+from ident.trajectory.result import TrajectoryEstimate
 
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
 
-
-def estimate_numbers(estimate: "Estimate") -> dict[str, Any]:
-    """All results of an estimate for scripts, in JSON's types."""
-    held, full, verdict = estimate.held_out, estimate.consistent(), estimate.verdict()
+def estimate_numbers(
+    evidence: Evidence, findings: Sequence[Finding], verdict: Verdict, held: HeldOut, full: ConsistentParameters
+) -> dict[str, Any]:
+    """All results of an estimate for scripts, in JSON's types, but for what it alone has."""
     keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
     at_rest = [x if np.isfinite(x) else None for x in held.ratio_at_rest(held.residual).tolist()]
     each = held.rms, held.signal, held.ratio, held.relative_rms
     numbers = zip(*(x.tolist() for x in each), at_rest, strict=True)
-    bodies = zip(estimate.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
-    common = summary(
-        estimate.fit, verdict, estimate.findings, condition_number=estimate.condition_number, offsets=estimate.offsets
-    )
+    bodies = zip(evidence.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
     return {
-        **common,
-        "std_setup": np.sqrt(np.diag(estimate.covariance_setup)).tolist(),
-        "condition_numbers": {k: x if np.isfinite(x) else None for k, x in estimate.condition_numbers.items()},
-        "cutoff_hz": estimate.prepared.cutoff,
-        "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(estimate.channels, numbers, strict=True)},
+        **summary(
+            evidence.fit,
+            verdict,
+            findings,
+            condition_number=evidence.condition_number,
+            offsets=evidence.offsets,
+        ),
+        "cutoff_hz": evidence.logs[0].cutoff,
+        "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(evidence.channels, numbers, strict=True)},
         "candidates": {
-            name: dict(zip(estimate.channels, x.tolist(), strict=True)) for name, x in estimate.rivals.items()
+            name: dict(zip(evidence.channels, x.tolist(), strict=True)) for name, x in evidence.rivals.items()
         },
         "best_candidate": verdict.best,
-        "filtered_at_hz": estimate.filtered_at,
-        "scales": {joint: {"value": value, "std": std} for joint, (value, std) in estimate.scales.items()},
-        "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in estimate.bounded.items()},
-        "setup": [each.to_dict() for each in estimate.setup],
-        "friction": estimate.friction,
-        "weights": _weights(estimate),
-        "halves": {"rms_z": estimate.disagreement, "widening": estimate.widening},
-        "logs": {"rms_z": list(estimate.disagreements)},
+        "filtered_at_hz": evidence.filtered_at,
+        "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in evidence.bounded.items()},
+        "setup": [each.to_dict() for each in evidence.setup],
+        "friction": evidence.friction,
+        "weights": _weights(evidence.trajectory),
+        "halves": {"rms_z": evidence.disagreement, "widening": evidence.widening},
+        "logs": {"rms_z": list(evidence.disagreements)},
         "intervals": {name: _limits(full.rows, name) for name in full.bodies},
         "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
     }
@@ -60,10 +64,10 @@ def _limits(rows: Sequence[BodyValue], body: str) -> dict[str, Any]:
     }
 
 
-def _weights(estimate: "Estimate") -> dict[str, Any] | None:
+def _weights(trajectory: TrajectoryEstimate | None) -> dict[str, Any] | None:
     """Noise model of the weights, and the errors of left-out pieces without and with each alternative."""
-    if estimate.trajectory is None:
+    if trajectory is None:
         return None
-    tried = estimate.trajectory.errors
+    tried = trajectory.errors
     errors = {name: dict(zip(("without", "with"), each.tolist(), strict=True)) for name, each in tried.items()}
-    return {"correlated": estimate.trajectory.coloured, "left_out_errors": errors}
+    return {"correlated": trajectory.coloured, "left_out_errors": errors}

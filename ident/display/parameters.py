@@ -1,20 +1,23 @@
 """Estimated coefficients one by one: estimate, interval, unit, body."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import special
 
 from ident.arguments import is_number, near
 from ident.display.brief import Worded
+from ident.display.frames import imported_pandas
 from ident.errors import InputError
 from ident.estimation.units import coefficient_unit
 from ident.geometry.inertia import body_of_parameter
+from ident.mechanism.mechanism import Mechanism
+from ident.regression.ordinary import Fit
 
 if TYPE_CHECKING:
-    from ident.estimate import Estimate
+    import pandas as pd
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,15 +98,30 @@ def body_of(name: str, bodies: Sequence[str]) -> str:
     return body_of_parameter(name, bodies) or name.removesuffix(")").partition("(")[2]
 
 
-def parameters_of(estimate: "Estimate") -> tuple[Parameter, ...]:
-    """All coefficients of an estimate: base parameters, drives, offsets (m,), and scales of joint torques."""
-    base, arm, fit = estimate.base, estimate.prepared.mechanism, estimate.fit
+def parameters_of(
+    fit: Fit,
+    arm: Mechanism,
+    wider: np.ndarray,
+    *,
+    bounded: Collection[str],
+    scales: Mapping[str, tuple[float, float]],
+) -> tuple[Parameter, ...]:
+    """All coefficients: base parameters, drives, offsets (m,), and scales of joint torques.
+
+    Args:
+        fit: The fit.
+        arm: The mechanism.
+        wider: Standard deviations with the uncertainty of the set-up (m,).
+        bounded: Names of drives at their bound of zero.
+        scales: True over stated torque of joints, with its standard deviation, by name.
+    """
+    base = fit.parameters
     kinds = ["base"] * base.rank + ["drive"] * len(fit.equations.drives)
     kinds += ["offset"] * (len(fit.names) - len(kinds))
     # Zero for a drive means that the model states none.
     model = [None if kind == "drive" and not x else x for kind, x in zip(kinds, fit.equations.from_model, strict=False)]
     model += [None] * (len(fit.names) - len(model))
-    wider, regrouped = np.sqrt(np.diag(estimate.covariance_setup)), (*base.expressions(4), *fit.names[base.rank :])
+    regrouped = (*base.expressions(4), *fit.names[base.rank :])
     columns = fit.names, kinds, fit.values.tolist(), fit.std.tolist(), wider.tolist(), model, regrouped
     coefficients = (
         Parameter(
@@ -112,12 +130,29 @@ def parameters_of(estimate: "Estimate") -> tuple[Parameter, ...]:
             body=body_of(name, arm.bodies),
             model=None if own is None else float(own),
             expression=expression,
-            at_bound=name in estimate.bounded,
+            at_bound=name in bounded,
         )
         for name, kind, value, std, std_setup, own, expression in zip(*columns, strict=True)
     )
-    scales = (
+    of_scales = (
         Parameter(name := f"scale({joint})", "scale", value, std, std, "", joint, 1.0, name)
-        for joint, (value, std) in estimate.scales.items()
+        for joint, (value, std) in scales.items()
     )
-    return (*coefficients, *scales)
+    return (*coefficients, *of_scales)
+
+
+def parameters_frame(parameters: Sequence[Parameter]) -> "pd.DataFrame":
+    """Data frame of parameters, indexed by their names, with 95 % intervals that include the set-up.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    pd = imported_pandas()
+    intervals = np.array([each.interval() for each in parameters]).reshape(-1, 2)
+    columns = ("kind", "body", "estimate", "std", "std_setup", "unit", "model", "expression")
+    out: dict[str, Any] = {key: [getattr(each, key) for each in parameters] for key in columns}
+    out["model"] = np.array([np.nan if x is None else x for x in out["model"]])
+    out |= {"lower": intervals[:, 0], "upper": intervals[:, 1]}
+    index = pd.Index([each.name for each in parameters], name="parameter")
+    order = [*columns[:5], "lower", "upper", *columns[5:]]
+    return pd.DataFrame(out, index=index)[order]

@@ -2,19 +2,17 @@
 
 import sys
 from collections import ChainMap
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ident.estimation.equations import Equations
 from ident.estimation.units import channel_unit
 from ident.files.table import vector_columns
-
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
-    from ident.recordings.recording import Recording
 
 JOINTS = {"position": "rad or m", "command": "rad or m", "torque": "N m or N"}
 """Quantities of joints that are drawn, and their units where a recording states none."""
@@ -26,11 +24,9 @@ MOST = 60
 """Largest number of parameters in a figure: those with the narrowest relative intervals."""
 
 
-def parameters_plot(estimate: "Estimate") -> Figure:
+def parameters_plot(names: Sequence[str], values: np.ndarray, intervals: np.ndarray, model: np.ndarray) -> Figure:
     """Base parameters with 95 % intervals that include the set-up, beside the model's."""
-    names, values = np.array(estimate.names), estimate.psi
-    model = estimate.fit.equations.from_model[: len(values)]
-    half = np.diff(estimate.interval(), axis=1)[:, 0] / 2
+    half = np.diff(intervals, axis=1)[:, 0] / 2
     size = np.max([np.abs(values), np.abs(model), half, np.full(len(values), 1e-300)], axis=0)
     shown = np.sort(np.argsort(half / size, kind="stable")[:MOST])
     rows = np.arange(len(shown))
@@ -39,19 +35,16 @@ def parameters_plot(estimate: "Estimate") -> Figure:
     ax.axvline(0, color="0.8", lw=0.8)
     ax.errorbar((values / size)[shown], rows, xerr=(half / size)[shown], fmt="o", ms=4, label="Estimate, 95 %")
     ax.plot((model / size)[shown], rows, "k|", ms=10, label="Model")
-    ax.set_yticks(rows, names[shown])
+    ax.set_yticks(rows, np.array(names)[shown])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_xlabel("Value over the largest of estimate, model and half-width")
     figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
-def fit_plot(estimate: "Estimate") -> Figure:
-    """Measured and predicted channels on the held-out part."""
-    held = estimate.held_out
-    measured = held.samples.measured
-    time, measured, predicted = map(held.interrupted, (held.time, measured, measured - held.residual))
-    figure, axes = _panels(estimate, "Time (s)", "")
+def fit_plot(equations: Equations, time: np.ndarray, measured: np.ndarray, predicted: np.ndarray) -> Figure:
+    """Measured and predicted channels (N, C)."""
+    figure, axes = _panels(equations, "Time (s)", "")
     for k, ax in enumerate(axes):
         ax.plot(time, measured[:, k], "k", lw=1.2, label="Measured")
         ax.plot(time, predicted[:, k], "C1--", lw=1.2, label="Predicted")
@@ -60,12 +53,11 @@ def fit_plot(estimate: "Estimate") -> Figure:
     return figure
 
 
-def spectra_plot(estimate: "Estimate") -> Figure:
-    """Amplitude spectra of the measured channels and of their residuals on the held-out part."""
-    held, rate = estimate.held_out, estimate.prepared.recording.rate
-    figure, axes = _panels(estimate, "Frequency (Hz)", "/√Hz")
+def spectra_plot(equations: Equations, rate: float, measured: np.ndarray, residual: np.ndarray) -> Figure:
+    """Amplitude spectra of measured channels and of their residuals (N, C)."""
+    figure, axes = _panels(equations, "Frequency (Hz)", "/√Hz")
     for k, ax in enumerate(axes):
-        for x, color, label in ((held.samples.measured, "k", "Measured"), (held.residual, "C1", "Residual")):
+        for x, color, label in ((measured, "k", "Measured"), (residual, "C1", "Residual")):
             frequency, amplitude = amplitude_spectrum(x[:, k], rate)
             ax.loglog(frequency[1:], np.maximum(amplitude[1:], 1e-12), color=color, lw=1, label=label)
         ax.margins(x=0)
@@ -73,14 +65,16 @@ def spectra_plot(estimate: "Estimate") -> Figure:
     return figure
 
 
-def recording_plot(recording: "Recording") -> Figure:
+def recording_plot(
+    time: np.ndarray, channels: Mapping[str, np.ndarray], units: Mapping[str, str], wrenches: Sequence[str]
+) -> Figure:
     """Joint positions, commands and torques of a recording over time, and force and moment of each wrench."""
-    panels = _panels_of(recording)
+    panels = _panels_of(channels, units, wrenches)
     figure = _figure(8, 1 + 1.5 * max(len(panels), 1))
     axes = figure.subplots(max(len(panels), 1), sharex=True, squeeze=False)[:, 0]
     for (label, lines), ax in zip(panels.items(), axes, strict=False):
         for name, x in lines.items():
-            ax.plot(recording.time, x, lw=1, label=name)
+            ax.plot(time, x, lw=1, label=name)
         ax.set_ylabel(label)
         ax.margins(x=0)
         if len(lines) <= LINES:
@@ -89,22 +83,23 @@ def recording_plot(recording: "Recording") -> Figure:
     return figure
 
 
-def _panels_of(recording: "Recording") -> dict[str, dict[str, np.ndarray]]:
+def _panels_of(
+    channels: Mapping[str, np.ndarray], units: Mapping[str, str], wrenches: Sequence[str]
+) -> dict[str, dict[str, np.ndarray]]:
     """Lines (N,) of each panel by name, by the panel's label."""
-    channels = recording.measured
     positions = [name for name in channels if name.endswith("_position")]
     # Positions of three components are those of bodies.
     joints = [name.removesuffix("_position") for name in positions if channels[name].shape[1:] != (3,)]
     groups = [(f"Joint {kind}", unit, {j: f"{j}_{kind}" for j in joints}) for kind, unit in JOINTS.items()]
-    for name in recording.wrenches:
+    for name in wrenches:
         groups += [(f"Force {name}", "N", {"F": f"{name}_force"}), (f"Moment {name}", "N m", {"M": f"{name}_torque"})]
     panels = {}
     for title, usual, names in groups:
         measured = {line: name for line, name in names.items() if name in channels}
-        units = dict.fromkeys(recording.units.get(name, usual) for name in measured.values())
+        stated = dict.fromkeys(units.get(name, usual) for name in measured.values())
         lines = [vector_columns(line, channels[name]) for line, name in measured.items()]
         if lines:
-            panels[f"{title}\n({', '.join(units)})"] = dict(ChainMap(*reversed(lines)))
+            panels[f"{title}\n({', '.join(stated)})"] = dict(ChainMap(*reversed(lines)))
     return panels
 
 
@@ -151,9 +146,9 @@ def _show() -> None:
         sys.modules["IPython"].display.display(figure)
 
 
-def _panels(estimate: "Estimate", xlabel: str, per: str) -> tuple[Figure, list[Axes]]:
+def _panels(equations: Equations, xlabel: str, per: str) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each channel in two columns, labelled with its name and unit."""
-    channels, tree = estimate.channels, estimate.prepared.mechanism.tree
+    channels, tree = equations.channels, equations.mechanism.tree
     rows = -(-len(channels) // 2)
     figure = _figure(8, 1 + 1.5 * rows)
     axes = list(figure.subplots(rows, 2, sharex=True, squeeze=False).T.flat)

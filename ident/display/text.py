@@ -2,13 +2,9 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterable, Sequence
 
 from ident.display.parameters import Parameter
-
-if TYPE_CHECKING:
-    from ident.estimate import Estimate
 
 WIDTH = 120
 """Longest line of a sentence."""
@@ -77,23 +73,23 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Iterab
     return [line(heads), *map(line, rows)]
 
 
-def first_parameters(estimate: "Estimate") -> tuple[list[Parameter], str]:
-    """The first parameters of each kind of an estimate, and a sentence on the others, "" for none."""
-    every = [each for each in estimate.parameters if each.name not in estimate.undetermined]
+def first_parameters(parameters: Sequence[Parameter], undetermined: Collection[str]) -> tuple[list[Parameter], str]:
+    """The first determined parameters of each kind, and a sentence on the others, "" for none."""
+    every = [each for each in parameters if each.name not in undetermined]
     kinds = dict.fromkeys(each.kind for each in every)
     out = [row for kind in kinds for row in [each for each in every if each.kind == kind][:SHOWN]]
-    left = len(estimate.parameters) - len(out)
+    left = len(parameters) - len(out)
     return out, f"… and {left} more; estimate.to_frame() has all" if left else ""
 
 
-def undetermined_sentence(estimate: "Estimate") -> str:
+def undetermined_sentence(names: Sequence[str], joints: Iterable[str]) -> str:
     """Sentence on the parameters that the motion does not determine since joints rest; empty for none."""
-    if not estimate.undetermined:
+    if not names:
         return ""
-    resting = ", ".join(sorted({joint for part in estimate.logs for joint in part.log.resting}))
+    resting = ", ".join(sorted({*joints}))
     return (
         f"{resting} rest{'' if ',' in resting else 's'}, so that the motion does not determine "
-        f"{', '.join(estimate.undetermined)}: left out here, as near the model's values."
+        f"{', '.join(names)}: left out here, as near the model's values."
     )
 
 
@@ -102,19 +98,10 @@ def _short(regrouping: str) -> str:
     return regrouping if len(regrouping) <= LONGEST else f"{regrouping[: LONGEST - 2]} …"
 
 
-def estimate_summary(estimate: "Estimate") -> str:
-    """Table of the parameters, prediction errors, verdict and findings of an estimate."""
-    parameters, more = first_parameters(estimate)
+def summary_text(headline: str, parameters: Iterable[Parameter], sentences: Iterable[str]) -> str:
+    """A headline, a table of parameters, and sentences."""
     rows = [(*row[:-1], _short(row[-1])) for row in parameter_rows(parameters)]
-    notes = [f"  {note}" for part in estimate.logs for note in part.log.notes]
-    sentences = [
-        f"Residual over signal: {ratios(estimate)}; condition number {estimate.determined_condition:.3g}.",
-        undetermined_sentence(estimate),
-        str(estimate.verdict()),
-        *notes,
-        *(finding.line for finding in estimate.findings),
-    ]
-    lines = [f"{headline(estimate)}, SI units", *aligned(HEADS, rows, (2, 3, 4, 6)), more, *map(_wrapped, sentences)]
+    lines = [f"{headline}, SI units", *aligned(HEADS, rows, (2, 3, 4, 6)), *map(_wrapped, sentences)]
     return "\n".join(filter(None, lines))
 
 
@@ -124,16 +111,10 @@ def _wrapped(sentence: str) -> str:
     return textwrap.fill(sentence, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
-def headline(estimate: "Estimate") -> str:
-    """Number of parameters of an estimate, and of samples and recordings that they are from."""
-    base, logs = estimate.base, len(estimate.logs)
-    others = estimate.parameters[base.rank :]
+def headline(parameters: Sequence[Parameter], samples: int, logs: int) -> str:
+    """Number of parameters, and of samples and recordings that they are from."""
+    others = [each for each in parameters if each.kind != "base"]
     kinds = dict.fromkeys(f"{each.kind}s" for each in others)
     more = f" and {len(others)} of {' and '.join(kinds)}" if others else ""
     recordings = f" of {logs} recordings" if logs > 1 else ""
-    return f"{base.rank} base parameters{more} from {estimate.fit.samples} samples{recordings}"
-
-
-def ratios(estimate: "Estimate") -> str:
-    """Held-out residual over signal of each channel."""
-    return ", ".join(f"{c} {r:.2f}" for c, r in zip(estimate.channels, estimate.held_out.ratio, strict=True))
+    return f"{len(parameters) - len(others)} base parameters{more} from {samples} samples{recordings}"

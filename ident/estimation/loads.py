@@ -1,26 +1,24 @@
-"""Wrenches on the bodies of a mechanism, joint torques and drives, for numbers or for signals of a tape.
+"""Wrenches on the bodies of a mechanism and drives, for numbers or for signals of a tape.
 
-Γ_i = Y_i φ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + K (q - q_0) + …
+Γ_i = Y_i φ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + K (q - q_0) + …
 
 Drives of motors that move several joints together have their angles, R q, in place of q, and add Rᵀ τ_motor.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.geometry.se3 import Ad, coAd, inverse, pose
+from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.mechanism.tree import Tree
-from ident.model.adjoint import Value
 from ident.model.axes import Axes
-from ident.model.closed_form import BodyMotion, body_wrench
-from ident.model.regressor import CHUNK, base_wrench_regressor, drive_signals, joint_torque_regressor
+from ident.model.closed_form import BodyMotion
+from ident.model.inverse_dynamics import body_wrenches, inverse_dynamics
+from ident.model.regressor import drive_signals
 from ident.model.stated import stated_values
 from ident.tolerances import DRIVE, USUAL_DRIVE
 
@@ -44,23 +42,7 @@ def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np
     prior = np.zeros(10 * len(tree.inertial)) if known is None else known
     kept, phi = list(parameters.kept), prior.astype(object)
     phi[kept] = theta[: parameters.rank] - (parameters.regroup(prior) - prior[kept])
-    wrenches = [np.zeros(6)] * len(tree.bodies)
-    for i, own in zip(tree.inertial, phi.reshape(-1, 10), strict=True):
-        wrenches[i] = body_wrench(motions[i], own)
-    return wrenches
-
-
-def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches: list[np.ndarray]) -> list[Value]:
-    """Torques of the n freedoms that balance wrenches on the bodies (6,), in the base frame (Eq. 11)."""
-    carried, felt = list(wrenches), list[np.ndarray]()
-    for i in reversed(range(len(tree.bodies))):
-        parent = tree.bodies[i].parent
-        if parent >= 0:
-            carried[parent] = carried[parent] + carried[i]
-    for i, body in enumerate(tree.bodies):
-        screws = Ad(pose(motions[i].R, motions[i].p)) @ body.motions
-        felt.append(screws.T @ carried[i])
-    return list(tree.joint_sums(q, felt))
+    return body_wrenches(tree, motions, phi)
 
 
 def drive_torques(
@@ -119,18 +101,11 @@ def predicted_channels(
 
     It predicts with its prior and with the drives that it states.
     """
-    in_frame = coAd(inverse(frame))
-    wrenches, felt = [], []
-    for first in range(0, len(motion), CHUNK):
-        part = motion[first : first + CHUNK]
-        given: dict[str, Any] = {"gravity": mechanism.gravity, "base": part.base}
-        Y = base_wrench_regressor(mechanism.tree, *part.states, **given)
-        wrenches.append(Y @ mechanism.known @ in_frame.T)
-        if torques:
-            links = joint_torque_regressor(mechanism.tree, *part.states, **given) @ mechanism.known
-            felt.append(links + stated_drive_torques(mechanism, part) if mechanism.drives else links)
-    predicted = dict(zip(COMPONENTS, np.concatenate(wrenches).T, strict=True))
-    return predicted | (dict(zip(mechanism.tree.freedoms, np.concatenate(felt).T, strict=True)) if torques else {})
+    total, felt = inverse_dynamics(mechanism.tree, motion, mechanism.known, mechanism.gravity)
+    predicted = dict(zip(COMPONENTS, coAd(inverse(frame)) @ total.T, strict=True))
+    if torques and mechanism.drives:
+        felt = felt + stated_drive_torques(mechanism, motion)
+    return predicted | (dict(zip(mechanism.tree.freedoms, felt.T, strict=True)) if torques else {})
 
 
 def drives_of(axes: Axes, kinds: Sequence[str], torques: Sequence[int]) -> tuple[str, ...]:

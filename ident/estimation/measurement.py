@@ -27,8 +27,9 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.adjoint import Value, gradient
+from ident.model.inverse_dynamics import joint_torques
 from ident.model.regressor import CHUNK
-from ident.model.tape import Program, Signal, Tape
+from ident.model.tape import Program, Signal, Tape, uncollected
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 from ident.setup import Shift
 from ident.tolerances import DRIVE
@@ -181,6 +182,8 @@ class Measurement:
     ) -> np.ndarray:
         """Some results of a program at places among zeros (k, N), those of one sample adjacent in memory."""
         starts = self.tree.started(states[0, :, self.of_base :])[:, self.coordinates - self.of_base :]
+        if self._on:
+            starts = np.hstack([starts, self._on.started(states[0, :, : self.of_base])[:, self.of_base :]])
         rows = [*states.swapaxes(1, 2), starts.T, wrenches.reshape(len(wrenches), -1).T]
         constants = np.concatenate([theta, self._slips])
         inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
@@ -210,12 +213,14 @@ class Measurement:
         return other
 
     @cached_property
+    @uncollected()
     def _channels_program(self) -> Program:
         """Program that computes the channels."""
         tape, _, results = self._recorded()
         return Program.of(tape, results)
 
     @cached_property
+    @uncollected()
     def _gradients_program(self) -> tuple[Program, np.ndarray]:
         """Program that computes the channels and then their gradients that are not identically zero, and their mask.
 
@@ -230,7 +235,7 @@ class Measurement:
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
         """Tape of the channels, its inputs that are states and θ, and the channels."""
         n, d, sizes = self.coordinates, len(self.tree.dependent), (12 * len(self.contacts), len(self.names))
-        ends = np.cumsum([3 * n, d, *sizes])
+        ends = np.cumsum([3 * n, d + (len(self._on.dependent) if self._on else 0), *sizes])
         tape = Tape(int(ends[-1]) + len(self._slips))
         states, starts, wrenches, theta, slips = np.split(np.array(tape.inputs), ends)
         channels = self._channels(states.reshape(3, n), starts, wrenches.reshape(2, -1, 6), theta, slips)
@@ -239,10 +244,13 @@ class Measurement:
     def _channels(
         self, states: np.ndarray, starts: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray
     ) -> list[Value]:
-        """Channels on a tape, from states (3, n), starts of dependent joints (d,), wrenches (2, k, 6), θ and slips."""
-        equations, tree = self.equations, self.tilted(theta)
-        motion = self.motion(states)
-        motion = replace(motion, q=np.concatenate([motion.q, starts]))
+        """Channels on a tape, from states (3, n), starts of dependent joints (d,), wrenches (2, k, 6), θ and slips.
+
+        Those of the mechanism's own loops are before those of its carrier's.
+        """
+        equations, tree = self.equations, self.corrected_tree(theta)
+        motion = self.motion(states, starts[len(tree.dependent) :])
+        motion = replace(motion, q=np.concatenate([motion.q, starts[: len(tree.dependent)]]))
         root, base = self._root(motion, theta)
         motions, gains = closed_form.body_motions(tree, root, *motion.states), self.gains(theta)
         drives = np.zeros(len(tree.freedoms))
@@ -252,7 +260,7 @@ class Measurement:
         def read(felt: list[np.ndarray], drives: np.ndarray, at: np.ndarray) -> list[Value]:
             """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
             wrench = self._in_sensor(np.sum(felt, axis=0), base, at)
-            torques = loads.joint_torques(tree, motions, motion.q, felt) if equations.torques else []
+            torques = joint_torques(tree, motions, motion.q, felt) if equations.torques else np.zeros(0)
             return [*wrench, *(torques[k] + drives[k] for k in equations.torques)]
 
         own = read(loads.inertial_wrenches(equations, motions, theta), drives, theta)
@@ -309,21 +317,34 @@ class Measurement:
         out[list(equations.offsets)] = theta[first : first + len(equations.offsets)]
         return out
 
-    def tilted(self, theta: np.ndarray) -> Tree:
-        """Tree with its hinges' axes tilted, each about its point closest to the body's origin."""
+    def corrected_tree(self, theta: np.ndarray) -> Tree:
+        """Tree with joints displaced, and hinges' axes tilted, each about its point closest to the body's origin."""
         bodies = list(self.tree.bodies)
         for i, body in enumerate(bodies):
             if body.joint and self.of_kind("axis", body.joint):
                 v, w = body.twist[:3], body.twist[3:]
                 axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
                 bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
+        for joint, members in self.tree.compounds.items():
+            if self.of_kind("centre", joint):
+                first = bodies[k := self.tree.first_link(members[0])]
+                place = first.home[:3, 3] + self._vector("centre", joint, theta)
+                bodies[k] = replace(first, home=pose(first.home[:3, :3], place))
         return replace(self.tree, bodies=tuple(bodies))
 
-    def motion(self, states: np.ndarray) -> Motion:
-        """Motion of coordinates and their derivatives (3, N, n)."""
+    @property
+    def _on(self) -> Tree | None:
+        """Tree of the carrier, None without one."""
+        carrier = self.equations.mechanism.carrier
+        return carrier.tree if carrier else None
+
+    def motion(self, states: np.ndarray, starts: np.ndarray | None = None) -> Motion:
+        """Motion of coordinates and their derivatives (3, N, n), on a tape from starts of the carrier's loops."""
         carrier, base = self.equations.mechanism.carrier, states[..., : self.of_base]
         moved = base_motion(base) if self.moving else None
-        moved = carrier.motion(*joint_states(carrier.tree, base)) if carrier else moved
+        if carrier:
+            q, *rates = joint_states(carrier.tree, base)
+            moved = carrier.motion(q if starts is None else np.concatenate([q, starts]), *rates)
         return Motion(*joint_states(self.tree, states[..., self.of_base :]), moved)
 
     def _root(self, motion: Motion, theta: np.ndarray) -> tuple[closed_form.BodyMotion, np.ndarray]:

@@ -27,9 +27,8 @@ from ident.model.stated import column_place
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.followers import moving
-from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
-from ident.recordings.runs import runs
+from ident.recordings.runs import covered, runs
 from ident.recordings.smoothing import low_pass, settling
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import suggested_mapping

@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.mechanism.body import BASE, Body
 from ident.recordings.wrench import GROUND
 from ident.setup import PRIORS, SETUP, SetupKind
 
@@ -25,6 +28,7 @@ class SetupParameter:
         std: Standard deviation of the prior, whose mean is zero, in SI units and radians.
         log: Number of the log that has it separately, counted from 1; None if it is that of the first or of all.
         place: Names of the wrenches, channels or joints that it belongs to, by `wrenches`, `channels` and `joints`.
+        link: Joint at the other end of a link along the axis; with a minus if the axis points towards it.
     """
 
     kind: str
@@ -33,6 +37,7 @@ class SetupParameter:
     std: float
     log: int | None = None
     place: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
+    link: str = ""
 
     @property
     def row(self) -> SetupKind:
@@ -48,7 +53,14 @@ class SetupParameter:
 
     def text(self, template: str, **values: str) -> str:
         """A template of its row, with its object, its axis and other values."""
-        return template.format(of=self.of, axis="" if self.axis is None else "xyz"[self.axis], **values)
+        axis = "" if self.axis is None else "xyz"[self.axis]
+        return template.format(of=self.of, axis=axis, link=self.link.removeprefix("-"), **values)
+
+    def sign(self, value: float) -> str:
+        """Words for the sign of an error."""
+        if not self.link:
+            return self.text(self.row.signs[value <= 0])
+        return self.text(self.row.along[(value <= 0) != self.link.startswith("-")])
 
 
 def name_in_log(name: str, log: int) -> str:
@@ -64,45 +76,57 @@ class Subject(NamedTuple):
         axes: Axes along which it may; one None if it has no axes.
         place: As for `SetupParameter`.
         std: Standard deviation of its own, by default the kind's.
+        links: `SetupParameter.link` by axis.
     """
 
     name: str
     axes: Sequence[int | None]
     place: Mapping[str, tuple[str, ...]]
     std: float | None = None
+    links: Mapping[int | None, str] = MappingProxyType({})
 
 
 def setup_parameters(
-    equations: Equations, contacts: Sequence[str], priors: dict[str, float] | None = None, *, held: bool = True
+    equations: Equations,
+    contacts: Sequence[str],
+    priors: Mapping[str, float] | None = None,
+    *,
+    held: bool = True,
+    moving: bool = False,
 ) -> tuple[SetupParameter, ...]:
     """Set-up parameters of the channels of a recording.
 
     Args:
         equations: Equations to fit.
         contacts: Names of the wrenches besides the ground's, one for all bodies that share a plate.
-        priors: Standard deviations that replace those of `PRIORS`; a kind at zero is left out.
+        priors: Standard deviations that replace those of `PRIORS`, of a kind or of one object (`centre(elbow)`); zero
+            leaves out.
         held: True if there is a ground wrench; without one, all contacts share a delay and a clock, and their sum has
             no gains besides theirs.
+        moving: True if the base moves.
     """
-    std, every = PRIORS | (priors or {}), objects(equations, contacts, held=held)
+    given, every = priors or {}, objects(equations, contacts, held=held, moving=moving)
     return tuple(
-        SetupParameter(kind, subject.name, axis, own, place=subject.place)
+        SetupParameter(kind, subject.name, axis, own, place=subject.place, link=subject.links.get(axis, ""))
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
         for kind, row in SETUP.items()
-        if row.of == group and (own := subject.std if subject.std and std[kind] else std[kind]) > 0
+        if row.of == group
+        and (own := given.get(f"{kind}({subject.name})", given.get(kind, subject.std or PRIORS[kind]))) > 0
         for axis in subject.axes
     )
 
 
-def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dict[str, list[Subject]]:
+def objects(
+    equations: Equations, contacts: Sequence[str], *, held: bool, moving: bool = False
+) -> dict[str, list[Subject]]:
     """Objects of the kinds of set-up errors, by `SetupKind.of`; arguments as for `setup_parameters`.
 
     Returns:
         `clocks` of the wrenches, one for all that share it; `commands` of servos, if there are no other channels;
         `frames` of the wrenches; `channels`, and those of the contacts; `scales` of torques that are stated not to be
         exact, whose channels have no gain besides; `gravity`, about the axes across it; `angles` of the hinges, and
-        their `axes`, about those across.
+        their `axes`, about those across; `centres` of the joints.
     """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
     wrench = len(equations.channels) > len(equations.torques)
@@ -128,7 +152,54 @@ def objects(equations: Equations, contacts: Sequence[str], *, held: bool) -> dic
         "axes": [
             Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges if body.name not in loops
         ],
+        "centres": _centres(equations, loops, moving=moving),
     }
+
+
+ALONG = 0.97
+"""Least cosine between a link and a coordinate axis, as within 14°, with which a shift along that axis is one along the
+link."""
+
+PARALLEL = 1e-9
+"""Largest component of a unit vector across another one with which they are parallel, but for rounding."""
+
+
+def _centres(equations: Equations, loops: Sequence[str], *, moving: bool) -> list[Subject]:
+    """Joints that may be displaced in the frames of the bodies that carry them, compound ones as a whole.
+
+    Left out is what changes nothing: in torques alone, a shift along the axis about which all before the joint turns;
+    and the place of a mechanism's only joint on its base, which is that of the sensors.
+    """
+    tree, felt = equations.mechanism.tree, moving or len(equations.channels) > len(equations.torques)
+
+    def rests(parent: int) -> bool:
+        return parent == BASE or not (moving or any(tree.bodies[i].moves for i in tree.chain(parent)))
+
+    firsts = {joint: tree.first_link(members[0]) for joint, members in tree.compounds.items()}
+    names = {first: joint for joint, first in firsts.items()}
+    on_base, out = [joint for joint, first in firsts.items() if rests(tree.bodies[first].parent)], []
+    for joint, members in tree.compounds.items():
+        first, parent = firsts[joint], tree.bodies[firsts[joint]].parent
+        if on_base == [joint] or {tree.bodies[i].name for i in members} & {*loops}:
+            continue
+        turns, R = np.zeros((3, 0)), np.eye(3)
+        for i in reversed(tree.chain(parent)):
+            turns, R = np.hstack([turns, R @ tree.bodies[i].motions[3:]]), R @ tree.bodies[i].home[:3, :3].T
+        axes = [k for k in range(3) if felt or (np.abs(np.delete(turns, k, axis=0)) > PARALLEL).any()]
+        other = "" if parent == BASE else names.get(tree.first_link(parent), "")
+        links = dict[int | None, str]()
+        if other:
+            home = reduce(np.matmul, (tree.bodies[k].home for k in tree.chain(members[0]) if k >= first))
+            link = (home @ _centre(tree.bodies[members[0]]) - _centre(tree.bodies[parent]))[:3]
+            links = {k: "-" * bool(link[k] < 0) + other for k in axes if abs(link[k]) > ALONG * np.linalg.norm(link)}
+        out.append(Subject(joint, axes, {"joints": (joint,)}, equations.mechanism.centre_std, links))
+    return out
+
+
+def _centre(body: Body) -> np.ndarray:
+    """Point of a joint in its body's frame: that of a hinge's axis nearest to the origin, homogeneous (4,)."""
+    v, w = body.twist.reshape(6, -1)[:3], body.twist.reshape(6, -1)[3:]
+    return np.append(np.cross(w, v, axis=0).sum(axis=1) / max(w.shape[1] - 1, 1), 1.0)
 
 
 def across(direction: np.ndarray) -> list[int]:

@@ -13,7 +13,7 @@ from ident.estimation.preparation import Part
 from ident.estimation.samples import Samples, joined
 from ident.estimators.candidate import Candidate
 from ident.judgement.evidence import Unmodelled
-from ident.judgement.unmodelled import Comparison, unmodelled
+from ident.judgement.unmodelled import HypothesisFit, unmodelled
 from ident.problem import Problem
 from ident.regression.held_out import HeldOut, picked, where_moving
 from ident.regression.ordinary import Fit
@@ -160,7 +160,7 @@ class Predictions:
             used = joined([log.samples(setup, constant, taken) for log, taken, _ in fitted])
             ahead = joined([log.samples(setup, constant, taken[::thin]) for log, taken in judged])
             known = estimate.fit.prior.known[:m, :m]
-            comparisons.append(Comparison(equations, setup.fit.theta[:m], known, used, counting, ahead))
+            comparisons.append(HypothesisFit(equations, setup.fit.theta[:m], known, used, counting, ahead))
         return unmodelled(comparisons)
 
     def _constants(self, candidate: Candidate, setup: TrajectoryEstimate) -> np.ndarray:

@@ -99,8 +99,12 @@ def reason(error: object) -> str:
 
 
 @contextmanager
-def library(extra: str) -> Iterator[None]:
+def library(extra: str, what: str = "This log") -> Iterator[None]:
     """Turns a failed import in a block into a sentence that names the extra to install.
+
+    Args:
+        extra: The extra.
+        what: What needs it, for the message.
 
     Raises:
         InputError: The import failed.
@@ -110,7 +114,7 @@ def library(extra: str) -> Iterator[None]:
     except ImportError as error:
         package = error.name or str(error)
         raise InputError(
-            f"This log needs the package '{package}', which the extra '{extra}' brings: "
+            f"{what} needs the package '{package}', which the extra '{extra}' brings: "
             f"pip install multicontact[{extra}]."
         ) from None
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,15 +26,6 @@ BETTER = 1.05
 
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""
-
-
-class Compared(NamedTuple):
-    """Channels in which the estimate predicts better than, as well as, and worse than another candidate."""
-
-    other: str
-    better: tuple[str, ...]
-    alike: tuple[str, ...]
-    worse: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +96,6 @@ class Candidates:
         at = [self.channels.index(channel) for channel in channels]
         own, others = self.ratios[ESTIMATE], self.ratios[other]
         return {self.channels[k]: (float(own[k]), float(others[k])) for k in at}
-
-    def compared(self) -> Iterator["Compared"]:
-        """Yields the comparison of the estimate with each other candidate."""
-        for name in RIVALS:
-            if self.channels and name in self.ratios:
-                better, worse = self.better(ESTIMATE, name, NOTABLY), self.better(name, ESTIMATE, NOTABLY)
-                alike = tuple(c for c in self.channels if c not in (*better, *worse))
-                yield Compared(name, better, alike, worse)
 
 
 def candidate_findings(evidence: Evidence) -> Iterator[Finding]:

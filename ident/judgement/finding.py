@@ -7,8 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ident.judgement.codes import FINDINGS
+from ident.judgement.codes import FINDINGS, TITLES
+from ident.judgement.codes.row import listed
 from ident.judgement.place import NOWHERE, Place
+
+FEW = 5
+"""Number of names from which a title has none."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,13 @@ class Finding:
     def text(self) -> str:
         """The finding in a sentence."""
         return FINDINGS[self.code].rendered(self.values)
+
+    @property
+    def title(self) -> str:
+        """About seven words: what it says, and what it is about if that has few names."""
+        words = TITLES.get(self.code, self.code.replace("setup", "set-up").replace("_", " "))
+        names = [*self.place.channels, *self.place.wrenches, *self.place.joints, *self.place.bodies]
+        return words[0].upper() + words[1:] + (f": {listed(names)}" if 0 < len(names) < FEW else "")
 
     @property
     def line(self) -> str:

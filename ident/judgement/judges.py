@@ -11,9 +11,9 @@ from ident.judgement.body_findings import consistency_findings, mass_findings
 from ident.judgement.candidates import candidate_findings
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
-from ident.judgement.plane_findings import plane_findings
 from ident.judgement.torque_causes import cause_findings
 from ident.judgement.unmodelled import unmodelled_findings
+from ident.judgement.wrench_findings import plane_findings
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(fit.gravity_findings, fit.delay_findings, candidate_findings),

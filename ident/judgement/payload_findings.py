@@ -153,12 +153,19 @@ class PayloadVerdict(Verdict):
         return f"Use its mass alone, {mass} (95 %); turn the sensor further and faster for centre and inertias."
 
     def _use(self) -> Iterator[str]:
+        yield f"Usable: {self._numbers}"
+
+    @property
+    def _numbers(self) -> str:
         known = self.inertia_within
         inertia = "inertias are not known" if known is None else f"inertias to {known:.1g} kg m²"
-        yield (
-            f"Usable: {self.mass:.4g} ± {self.mass_within:.2g} kg, the centre of mass to "
-            f"{1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
-        )
+        within = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
+        return f"{within}, the centre of mass to {1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
+
+    @property
+    def brief(self) -> str:
+        """The load with its intervals, or why it is not to be used."""
+        return self._numbers if self.usable else super().brief
 
 
 def _of_sensor(finding: Finding, sensor: str) -> Finding:

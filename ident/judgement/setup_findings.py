@@ -72,13 +72,14 @@ def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
 
 
 def _named(each: SetupParameter) -> dict[str, str | None]:
-    """Object and axis of a set-up parameter."""
-    return {"of": each.of, "axis": None if each.axis is None else "xyz"[each.axis]}
+    """Object and axis of a set-up parameter, and the joint at the other end of a link."""
+    own = {"of": each.of, "axis": None if each.axis is None else "xyz"[each.axis]}
+    return own | ({"link": each.link} if each.link else {})
 
 
-def _parameter(kind: str, of: str, axis: str | None, log: int | None = None) -> SetupParameter:
+def _parameter(kind: str, of: str, axis: str | None, log: int | None = None, link: str = "") -> SetupParameter:
     """Set-up parameter by its name."""
-    return SetupParameter(kind, of, None if axis is None else "xyz".index(axis), 0.0, log)
+    return SetupParameter(kind, of, None if axis is None else "xyz".index(axis), 0.0, log, link=link)
 
 
 def setup_sentence(
@@ -88,11 +89,12 @@ def setup_sentence(
     value: float,
     std: float,
     log: int | None = None,
+    link: str = "",
     together: Sequence[str] = (),
     alternatives: Sequence[Mapping[str, Any]] = (),
 ) -> str:
     """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
-    text = sentence(_parameter(kind, of, axis, log), value, std)
+    text = sentence(_parameter(kind, of, axis, log, link), value, std)
     if together or alternatives:
         others = "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
         text = f"{text} Other causes have the same effect: {others}."
@@ -107,10 +109,10 @@ def place_of(each: SetupParameter) -> Place:
 
 def sentence(each: SetupParameter, value: float, std: float) -> str:
     """Error of the set-up and its size, in one sentence."""
-    sign = each.row.signs[0 if value > 0 else 1]
-    text = each.text(each.row.sentence, size=_with_std(abs(value), std, each.row.unit), sign=sign)
+    size = _with_std(abs(value), std, each.row.unit)
+    text = each.text(each.row.sentence, size=size, sign=each.sign(value))
     where = "" if each.log is None else f" in log {each.log}"
-    return f"{text}{where}. The estimate includes this."
+    return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 
 def short(each: SetupParameter) -> str:

@@ -14,7 +14,7 @@ from ident.estimation.equations import Equations
 from ident.estimation.loads import SLIP, drives_of, stated_drive_torques
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
-from ident.judgement.torque_loads import Load, best_load
+from ident.judgement.torque_loads import TorqueLoad, best_load
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -110,7 +110,7 @@ class TorqueChecks:
 
     joints: tuple[TorqueCheck, ...]
     absent: AbsentBody | None
-    load: Load | None = None
+    load: TorqueLoad | None = None
 
     @property
     def gains(self) -> dict[str, float]:

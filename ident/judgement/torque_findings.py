@@ -1,6 +1,7 @@
-"""Findings on joint torques: their sign and size, friction, and bodies that were not carried."""
+"""Findings on joint torques: their sign and size, friction, and bodies that were not carried or that fix the scale."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,11 +9,14 @@ from ident.estimation.units import coefficient_unit
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
 from ident.judgement.place import Place
-from ident.judgement.scale_basis import fixing_bodies
 from ident.judgement.torque_checks import SLOW, lacking_drives
+from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
+from ident.parameters.prior import known_covariance
 from ident.setup import SETUP
 from ident.tolerances import DRIVE
+from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
 
 FOLLOWS, WORTH_IT = 0.2, 0.02
@@ -92,7 +96,7 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
     exact = [name for name in torques if name not in scaled]
     fixed_by = ["the measured wrench"] if equations.wrench is not None else []
     fixed_by += [f"the torques of {', '.join(exact)}"] if exact else []
-    bodies = fixing_bodies(joint, evidence.mechanism, evidence.known) if joint.known else ()
+    bodies = _fixing_bodies(joint, evidence.mechanism, evidence.known) if joint.known else ()
     fixed_by += [f"what is stated of {', '.join(bodies)}"] if bodies else []
     others = "other bodies" if bodies else "bodies"
     fixed_by += [f"the model's {others}, as far as they are known"] if joint.known else []
@@ -128,3 +132,46 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
         wanted = tuple(kind for kind in DRIVE if kind in lacking | fitted)
         place = Place(channels=tuple(shares))
         yield Finding.of("friction_not_fitted", place, doubt=lacking != {SLOW}, shares=shares, drives=wanted)
+
+
+HALF = np.sqrt(2)
+"""Factor on the standard deviation of a scale from which a body fixes it: it brings half of the information."""
+
+
+def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> tuple[str, ...]:
+    """Names of the bodies whose own deviations fix the scales of torques, such as a payload that was weighed.
+
+    A body counts if the standard deviation of a scale grows notably once the body is only known as the others are.
+
+    Args:
+        estimate: The trajectory estimate, with a prior.
+        mechanism: The mechanism, with the deviations of these bodies.
+        known: Standard deviations of the other bodies.
+    """
+    better = [name for name, own in mechanism.prior_known.items() if own.get("mass", known["mass"]) < known["mass"]]
+    if not better:
+        return ()
+    with_all = _scale_deviations(estimate, mechanism, known)
+    out = []
+    for name in better:
+        own = {other: each for other, each in mechanism.prior_known.items() if other != name}
+        without = _scale_deviations(estimate, replace(mechanism, prior_known=own), known)
+        if (without > HALF * with_all).any():
+            out.append(name)
+    return tuple(out)
+
+
+def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> np.ndarray:
+    """Standard deviations of the scales of torques with a prior of the bodies (k,)."""
+    fit, parameters = estimate.fit, estimate.measurement.equations.parameters
+    rank, precision = parameters.rank, fit.precision.copy()
+    prior = inverse_of_precision(known_covariance(mechanism, parameters, known))
+    precision[:rank, :rank] += fit.prior.weight * prior - fit.prior.precision[:rank, :rank]
+    free = np.flatnonzero(fit.free)
+    variances = np.diag(inverse_of_precision(precision[np.ix_(free, free)]))
+    return np.sqrt(variances[np.isin(free, _scales(estimate, free))])
+
+
+def _scales(estimate: TrajectoryEstimate, free: np.ndarray) -> Sequence[int]:
+    """Those of some parameters that are scales of torques, by index."""
+    return [k for k in free.tolist() if k in estimate.setup and estimate.setup[k].row.stated]

@@ -13,7 +13,7 @@ joints it is below 0.1 with loads, and from 0.9 up with factors of units and gea
 
 
 @dataclass(frozen=True)
-class Load:
+class TorqueLoad:
     """Load on a body of the model that explains the torques best.
 
     Attributes:
@@ -43,7 +43,7 @@ def best_load(
     predicted: np.ndarray,
     columns: Iterable[np.ndarray],
     uncertain: np.ndarray,
-) -> Load:
+) -> TorqueLoad:
     """The load that leaves the smallest residual, each torque weighted by its prediction's uncertainty.
 
     Args:
@@ -64,5 +64,5 @@ def best_load(
         phi = np.linalg.lstsq(rows / norms, left, rcond=1e-8)[0] / norms
         residual = float(((left - rows @ phi) ** 2).sum())
         name = mechanism.tree.names[mechanism.tree.inertial[k]]
-        candidates.append(Load(name, float(phi[0]) / whole, residual / by_factors))
+        candidates.append(TorqueLoad(name, float(phi[0]) / whole, residual / by_factors))
     return min(candidates, key=lambda each: each.against_factors)

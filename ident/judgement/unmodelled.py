@@ -24,7 +24,7 @@ from ident.judgement.place import Place
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.model.inverse_dynamics import inverse_dynamics
 
 CLEARLY = 0.9
 """Residual with a hypothesis over that without, geometric mean over the channels, below which it is a doubt: at least
@@ -51,7 +51,7 @@ TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class HypothesisFit:
     """Samples with one set-up, to which base parameters and hypotheses are fitted.
 
     Attributes:
@@ -104,7 +104,7 @@ class Comparison:
             yield (kind, body), self.error(more)
 
 
-def unmodelled(comparisons: Sequence[Comparison]) -> tuple[Unmodelled, ...]:
+def unmodelled(comparisons: Sequence[HypothesisFit]) -> tuple[Unmodelled, ...]:
     """Hypotheses with their residuals of what is judged, over those without, the best first; none of few samples.
 
     Args:
@@ -182,14 +182,10 @@ def _force(equations: Equations, k: int, i: int, motion: Motion) -> np.ndarray:
 
 def _channels(equations: Equations, tree: Tree, gravity: np.ndarray, phi: np.ndarray, motion: Motion) -> np.ndarray:
     """Channels of bodies alone (N, C)."""
-    parts, wrench = [], len(equations.channels) > len(equations.torques)
-    if wrench:
-        total = base_wrench_regressor(tree, *motion.states, gravity=gravity, base=motion.base) @ phi
-        parts.append(total if equations.wrench is None else total @ equations.wrench.T)
-    if equations.torques:
-        torques = joint_torque_regressor(tree, *motion.states, gravity=gravity, base=motion.base) @ phi
-        parts.append(torques[:, list(equations.torques)])
-    return np.concatenate(parts, axis=1)
+    wrench, torques = inverse_dynamics(tree, motion, phi, gravity)
+    wrench = wrench if equations.wrench is None else wrench @ equations.wrench.T
+    number = len(equations.channels) - len(equations.torques)
+    return np.concatenate([wrench[:, :number], torques[:, list(equations.torques)]], axis=1)
 
 
 def unmodelled_findings(evidence: Evidence) -> Iterator[Finding]:

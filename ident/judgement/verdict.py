@@ -35,8 +35,8 @@ WIDER = 2.0
 BEHIND = "worse_than_candidate", "candidate_better"
 """Codes of findings that another candidate predicts better, clearly, which is a doubt, or somewhat."""
 
-SHOWN = 8
-"""Largest number of parameters or channels that a sentence names."""
+NAMED = 4
+"""Largest number of parameters, bodies or channels that a sentence names; more are counted."""
 
 IDLE = {
     "plane": "out of the plane that the model moves in",
@@ -100,13 +100,16 @@ class Precision:
         yield f"Of {self.total} base parameters it knows {counts}."
         yield self._of_masses()
         if self.wider:
-            names = with_bodies(self.wider[:SHOWN], self.bodies) + _more(self.wider)
+            few = len(self.wider) <= NAMED
+            names = with_bodies(self.wider, self.bodies) if few else f"{len(self.wider)} of them"
             yield f"The uncertain set-up more than doubles the standard deviations of {names}."
 
     def _of_masses(self) -> str:
         """Sentence on the masses that are determined."""
         if self.weighed:
-            return f"It determines the mass of {_shown(self.weighed)}."
+            few = len(self.weighed) <= NAMED
+            names = listed(self.weighed) if few else f"{len(self.weighed)} of {len(self.bodies)} bodies"
+            return f"It determines the mass of {names}."
         if self.mass is not None and self.mass.std_setup <= PRECISIONS[-1] * abs(self.mass.value):
             value, std = rounded(self.mass.value, self.mass.std_setup)
             return f"It determines the whole mass, {value} ± {std} kg, but no single ones."
@@ -184,24 +187,52 @@ class Verdict(Worded):
         channels = {"predicted": list(self.predicted), "missed": list(self.missed), "idle": dict(self.idle)}
         return {"verdict": str(self), "outcome": self.outcome.value, "channels": channels}
 
+    @property
+    def word(self) -> str:
+        """The decision in a word or two."""
+        return {"usable": "Usable", "partly": "Partly usable", "not": "Not usable"}[self.outcome.value]
+
+    @property
+    def brief(self) -> str:
+        """The decision's reason in a sentence of at most 20 words, unless names are longer."""
+        if not self.predicted:
+            return "It predicts no channel; check names, units and signs of the columns."
+        if self.doubts:
+            speak = "One finding speaks" if len(self.doubts) == 1 else f"{len(self.doubts)} findings speak"
+            return f"{speak} against it; it predicts {self.channels}."
+        if self.outcome is Outcome.PARTLY:
+            return f"It predicts {self.channels}; use it for nothing else."
+        but = ", single parameters are uncertain" if self.precision is not None and self.precision.poor else ""
+        most = max(self.predicted.values())
+        return f"It predicts {self.channels}; {self.part} residuals are at most {most:.2g} of the signal{but}."
+
+    @property
+    def channels(self) -> str:
+        """The predicted channels in words: all, all but some, some by name, or how many."""
+        count, predicted, missed = len(self.counted), list(self.predicted), list(self.missed)
+        if not missed:
+            return f"all {count} channels" if count > 1 else listed(predicted)
+        if len(missed) <= NAMED and len(missed) < len(predicted):
+            return f"all channels but {listed(missed)}"
+        return listed(predicted) if 0 < len(predicted) <= NAMED else f"{len(predicted)} of {count} channels"
+
     def __str__(self) -> str:
         first = [] if self.worse is None else [self.worse.text]
         doubtful = self.outcome is Outcome.NOT
         known = self.precision.sentences() if self.precision is not None and not doubtful else ()
-        return " ".join([*first, *self._decision(), *self._comparisons(), *known])
+        return " ".join([*first, *self._decision(), *self._best(), *known])
 
     def _decision(self) -> Iterator[str]:
         """Yields sentences on the decision, the channels that are predicted, and what to do."""
-        channels = number_of(len(self.counted), "channel")
-        count = f"{len(self.predicted)} of {channels}" if self.counted else "nothing, as no channel counts"
         if self.doubts:
             speak = "one finding below speaks" if len(self.doubts) == 1 else f"{len(self.doubts)} findings below speak"
-            yield f"Not usable as it is: {speak} against it. It predicts {count}."
+            yield f"Not usable as it is: {speak} against it. It predicts {self.channels}."
         elif self.outcome is Outcome.NOT:
-            yield f"Not usable: it predicts {f'none of {channels} ({self.part})' if self.counted else count}."
+            what = f"none of {number_of(len(self.counted), 'channel')} ({self.part})"
+            yield f"Not usable: it predicts {what if self.counted else 'nothing, as no channel counts'}."
             yield "Check names, units and signs of the columns, and that the motors alone move the joints."
         elif self.outcome is Outcome.PARTLY:
-            yield f"Partly usable: it predicts {count}: {_shown(self.predicted)}."
+            yield f"Partly usable: it predicts {self.channels}."
             yield self._part()
         else:
             yield from self._use()
@@ -211,35 +242,24 @@ class Verdict(Worded):
 
     def _part(self) -> str:
         """Sentence on what a partly usable estimate may be used for."""
-        return "Use it for these alone; for the others move further and faster, or complete the model."
+        return "Use it for nothing else; for the others move further and faster, or complete the model."
 
     def _use(self) -> Iterator[str]:
         """Yields sentences on what a usable estimate may be used for."""
-        number, where = len(self.predicted), number_of(len(self.counted), "channel")
-        where = f"{number} of {where}" if self.missed else f"all {where}" if number > 1 else next(iter(self.predicted))
         wrenches = any(channel in COMPONENTS for channel in self.predicted)
         torques = any(channel not in COMPONENTS for channel in self.predicted)
         what = " and ".join(["wrenches"] * wrenches + ["joint torques"] * torques)
         but = ", not to read off single parameters" if self.precision is not None and self.precision.poor else ""
         yield (
             f"Usable to predict {what}{but}: {self.part} residuals are at most {max(self.predicted.values()):.2g} of "
-            f"the signal in {where}."
+            f"the signal in {self.channels}."
         )
 
-    def _comparisons(self) -> Iterator[str]:
-        """Yields sentences that compare the estimate with other candidates, by channel, and name the best."""
-        if len(self.candidates.ratios) < 2:
-            return
-        if self.best is None:
-            yield "No candidate explains any channel, so that none is best."
-            return
-        for other, better, alike, worse in self.candidates.compared():
-            kinds = ((better, "better"), (alike, "as good"), (worse, "worse"))
-            first, *further = [f"{how} in {len(channels)}" for channels, how in kinds if channels]
-            all_ = number_of(len(self.candidates.channels), "channel")
-            parts = listed([f"{first} of {all_}", *further]) + (f": {_shown(worse)}" if worse else "")
-            yield f"Beside {CANDIDATES[other]} it is {parts}."
-        yield f"Over all channels {CANDIDATES[self.best]} predicts best."
+    def _best(self) -> Iterator[str]:
+        """Yields a sentence on the candidate that predicts best, if there are others."""
+        if len(self.candidates.ratios) > 1:
+            best = self.best and f"Over all channels {CANDIDATES[self.best]} predicts best."
+            yield best or "No candidate explains any channel, so that none is best."
 
 
 def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
@@ -249,13 +269,3 @@ def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
         return Outcome.NOT
     explained = all(ratio <= UNEXPLAINED for ratio in moving)
     return Outcome.USABLE if explained and predicted >= MOST * len(moving) else Outcome.PARTLY
-
-
-def _shown(names: Sequence[str] | Mapping[str, float]) -> str:
-    """The first of some names, with the number of the others."""
-    return listed(list(names)[:SHOWN]) + _more(names)
-
-
-def _more(names: Sequence[str] | Mapping[str, float]) -> str:
-    """Number of the names beyond those shown, with a leading word; empty for none."""
-    return f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""

@@ -1,10 +1,10 @@
-"""Findings on wrenches: frames, unmeasured contacts, weight and offsets."""
+"""Findings on wrenches: frames, unmeasured contacts, weight, offsets, and channels out of a planar model's plane."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from ident.estimation.equations import COMPONENTS
+from ident.estimation.equations import COMPONENTS, channels_out_of_plane
 from ident.estimation.units import coefficient_unit
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
@@ -158,3 +158,13 @@ def _references(evidence: Evidence) -> dict[str, float]:
     origins = mechanism.tree.poses(motion.q[:: max(1, len(motion) // 100)])[..., :3, 3]
     reach = float(np.linalg.norm(origins - frame[:3, 3], axis=-1).max())
     return {"F": weight, "M": weight * reach if reach > 0 else np.inf}
+
+
+def plane_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on channels out of the plane of a planar model, and on the option that leaves them out."""
+    if not evidence.logs:
+        return
+    hidden = channels_out_of_plane(evidence.mechanism, evidence.logs[0].frame)
+    if set(hidden) & set(evidence.channels):
+        place = Place(channels=tuple(name for name in hidden if name in evidence.channels))
+        yield Finding.of("out_of_plane", place, normal=hidden[0][1], channels=tuple(hidden))

@@ -3,10 +3,12 @@
     c(q_a, q_d) = 0        q̇_d = G q̇_a,  G = -J_d⁺ J_a        q̈_d = -J_d⁺ (J_a q̈_a + J̇ q̇)        τ_a += Gᵀ τ_d
 
 q_d follows by Newton's method, continued from the model's posture and along a recording. One step from there is part of
-the recorded equations: with it, the derivatives of all that depends on q_a are exact. Least squares take redundant
+the recorded equations: with it, the derivatives of all that depends on q_a are exact. Where c is linear in q_d, one
+step from anywhere is the solution; where it is linear in q_a too, q_d = G q_a + k. Least squares take redundant
 constraints, as those of loops in a plane are.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from ident.errors import ModelError
 from ident.geometry.se3 import applied
-from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, kinematics
+from ident.mechanism.constraint import BodyKinematics, Coincidence, Constraint, Relation, kinematics
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
@@ -33,9 +35,16 @@ OPEN = 1e-3
 CLOSED = 1e-9
 """Distance up to which random states are closed, likewise."""
 
+LINEAR = 2
+"""Coefficients of a linear polynomial."""
+
 SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
 one in which bodies are aligned."""
+
+
+NEAR = 0.06
+"""Likewise, for states on the way to which loops might change to another branch: a step passes 0.05 rad at least."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +103,26 @@ class Closure:
         own = self.part.body_coordinates(self.anchors[0])
         return {self.part.bodies[i].joint: own[i] for i in self.part.moving}
 
+    def _linear_in(self, joints: Collection[str]) -> bool:
+        """True if all constraints are linear in the coordinates of some joints."""
+        bodies = [body for body in self.part.bodies if (body.follows.joint if body.follows else body.joint) in joints]
+        curved = any(body.follows and len(body.follows.coefficients) > LINEAR for body in bodies)
+        names = {body.name for body in bodies}
+        return not curved and all(isinstance(each, Relation) and each.linear_in(names) for each in self.constraints)
+
+    @cached_property
+    def direct(self) -> bool:
+        """True if the constraints are linear in the dependent coordinates."""
+        return self._linear_in(self.dependent)
+
+    @cached_property
+    def _affine(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """G (d, n) and k (d,) of constraints that are linear in all coordinates, None for others."""
+        if not self._linear_in(self.part.joints):
+            return None
+        (a, d), (residual, J, _) = self._freedoms, self.rows(np.zeros(self.part.size))
+        return -_least_squares(J[:, d], J[:, a]), -_least_squares(J[:, d], residual[:, None])[:, 0]
+
     def completed(self, x: np.ndarray, start: np.ndarray, *rates: np.ndarray) -> list[np.ndarray]:
         """Dependent coordinates, and their velocities and accelerations, from the independent ones.
 
@@ -105,6 +134,9 @@ class Closure:
         Returns:
             Up to three arrays (…, d).
         """
+        if self._affine:
+            G, k = self._affine
+            return [applied(G, x) + k, *(applied(G, rate) for rate in rates)]
         a, d = self._freedoms
         residual, J, _ = self.rows(self._joined(self._coordinates, x, start))
         y = start - _least_squares(J[..., d], residual[..., None])[..., 0]
@@ -121,6 +153,8 @@ class Closure:
 
     def slopes(self, x: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Derivatives G of the dependent coordinates by the independent velocities (…, d, n), as for `completed`."""
+        if self._affine:
+            return np.broadcast_to(self._affine[0], (*np.shape(x)[:-1], *self._affine[0].shape))
         a, d = self._freedoms
         (y,) = self.completed(x, start)
         _, J, _ = self.rows(self._joined(self._coordinates, x, y))
@@ -132,15 +166,41 @@ class Closure:
         Args:
             x: Independent coordinates (…, n_q).
         """
-        own, other = self._coordinates
-        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(own))
-        nearest = self._nearest(flat)[1]
-        start, y = self.anchors[nearest][:, own], self.anchors[nearest][:, other]
-        far = np.abs((flat - start) * self._scale).max(initial=0)
-        for share in np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)[1:]:
-            y = self._newton(start + share * (flat - start), y, ITERATIONS if share == 1 else 4)
-        y = y if far else self._newton(flat, y, ITERATIONS)
-        return y.reshape(*np.shape(x)[:-1], len(other))
+        if self.direct:
+            return self.completed(np.asarray(x, float), np.zeros((*np.shape(x)[:-1], len(self.dependent))))[0]
+        flat = np.asarray(x, float).reshape(int(np.prod(np.shape(x)[:-1])), len(self._coordinates[0]))
+        return self._continued(flat)[0].reshape(*np.shape(x)[:-1], len(self.dependent))
+
+    def _continued(self, x: np.ndarray, *, watched: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Dependent coordinates (N, d), and if watched, the smallest singular values on the way to them (N,).
+
+        Those are zero beyond a posture in which a determinant changes its sign.
+        """
+        (own, other), d = self._coordinates, self._freedoms[1]
+        anchors, least = self.anchors[self._nearest(x)[1]], np.ones(len(x))
+        start, y = anchors[:, own], anchors[:, other]
+        before = self.rows(anchors)[1][..., d] if watched else None
+        far = np.abs((x - start) * self._scale).max(initial=0)
+        shares = np.linspace(0, 1, int(np.ceil(far / STEP)) + 1)
+        for share in shares[1:] if far else shares:
+            at = start + share * (x - start)
+            y = self._newton(at, y, ITERATIONS if share == shares[-1] else 4)
+            if before is not None:
+                J = self.rows(self._joined(self._coordinates, at, y))[1][..., d]
+                passes = np.linalg.det(np.swapaxes(before, -1, -2) @ J) <= 0
+                least, before = np.minimum(least, np.where(passes, 0, _least_singular(J))), J
+        return y, least
+
+    @cached_property
+    def _posed(self) -> np.ndarray:
+        """Coordinates of the part in the model's posture, closed as far as Newton's method gets (1, n_q)."""
+        x, y = (self.anchors[:1, own] for own in self._coordinates)
+        return self._joined(self._coordinates, x, self._newton(x, y, ITERATIONS))
+
+    @property
+    def apart(self) -> float:
+        """What stays open in the model's posture, rad or lengths of the mechanism."""
+        return float(self._defects(self._posed)[0][0])
 
     def in_posture(self) -> "Closure":
         """The closure with its loops closed at its only anchor, the posture of a model.
@@ -148,11 +208,8 @@ class Closure:
         Raises:
             ModelError: They cannot be closed, or are singular there.
         """
-        own, other = self._coordinates
-        x, y = self.anchors[:, own], self.anchors[:, other]
-        q = self._joined(self._coordinates, x, self._newton(x, y, ITERATIONS))
-        self._check(q, None)
-        return replace(self, anchors=q)
+        self._check(self._posed, np.zeros(1, bool), None)
+        return replace(self, anchors=self._posed)
 
     def along(self, x: np.ndarray, time: np.ndarray) -> "Closure":
         """The closure with anchors along a recording.
@@ -164,16 +221,25 @@ class Closure:
         Raises:
             ModelError: The loops cannot be closed in a sample, or are singular there.
         """
+        if self.direct:
+            return self
         cells = np.unique(np.round(x * self._scale / STEP), axis=0, return_index=True)[1]
         left, out = np.sort(cells), self
         while len(left):
             distance = out._nearest(x[left])[0]
             near = distance <= max(2 * STEP, distance.min())
-            q = out._joined(out._coordinates, x[left[near]], out.solved(x[left[near]]))
-            out._check(q, time[left[near]])
+            q = out._checked(x[left[near]], time[left[near]])
             out, left = replace(out, anchors=np.concatenate([out.anchors, q])), left[~near]
-        out._check(out._joined(out._coordinates, x, out.solved(x)), time)
+        out._checked(x, time)
         return out
+
+    def closes(self, x: np.ndarray) -> np.ndarray:
+        """True for independent coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
+        if self.direct:
+            return np.ones(len(x), bool)
+        y, least = self._continued(x, watched=True)
+        apart, _ = self._defects(self._joined(self._coordinates, x, y))
+        return np.asarray((apart < CLOSED) & (least > NEAR))
 
     def drawn(self, rng: np.random.Generator, samples: int) -> dict[str, np.ndarray]:
         """Random coordinates of the independent joints, by name, in which the loops are closed (N, 1) or (N, 4)."""
@@ -181,8 +247,7 @@ class Closure:
         for reach in np.pi / 2.0 ** np.arange(8):
             start = self.anchors[rng.integers(len(self.anchors), size=samples)][:, own]
             x = start + rng.uniform(-reach, reach, start.shape) / self._scale
-            apart, least = self._defects(self._joined(self._coordinates, x, self.solved(x)))
-            kept.append(x[(apart < CLOSED) & (least > SINGULAR)])
+            kept.append(x[self.closes(x)])
             if sum(map(len, kept)) >= samples:
                 break
         x = np.resize(np.concatenate(kept), (samples, len(own)))
@@ -211,10 +276,16 @@ class Closure:
                 break
         return y
 
-    def _check(self, q: np.ndarray, time: np.ndarray | None) -> None:
-        """Refuses samples of the part's coordinates (N, n_q) in which the loops are open or singular."""
+    def _checked(self, x: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Coordinates of the part (N, n_q) from the independent ones; refused where loops are open or singular."""
+        y, least = self._continued(x, watched=True)
+        q = self._joined(self._coordinates, x, y)
+        self._check(q, least == 0, time)
+        return q
+
+    def _check(self, q: np.ndarray, beyond: np.ndarray, time: np.ndarray | None) -> None:
         apart, least = self._defects(q)
-        for bad, what in ((apart > OPEN, self._open), (least < SINGULAR, self._singular)):
+        for bad, what in ((apart > OPEN, self._open), (beyond | (least < SINGULAR), self._singular)):
             if bad.any():
                 k = int(bad.argmax())
                 raise ModelError(what(apart[k], "in the model's posture" if time is None else f"at {time[k]:.6g} s"))
@@ -223,9 +294,7 @@ class Closure:
         """Distances that are left open (N,), and the smallest singular values of the dependent joints' columns (N,)."""
         residual, J, _ = self.rows(q)
         columns = J[..., self._freedoms[1]]
-        norms = np.linalg.norm(columns, axis=-2, keepdims=True)
-        least = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False).min(axis=-1, initial=1)
-        return np.linalg.norm(residual, axis=-1), least
+        return np.linalg.norm(residual, axis=-1), _least_singular(columns)
 
     def _open(self, apart: float, when: str) -> str:
         names = ", ".join(f"'{each.name}'" for each in self.constraints)
@@ -261,6 +330,13 @@ class Closure:
 def length_of(tree: "Tree") -> float:
     """The largest distance between a body's frame and its parent's, m; 1 if all coincide."""
     return max((float(np.linalg.norm(body.home[:3, 3])) for body in tree.bodies), default=0.0) or 1.0
+
+
+def _least_singular(columns: np.ndarray) -> np.ndarray:
+    """Smallest singular values of unit columns (…,), from columns of any length (…, m, d)."""
+    norms = np.linalg.norm(columns, axis=-2, keepdims=True)
+    values = np.linalg.svd(columns / np.maximum(norms, 1e-12), compute_uv=False)
+    return np.asarray(values.min(axis=-1, initial=1))
 
 
 def _by_freedoms(tree: "Tree", at: BodyKinematics, residual: np.ndarray, by_body: dict[int, np.ndarray]) -> np.ndarray:

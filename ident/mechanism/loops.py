@@ -5,11 +5,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
 from ident.mechanism.body import BASE
-from ident.mechanism.closure import Closure
+from ident.mechanism.closure import OPEN, Closure
 from ident.mechanism.constraint import Constraint, Relation, members_of
+from ident.mechanism.follower import Follower
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree
@@ -33,6 +35,8 @@ class Constraints:
     def dependent(self, tree: "Tree", lacking: Collection[str] = (), driven: Collection[str] = ()) -> tuple[str, ...]:
         """Names of the joints that the others determine: first those without a column, then those without a drive.
 
+        Of the latter, joints that the model makes polynomials of others are first.
+
         Args:
             tree: The tree, without a closure.
             lacking: Names of the joints whose positions are not measured.
@@ -41,10 +45,12 @@ class Constraints:
         if not self.rows:
             return ()
         closure = self._closure(tree, ())
+        follow = self.followers(tree)
         kinds = {
-            body.joint: 2 if body.is_ball else -1 if body.joint in lacking else int(body.joint in driven)
+            body.joint: 3 if body.is_ball else -1 if body.joint in lacking else 2 * (body.joint in driven)
             for body in closure.part.bodies
         }
+        kinds |= {joint: 1 for joint, kind in kinds.items() if not kind and joint not in follow}
         owners = np.repeat(closure.part.joints, [closure.part.bodies[i].freedoms for i in closure.part.moving])
         chosen = _independent_columns(closure.rows(closure.anchors)[1][0], [kinds[joint] for joint in owners])
         names = {str(joint) for joint in owners[chosen]}
@@ -54,21 +60,59 @@ class Constraints:
         """Loops closed in the model's posture, arguments as for `dependent`.
 
         Raises:
-            ModelError: They cannot be closed or are singular there, leave joints no motion, or go through a ball joint.
+            ModelError: They cannot be closed or are singular there, or go through a ball joint.
         """
         closure, names = self._closure(tree, dependent), " ".join(row.name for row in self.rows)
-        part = closure.part
-        if balls := [body.joint for body in part.bodies if body.is_ball and body.joint in dependent]:
+        if balls := [body.joint for body in closure.part.bodies if body.is_ball and body.joint in dependent]:
             raise ModelError(
                 f"Loops through the ball joint '{balls[0]}' are not closed. Put three hinges in its place, or leave "
                 f"constraints out with --ignore, of {names}."
             )
-        if dependent == part.joints and len(self.rows) > 1 and not tree.still:
-            raise ModelError(
-                f"The constraints {names.replace(' ', ', ')} contradict each other: they leave {', '.join(dependent)} "
-                f"no motion. Leave the wrong one out with --ignore, of {names}."
-            )
         return closure.in_posture()
+
+    def checked(self, tree: "Tree") -> "Constraints":
+        """The constraints, of which none contradicts others.
+
+        Raises:
+            ModelError: Together they leave joints no motion that each leaves them, or are sums that do not agree.
+        """
+        own = [replace(self, rows=(row,)) for row in self.rows]
+        loose = replace(self, rows=tuple(e.rows[0] for e in own if {*e.dependent(tree)} != {*e.coupled(tree)}))
+        sums = replace(self, rows=tuple(row for row in self.rows if isinstance(row, Relation)))
+        apart = sums._closure(tree, sums.dependent(tree)).apart if sums.rows else 0.0
+        locked = loose.dependent(tree) if len(loose.rows) > 1 and not tree.still else ()
+        if locked and {*locked} == {*loose.coupled(tree)}:
+            self._refuse(loose.rows, f"they leave {', '.join(locked)} no motion")
+        if apart > OPEN:
+            self._refuse(sums.rows, f"{apart:.2g} rad or m remain between their sums of joints")
+        return self
+
+    @staticmethod
+    def _refuse(rows: Sequence[Constraint], why: str) -> None:
+        names = [row.name for row in rows]
+        raise ModelError(
+            f"The constraints {', '.join(names)} contradict each other: {why}. Leave the wrong one out with --ignore, "
+            f"of {' '.join(names)}."
+        )
+
+    def followers(self, tree: "Tree") -> dict[str, Follower]:
+        """Joints that a constraint makes a polynomial of another one, by name, each of one that is none itself."""
+        owners = {body.name: body.joint for body in tree.bodies}
+        laws = dict[str, tuple[str, Polynomial]]()
+        for row in self.rows:
+            if isinstance(row, Relation) and len(row.first) == len(row.second) == 1:
+                (own, weight), (lead, gain) = row.first[0], row.second[0]
+                law = Polynomial(row.coefficients)(Polynomial([0, gain])) / weight
+                laws.setdefault(owners[own], (owners[lead], law))
+        for _ in range(len(laws)):
+            for joint, (lead, law) in laws.items():
+                if lead in laws:
+                    beyond, inner = laws[lead]
+                    laws[joint] = beyond, law(inner)
+        # Those that are left in a ring follow themselves.
+        return {
+            joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in laws.items() if lead not in laws
+        }
 
     def _closure(self, tree: "Tree", dependent: tuple[str, ...]) -> Closure:
         """Closure with the model's posture as its anchor, in which the loops may be open."""

@@ -43,6 +43,7 @@ class Mechanism(Brief):
         loops: Joints whose torques a coupling that the equations leave out changes, by its name.
         base_rpy_deg: Roll, pitch and yaw of the base frame in the world, degrees, if they are others than in the model.
         constraints: Constraints that close loops of the tree, for `closed`.
+        centre_std: Standard deviation with which the centres of its joints are known, m; None for the default.
     """
 
     tree: Tree
@@ -59,6 +60,7 @@ class Mechanism(Brief):
     loops: Mapping[str, Sequence[str]] = field(default_factory=dict)
     base_rpy_deg: tuple[float, ...] | None = None
     constraints: Constraints = field(default_factory=Constraints)
+    centre_std: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -85,7 +87,7 @@ class Mechanism(Brief):
     @property
     def _in_short(self) -> dict[str, object]:
         driven = [name for name, drive in self.drives.items() if drive.actuators]
-        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.tree.joints, driven)
+        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, driven)
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),
@@ -124,21 +126,28 @@ class Mechanism(Brief):
         """
         if self.carrier:
             raise InputError(f"The part beyond '{body}' is taken from the whole mechanism, not from a part of it.")
-        carrier, tree, members = divided(self.tree, body)
+        carrier, tree, members = divided(self.tree, body, self.constraints)
         rows = [self.tree.inertial.index(i) for i in members if i in self.tree.inertial]
         prior = None if self.prior is None else self.prior.reshape(-1, 10)[rows].ravel()
         sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
         part = Mechanism(tree, self.gravity, prior, sites, **self._of_joints(tree), carrier=carrier)
         part = replace(part, constraints=self.constraints.within(tree))
         known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
-        return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg)
+        return replace(part, prior_known=known, base_rpy_deg=self.base_rpy_deg, centre_std=self.centre_std)
 
     @typed()
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Mechanism":
         """The mechanism with some joints welded at given coordinates, as by `Tree.fixed`; they lose their drives."""
         tree, owners = self.tree.fixed(coordinates), {body.joint: body.name for body in self.tree.bodies}
         held = self.constraints.fixed({owners[joint]: q for joint, q in coordinates.items()}, tree)
-        return replace(self, tree=tree, **self._of_joints(tree), constraints=held)
+        return replace(self, tree=tree, **self._of_joints(tree), constraints=held).rested()
+
+    def rested(self) -> "Mechanism":
+        """The mechanism with those joints welded as well that loops hold because others are fixed."""
+        names = self.constraints.dependent(self.tree, self.tree.joints) if self.tree.still else ()
+        if not names or {*names} != {*self.in_loops}:
+            return self
+        return self.fixed(self.constraints.closure(self.tree, names).posture)
 
     @property
     def in_world(self) -> np.ndarray:

@@ -1,5 +1,6 @@
 """A mechanism as in Table II: for every body its home pose and the twist of its joint."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -158,6 +159,30 @@ class Tree:
         """Indices of the bodies from the base to body i; none for the base itself."""
         return () if i == BASE else (*self.chain(self.bodies[i].parent), i)
 
+    @cached_property
+    def compounds(self) -> dict[str, tuple[int, ...]]:
+        """Indices of the moving bodies of each joint that carries something, massless links first, by its first joint.
+
+        Several joints between two bodies with mass are one compound joint. One that only follows has its leader's name,
+        unless that is another.
+        """
+        members = defaultdict[int, list[int]](list)
+        for i, body in enumerate(self.bodies):
+            if body.moves:
+                members[self.first_link(i)].append(i)
+        out = dict[str, tuple[int, ...]]()
+        for own in (each for first, each in members.items() if set(self.carried(first)) & {*self.inertial}):
+            names = [self.bodies[i].joint for i in own]
+            leaders = [lead.joint for i in own if (lead := self.bodies[i].follows)]
+            if name := next(filter(None, [*names, *leaders]), ""):
+                out.setdefault(name, tuple(own))
+        return out
+
+    def first_link(self, i: int) -> int:
+        """Index of the first of the massless links that precede body i; that of the body itself without any."""
+        parent = self.bodies[i].parent
+        return self.first_link(parent) if parent != BASE and self.bodies[parent].massless else i
+
     def closed(self, closure: Closure) -> "Tree":
         """The tree with the joints dependent that loops determine; they lose their names."""
         names = closure.dependent
@@ -173,6 +198,11 @@ class Tree:
             return q
         own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
         return np.concatenate([q, self.closure.solved(self._of_part(own))], axis=-1)
+
+    def closes(self, q: np.ndarray) -> np.ndarray:
+        """True for joint coordinates (N, n_q) in which the loops can be closed and are not singular (N,)."""
+        own = dict(zip((body.joint for body in self.bodies), self.body_coordinates(q), strict=True))
+        return self.closure.closes(self._of_part(own)) if self.closure else np.ones(len(q), bool)
 
     def _of_part(self, own: Mapping[str, np.ndarray]) -> np.ndarray:
         """States of the loops' independent joints (…, n) from those of all joints."""

@@ -19,7 +19,7 @@ from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.axes import Axes
-from ident.model.tape import Program, Tape
+from ident.model.tape import Program, Tape, uncollected
 from ident.tolerances import DRIVE, STRIBECK
 
 CHUNK, LEAST_CHUNK = 4096, 1024
@@ -222,8 +222,9 @@ def regressor_program(mechanism: Mechanism, columns: Sequence[int], *, moving: b
 
 
 @lru_cache(maxsize=64)
+@uncollected()
 def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], moving: bool, torques: bool) -> Program:
-    tape = Tape(_freedoms(tree)[-1] + (9 if moving else 0))
+    tape = Tape(freedoms(tree)[-1] + (9 if moving else 0))
     return Program.of(tape, one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())
 
 
@@ -231,7 +232,7 @@ def one_sample(
     tree: Tree, gravity: np.ndarray, columns: tuple[int, ...], inputs: np.ndarray, torques: bool
 ) -> np.ndarray:
     """The requested columns, flattened, from one sample of `program_inputs`, as numbers or signals."""
-    q, dq, ddq, root = np.split(inputs, _freedoms(tree))
+    q, dq, ddq, root = np.split(inputs, freedoms(tree))
     w, dw, a = root.reshape(3, 3) if len(root) else (np.zeros(3), np.zeros(3), -gravity)
     motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
     Y = closed_form.base_wrench_rows(tree, motions)
@@ -248,7 +249,7 @@ def chunk(program: Program) -> int:
     return min(max(most, LEAST_CHUNK), CHUNK)
 
 
-def _freedoms(tree: Tree) -> np.ndarray:
+def freedoms(tree: Tree) -> np.ndarray:
     """Ends of joint coordinates, velocities and accelerations among the inputs."""
     return np.cumsum([tree.size + len(tree.dependent), len(tree.freedoms), len(tree.freedoms)])
 

@@ -63,21 +63,25 @@ def _taken_up(code: Sequence[Instruction], registers: int) -> set[int]:
     must not be overwritten before.
     """
     taken, with_product = set[int](), set[int]()
-    readers, overwritten = dict[int, list[int]](), dict[int, int]()
+    places = 1 + max((max(x, x if y is None else y, target) for _, x, y, target in code), default=0)
+    readers, overwritten = [list[int]() for _ in range(places)], [len(code)] * places
     for k in reversed(range(len(code))):
         operation, x, y, target = code[k]
-        operands, own = (x,) if y is None else (x, y), readers.pop(target, None)
+        own, readers[target], suits = readers[target], [], False
         if own and target >= registers and (operation is np.multiply or operation is np.negative):
             last = max(own)
             if operation is np.negative:
                 suits = not any(code[reader][0] in OTHERS for reader in own)
             else:
                 suits = len(own) == 1 and code[last][0] in SUMS and last not in with_product
-            if suits and all(overwritten.get(place, last) >= last for place in operands):
-                taken.add(k)
-                if operation is np.multiply:
-                    with_product.add(last)
+            suits = suits and overwritten[x] >= last and (y is None or overwritten[y] >= last)
+        if suits:
+            taken.add(k)
+            if operation is np.multiply:
+                with_product.add(last)
         overwritten[target] = k
-        for place in operands:
-            readers.setdefault(place, []).extend(own if own and k in taken else [k])
+        own = own if suits else [k]
+        readers[x] += own
+        if y is not None:
+            readers[y] += own
     return taken

@@ -5,9 +5,12 @@ a `Tape`. Zeros and ones are folded, repeated operations are recorded once, and 
 that its results need. Terms that are zero or constant for a mechanism's geometry therefore cost nothing.
 """
 
-from collections.abc import Sequence
+import gc
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -17,6 +20,18 @@ from ident.model.steps import Instruction
 Number = int | float
 
 
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Pauses garbage collection, also as a decorator: searches of a tape for garbage took half of its recording."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
 class Tape:
     """A record of operations, each on earlier results, inputs or numbers.
 
@@ -24,12 +39,16 @@ class Tape:
         steps: Every operation and its operands, in the order of their results; None and an empty tuple for an input.
         inputs: The inputs, which are the first results.
         results: Result of each of the other steps.
+        places: Operands of every step as indices of steps, or `~k` for number k.
+        numbers: The numbers, and their k.
     """
 
     def __init__(self, inputs: int) -> None:
         self.steps: list[Step] = [(None, ())] * inputs
         self.inputs = [Signal(self, k) for k in range(inputs)]
         self.results: dict[Step, Signal] = {}
+        self.places: list[tuple[int, ...]] = [()] * inputs
+        self.numbers = dict[float, int]()
 
     def record(self, operation: np.ufunc, *operands: "Signal | Number") -> "Signal":
         """Records an operation, unless it is on the tape already, and returns its result."""
@@ -38,6 +57,11 @@ class Tape:
         if known is None:
             known = self.results[step] = Signal(self, len(self.steps))
             self.steps.append(step)
+            numbers = self.numbers
+            places = [
+                x.index if isinstance(x, Signal) else ~numbers.setdefault(float(x), len(numbers)) for x in operands
+            ]
+            self.places.append(tuple(places))
         return known
 
 
@@ -161,32 +185,34 @@ class Program:
     def of(cls, tape: Tape, results: Sequence[Signal | Number]) -> "Program":
         """Program for given results (K,), signals of a tape or numbers."""
         outputs = {k: x.index for k, x in enumerate(results) if isinstance(x, Signal)}
-        last_use = _last_uses(tape, set(outputs.values()))
-        steps = [(i, *tape.steps[i]) for i in sorted(last_use)]
-        numbers = dict.fromkeys(float(x) for *_, xs in steps for x in xs if not isinstance(x, Signal))
-        numbered = {x: len(tape.inputs) + k for k, x in enumerate(numbers)}
-        first_result = len(tape.inputs) + len(numbers)
-        place = {signal.index: k for k, signal in enumerate(tape.inputs)}
+        last_use, inputs = _last_uses(tape, outputs.values()), len(tape.inputs)
+        needed = [i for i in range(inputs, len(tape.steps)) if last_use[i] >= 0]
+        numbers = dict.fromkeys(x for i in needed for x in tape.places[i] if x < 0)
+        first_result = inputs + len(numbers)
+        # Numbers have negative indices, which count from the end.
+        place = [*range(inputs), *[-1] * (len(tape.steps) - inputs + len(tape.numbers))]
+        for k, x in enumerate(numbers, inputs):
+            place[x] = k
         for k, i in outputs.items():
-            place.setdefault(i, first_result + k)
+            place[i] = first_result + k if place[i] < 0 else place[i]
         registers, spare = 0, list[int]()
         code = list[Instruction]()
-        for i, operation, operands in steps:
-            if operation is None:
-                continue
-            used = [place[x.index] if isinstance(x, Signal) else numbered[x] for x in operands]
-            spare += {place[x.index] for x in operands if isinstance(x, Signal) and last_use[x.index] == i}
-            if i not in place:
+        for i in needed:
+            (operation, _), (a, *more) = tape.steps[i], tape.places[i]
+            spare += [place[x] for x in {a, *more} if last_use[x] == i]
+            used = place[a], place[more[0]] if more else None
+            if place[i] < 0:
                 if not spare:
                     spare.append(first_result + len(results) + registers)
                     registers += 1
                 place[i] = spare.pop()
-            code.append((operation, used[0], used[1] if len(used) > 1 else None, place[i]))
+            code.append((cast(np.ufunc, operation), *used, place[i]))
         # Results that are inputs, or are requested twice, are copied from another place.
         elsewhere = {first_result + k: place[i] for k, i in outputs.items() if place[i] != first_result + k}
         code += [(np.positive, source, None, target) for target, source in elsewhere.items()]
         constants = tuple((k, float(x)) for k, x in enumerate(results) if not isinstance(x, Signal) and x != 0)
-        return cls(len(tape.inputs), tuple(numbers), len(results), registers, constants, tuple(code))
+        values = list(tape.numbers)
+        return cls(inputs, tuple(values[~x] for x in numbers), len(results), registers, constants, tuple(code))
 
     def fill(self, out: np.ndarray) -> None:
         """Writes the constant results into zeros (K, N); needed once for any number of runs."""
@@ -229,12 +255,16 @@ class Program:
                 operation(row[a], row[b], row[target])
 
 
-def _last_uses(tape: Tape, outputs: set[int]) -> dict[int, int]:
-    """Last use of every step that the results depend on; beyond the tape for inputs and results."""
+def _last_uses(tape: Tape, outputs: Iterable[int]) -> list[int]:
+    """Last use of every step, beyond the tape for inputs, results and numbers; -1 where no result depends on it."""
     never = len(tape.steps)
-    last = dict.fromkeys(outputs, never)
+    last = [-1] * never + [never] * len(tape.numbers)
+    for i in outputs:
+        last[i] = never
     for i in reversed(range(never)):
-        for x in tape.steps[i][1] if i in last else ():
-            if isinstance(x, Signal):
-                last.setdefault(x.index, never if tape.steps[x.index][0] is None else i)
+        if last[i] >= 0:
+            for x in tape.places[i]:
+                if last[x] < 0:
+                    last[x] = i
+    last[: len(tape.inputs)] = [never] * len(tape.inputs)
     return last

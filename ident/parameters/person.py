@@ -13,6 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.anthropometry import LANDMARKS, Segment, segments, spread
 from ident.parameters.prior import KNOWN
+from ident.setup import OF_PEOPLE
 
 SIDES = ("right", "left", "r", "l")
 """Prefixes or suffixes of a segment's name in the name of a body, separated by `_`."""
@@ -95,7 +96,7 @@ def with_person(mechanism: Mechanism, person: Person, placed: Mapping[str, Place
         mass, center = spread(own.segment, person.sex)
         length = float(np.linalg.norm(distal - proximal))
         known[name] = {**KNOWN, "mass": mass, "center": center * length}
-    return replace(mechanism, prior=prior.ravel(), prior_known=known)
+    return replace(mechanism, prior=prior.ravel(), prior_known=known, centre_std=OF_PEOPLE)
 
 
 def _by_name(bodies: tuple[str, ...], table: Mapping[str, Segment]) -> dict[str, Placed]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.parameters.independent_columns import COEFFICIENTS, DEPENDENT, NEGLIGIBLE
 from ident.parameters.structure import Structure
-from ident.parameters.tree_groups import CLEAR, Group, groups
+from ident.parameters.tree_groups import CLEAR, BodyGroup, groups
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Elimination:
         others: Indices of the other columns (P - r,).
     """
 
-    parts: Sequence[Group]
+    parts: Sequence[BodyGroup]
     norms: np.ndarray
     kept: np.ndarray
     others: np.ndarray
@@ -73,7 +73,7 @@ def elimination(structure: Structure) -> Elimination:
     return Elimination(parts, norms, kept, others)
 
 
-def _coefficients(parts: Sequence[Group], others: np.ndarray, size: int) -> np.ndarray:
+def _coefficients(parts: Sequence[BodyGroup], others: np.ndarray, size: int) -> np.ndarray:
     """Coefficients of the other columns in terms of the first independent ones, zero for themselves (P, P - r)."""
     out = np.zeros((size, len(others)))
     place = dict(zip(others.tolist(), range(len(others)), strict=True))
@@ -93,7 +93,7 @@ def _coefficients(parts: Sequence[Group], others: np.ndarray, size: int) -> np.n
     return out
 
 
-def _without_rounding(made: np.ndarray, parts: Sequence[Group], kept: np.ndarray) -> np.ndarray:
+def _without_rounding(made: np.ndarray, parts: Sequence[BodyGroup], kept: np.ndarray) -> np.ndarray:
     """Coefficients (r, P - r), zero where they are only rounding errors, as in `independent_columns.coefficients`."""
     small = (abs(made) < DEPENDENT) & (made != 0)
     some = np.flatnonzero(small.any(axis=0))

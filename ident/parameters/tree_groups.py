@@ -19,7 +19,7 @@ CLEAR = 1e-6, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class BodyGroup:
     """Bodies with parameters that share rows, mostly one alone, and the kernel of these rows.
 
     All columns have unit norm in the matrix of the structure.
@@ -56,7 +56,7 @@ class Group:
         return out
 
 
-def groups(structure: Structure) -> tuple[list[Group], np.ndarray]:
+def groups(structure: Structure) -> tuple[list[BodyGroup], np.ndarray]:
     """Groups of bodies, in the order of their first bodies, and the norms of all columns (P,)."""
     norms, nonzero = bounded_norms(_norms(structure))
     parents, shifts, near = _composites(structure)
@@ -72,12 +72,12 @@ def groups(structure: Structure) -> tuple[list[Group], np.ndarray]:
     return out, norms
 
 
-def _group(columns: np.ndarray, below: np.ndarray, shift: np.ndarray, rows: np.ndarray) -> Group:
+def _group(columns: np.ndarray, below: np.ndarray, shift: np.ndarray, rows: np.ndarray) -> BodyGroup:
     """A group, with the kernel of its rows."""
     width = len(columns)
     if not rows.any():
         made, inverse = np.zeros((0, width)), np.zeros((width, len(rows)))
-        return Group(columns, below, shift, rows, [], list(range(width)), made, inverse, True, False)
+        return BodyGroup(columns, below, shift, rows, [], list(range(width)), made, inverse, True, False)
     u, s, vt = np.linalg.svd(rows, full_matrices=False)
     rank = numerical_rank(s)
     rounding = float(s[rank]) if rank < len(s) else 0.0
@@ -86,7 +86,7 @@ def _group(columns: np.ndarray, below: np.ndarray, shift: np.ndarray, rows: np.n
     made = coefficients(rows[:, kept], rows[:, others])
     inverse = (vt[:rank].T / s[:rank]) @ u[:, :rank].T
     clear = s[rank - 1] > CLEAR[0] * s[0] and rounding <= CLEAR[1] * s[0]
-    return Group(columns, below, shift, rows, kept, others, made, inverse, bool(clear), bool(passed))
+    return BodyGroup(columns, below, shift, rows, kept, others, made, inverse, bool(clear), bool(passed))
 
 
 def _rows_by_bodies(

@@ -6,13 +6,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from ident.parameters.tree_groups import Group
+from ident.parameters.tree_groups import BodyGroup
 
 FEW = 30
 """Rows up to which all singular values are computed."""
 
 
-def least_singular_value(parts: Sequence[Group], size: int) -> float:
+def least_singular_value(parts: Sequence[BodyGroup], size: int) -> float:
     """Smallest singular value of the unit-norm columns that is not zero: 1 / ‖A⁺‖ for the columns A.
 
     A⁺ solves for the composites, then for φ, and subtracts what has no effect.
@@ -36,7 +36,7 @@ def least_singular_value(parts: Sequence[Group], size: int) -> float:
     return float(eigsh(operator, k=1, v0=start, return_eigenvectors=False)[0] ** -0.5)
 
 
-def _shifts(parts: Sequence[Group], size: int) -> sparse.csr_array:
+def _shifts(parts: Sequence[BodyGroup], size: int) -> sparse.csr_array:
     """Composites due to those of the next bodies (P, P)."""
     at = [np.meshgrid(group.below, group.columns, indexing="ij") for group in parts]
     rows, columns = (np.concatenate([pair[k].ravel() for pair in at]) for k in (0, 1))

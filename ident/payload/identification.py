@@ -67,6 +67,8 @@ def identify_payload(
     robot, recordings = at_rest(robot.following(recordings[0].followers), recordings)
     robot = mounted(robot, recordings[0])
     part = beyond(robot, recordings, body)
+    logged = {joint for joint in part.tree.joints if any(f"{joint}_position" in each.measured for each in recordings)}
+    part = part.closed([joint for joint in part.tree.joints if joint not in logged])
     if part.tree.joints:
         raise InputError(
             f"A payload is rigid, but {', '.join(part.tree.joints)} are beyond the sensor; hold them where they stand "

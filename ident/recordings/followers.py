@@ -10,6 +10,7 @@ from ident.errors import LogError
 from ident.files.column import Columns, Sum, combined
 from ident.mechanism.follower import Follower
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
 
 if TYPE_CHECKING:
@@ -74,24 +75,35 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, lis
     before, measured = mechanism.tree.joints, recording.measured
     driven = [joint for joint in before if f"{joint}_torque" in measured or joint in recording.servos]
     mechanism = mechanism.closed([joint for joint in before if f"{joint}_position" not in measured], driven)
-    tree = mechanism.tree
-    if (closure := tree.closure) is None:
-        return mechanism, []
-    leads = ", ".join(closure.independent) or "no joint"
-    if both := sorted({*driven} & {*closure.dependent}):
+    if both := sorted({*driven} & {*mechanism.tree.dependent}):
+        leads = ", ".join(mechanism.tree.closure.independent if mechanism.tree.closure else ()) or "no joint"
         raise LogError(
             f"Loops make '{both[0]}' depend on {leads}: its torque or command cannot be used. Log its position in "
             "place of theirs, or take it out of the log or the mapping."
         )
-    x = recording.of_joints(closure.independent, "position")
+    tree, notes = _along(mechanism.tree, recording)
+    mechanism = replace(mechanism, tree=tree)
+    if carrier := mechanism.carrier:
+        carrier = carrier.closed([joint for joint in carrier.joints if f"{joint}_position" not in measured])
+        tree, more = _along(carrier.tree, recording)
+        mechanism, notes = replace(mechanism, carrier=replace(carrier, tree=tree)), more + notes
+    return mechanism, notes
+
+
+def _along(tree: Tree, recording: "Recording") -> tuple[Tree, list[str]]:
+    """A tree with its loops closed along a recording, and sentences on them."""
+    if (closure := tree.closure) is None:
+        return tree, []
+    x, measured = recording.of_joints(closure.independent, "position"), recording.measured
     closure = closure.along(x, recording.time)
     y, names = closure.solved(x), ", ".join(f"'{each.name}'" for each in closure.constraints)
+    leads = ", ".join(closure.independent) or "no joint"
     notes = [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}."]
     for k, joint in enumerate(closure.dependent):
         if (own := measured.get(f"{joint}_position")) is not None:
-            apart = float(np.sqrt(np.mean((own - y[:, k]) ** 2)))
+            apart = round(float(np.sqrt(np.mean((own - y[:, k]) ** 2))), 12)
             notes.append(f"The column of '{joint}' is not used; it differs from the closed loops by {apart:.2g} (rms).")
-    return replace(mechanism, tree=replace(tree, closure=closure)), notes
+    return replace(tree, closure=closure), notes
 
 
 def follower_notes(followers: Mapping[str, Follower]) -> list[str]:

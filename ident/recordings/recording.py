@@ -318,7 +318,7 @@ class Recording(Brief):
         """Joint positions, torques and commands and the wrenches over time, as a matplotlib figure."""
         from ident.display.plots import recording_plot
 
-        return recording_plot(self)
+        return recording_plot(self.time, self.measured, self.units, self.wrenches)
 
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` or `.csv` file that `load` reads back exactly, except for the streams.

@@ -16,8 +16,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 from ident.recordings.faults import GROSS
-from ident.recordings.gaps import longest_step
-from ident.recordings.runs import running_median
+from ident.recordings.runs import longest_step, running_median
 from ident.recordings.sampled import Sampled
 from ident.tolerances import NORMAL_MAD
 from ident.trajectory.algebra.sampling import Sampling

@@ -78,7 +78,7 @@ class Smoothed:
     def equations(self, estimate: TrajectoryEstimate) -> Equations:
         """Equations with the set-up of an estimate."""
         measurement, theta = self.measurement, estimate.parameters_of(self.which)
-        gravity, tree = measurement.gravity(theta).astype(float), measurement.tilted(theta)
+        gravity, tree = measurement.gravity(theta).astype(float), measurement.corrected_tree(theta)
         mechanism = replace(self.prepared.mechanism, gravity=gravity, tree=tree)
         rows = _rows(measurement, theta) if measurement.components else None
         return replace(measurement.equations, mechanism=mechanism, wrench=rows)

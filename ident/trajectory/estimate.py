@@ -158,15 +158,15 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
     equations = replace(equations, mechanism=replace(equations.mechanism, source=None))
     contacts = {name: recording.sensors[name] for name in recording.wrenches if name != GROUND}
     plates = dict.fromkeys(sensor.plate or name for name, sensor in contacts.items())
-    held = GROUND in recording.wrenches
+    held, moving = GROUND in recording.wrenches, recording.base is not None
     measured = np.isfinite(prepared.wrench).all(axis=0)
     return Measurement(
         equations,
         prepared.frame if held else None,
         tuple(np.flatnonzero(measured).tolist()),
         contacts,
-        setup_parameters(equations, tuple(plates), dict(setup or {}), held=held),
-        recording.base is not None,
+        setup_parameters(equations, tuple(plates), setup, held=held, moving=moving),
+        moving,
     )
 
 

@@ -45,11 +45,13 @@ class Deviation:
         index: Index in θ.
         alternatives: Other parameters that would explain about as much.
         together: Groups of parameters that would, all changed by the same amount.
+        gross: True if it lies beyond what is stated and has a wider prior.
     """
 
     index: int
     alternatives: tuple[int, ...]
     together: tuple[str, ...] = ()
+    gross: bool = False
 
     def renumbered(self, new: Mapping[int, int]) -> "Deviation":
         """The same with other indices."""
@@ -86,6 +88,7 @@ def searched(
     least: np.ndarray | float = 0.0,
     drives: np.ndarray | None = None,
     delays: Delays = MappingProxyType({}),
+    gross: np.ndarray | float = 0.0,
 ) -> Search:
     """Frees parameters as long as one is significant and improves the prediction of left-out pieces.
 
@@ -97,6 +100,7 @@ def searched(
         least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
         drives: Mask of drives to try beside them, which are not negative and have no prior (p,).
         delays: Long delays to try before, of which those that later ones make needless are removed again.
+        gross: Standard deviations of errors beyond what is stated, zero for none (p,).
     """
     first = _with_long_delays(first, refit, delays)
 
@@ -110,30 +114,40 @@ def searched(
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max((candidates | drives).sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
     least = np.where(drives, 0.0, np.maximum(NEGLIGIBLE * known, least))
+    gross = np.broadcast_to(gross, known.shape)
     while fitted.free.sum() - first.fit.free.sum() < MOST_DEVIATIONS and fitted.status != "interrupted":
         left = np.flatnonzero((candidates | drives) & ~fitted.free)
         if not len(left):
             break
-        values, spread = fitted.scores(np.eye(len(candidates))[left])
+        beyond = left[gross[left] > 0]
+        moves = _loosened(fitted, beyond, gross).scores(np.eye(len(known))[beyond])[0]
+        beyond = beyond[np.abs(moves) > INCREDIBLE * known[beyond]]
+        loose = _loosened(fitted, beyond, gross)
+        values, spread = loose.scores(np.eye(len(candidates))[left])
         likely = (np.where(drives[left], values, np.abs(values)) > least[left]) & (np.abs(values / spread) > PROMISING)
-        likely[likely] = _predict(fitted, left[likely].tolist())
+        likely[likely] = _predict(loose, left[likely].tolist())
         if not likely.any():
             break
         # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
         # and makes all candidates about equally significant.
-        working = replace(fitted, scatters=None)
+        working = replace(loose, scatters=None)
         z = np.where(likely, np.abs(values / working.scores(np.eye(len(candidates))[left])[1]), 0.0)
         best = int(np.argmax(z))
         close = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
+        # What explains as much within what is stated is more likely.
+        within = np.where(np.isin(left, beyond), 0.0, z)
+        best = int(np.argmax(within if within.max() > close else z))
         alike = sorted((k for k in np.flatnonzero((z > close) & candidates[left]) if k != best), key=lambda k: -z[k])
         index = int(left[best])
-        deviation = Deviation(index, tuple(left[alike].tolist()), _together(working, groups, close))
+        own = beyond[beyond == index]
+        deviation = Deviation(index, tuple(left[alike].tolist()), _together(working, groups, close), len(own) > 0)
         try:
-            tried = _fit_from(fitted, refit, index, fitted.theta[index] + values[best])
+            tried = _fit_from(_loosened(fitted, own, gross), refit, index, fitted.theta[index] + values[best])
         except ExcitationError:
             return incredible()
         if not abs(tried.theta[index]) > threshold * np.sqrt(tried.covariance[index, index]):
             break
+        known = np.where(np.arange(len(known)) == index, np.where(len(own), gross, known), known)
         if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
             return incredible()
         fitted = tried
@@ -148,6 +162,11 @@ def _fit_from(
     own = np.isin(np.arange(len(fit.theta)), at)
     start = replace(fit.end, theta=np.where(own, value, fit.theta))
     return refit(start, np.where(own, free, fit.free), SEARCH_ROUNDS)
+
+
+def _loosened(fit: TrajectoryFit, at: np.ndarray, std: np.ndarray) -> TrajectoryFit:
+    """Fit with other standard deviations (p,) of the prior of some set-up parameters, by their indices."""
+    return replace(fit, prior=fit.prior.loosened(at, std)) if len(at) else fit
 
 
 def _with_long_delays(search: Search, refit: Refit, delays: Delays) -> Search:

@@ -62,6 +62,11 @@ over those of the prior, above which it is used otherwise: noise, or a contact l
 WEIGHED = 20
 """Rounds after which white and correlated noise are compared, before the fit with the better one goes on."""
 
+HOPELESS, STEADY = 8, 2.0
+"""Rounds after which correlated noise that does not predict better is given up, and step of θ, in standard deviations,
+below which it then is: of seven recordings six were decided by then, and a person who bows gained only while θ still
+moved by five."""
+
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
 
@@ -221,11 +226,12 @@ class Stages:
             at = before.selections[estimate.pieces_of(k).start][there]
             theta[own[here]], free[own[here]], bounded[own[here]] = before.theta[at], before.free[at], before.bound[at]
         selections = [own for own, count in zip(self.selections, estimate.counts, strict=True) for _ in range(count)]
-        prior = self.prior.weighted(before.prior.weight)
-        fit = replace(before, names=self.names, selections=selections, prior=prior, theta=theta, free=free)
-        fit = replace(fit, bounded=bounded, scatters=None)
         new = {k: self.names.index(name) for k, name in enumerate(before.names) if name in self.names}
         search = replace(estimate.search, deviations=tuple(each.renumbered(new) for each in estimate.search.deviations))
+        beyond = np.array([each.index for each in search.deviations if each.gross], int)
+        prior = self.prior.weighted(before.prior.weight).loosened(beyond, self._gross)
+        fit = replace(before, names=self.names, selections=selections, prior=prior, theta=theta, free=free)
+        fit = replace(fit, bounded=bounded, scatters=None)
         measured = self.measured(estimate.reversals)
         estimate = replace(estimate, measurement=measured, search=search, setup=self.setup, known=self.known)
         if before.shares and set(self.names) <= set(before.names):
@@ -276,7 +282,15 @@ class Stages:
 
     def _coloured(self, white: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with white noise, or with correlated noise if that predicts clearly better."""
-        return better(white, "correlated noise", lambda: self.refitted(replace(white, coloured=True), rounds=WEIGHED))
+
+        def tried() -> TrajectoryEstimate:
+            soon = self.refitted(replace(white, coloured=True), rounds=HOPELESS)
+            if soon.fit.status != "stopped":
+                return soon
+            hopeless = soon.fit.trace[-1] < STEADY and not better(white, "", lambda: soon, 0.0).coloured
+            return soon if hopeless else self.refitted(soon, rounds=WEIGHED - HOPELESS)
+
+        return better(white, "correlated noise", tried)
 
     @cached_property
     def _is_drive(self) -> np.ndarray:
@@ -342,8 +356,13 @@ class Stages:
         delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
         candidates, least = self.is_setup & self.search, self._unfollowed(estimate)
         drives, groups = self._is_drive & ~estimate.fit.unbound.free, _groups(self.setup, len(self.names))
-        search = searched(estimate.search, scattered, candidates, groups, least, drives, delays)
+        search = searched(estimate.search, scattered, candidates, groups, least, drives, delays, self._gross)
         return replace(estimate, search=search)
+
+    @cached_property
+    def _gross(self) -> np.ndarray:
+        """Standard deviations of errors beyond what is stated, zero for none (p,)."""
+        return np.array([self.setup[k].row.gross if k in self.setup else 0.0 for k in range(len(self.names))])
 
     def _unfollowed(self, estimate: TrajectoryEstimate) -> np.ndarray:
         """Apparent delays and clock errors due to jumps, zero unless knots are as dense as samples allow (p,)."""

@@ -14,7 +14,7 @@ from ident.files.markers import Markers
 from ident.files.table import listed, short
 from ident.mechanism.follower import Follower
 from sim.markers.opensim_model import opensim_spec
-from sim.markers.settings import UP, Place
+from sim.markers.settings import UP, MarkerPlace
 from sim.models.model_update import specification
 from sim.models.mujoco_model import compiled
 from sim.models.names import body_id, id_of, joint_name, name_of
@@ -24,7 +24,7 @@ _SITE = mujoco.mjtObj.mjOBJ_SITE
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
-class Following(NamedTuple):
+class FollowingJoint(NamedTuple):
     """A follower: a joint whose coordinate is a function of another's.
 
     Attributes:
@@ -60,7 +60,7 @@ class MarkedModel:
     weights: np.ndarray
     rest: np.ndarray
     dofs: np.ndarray
-    followers: tuple[Following, ...] = ()
+    followers: tuple[FollowingJoint, ...] = ()
     up: str = "z"
 
     def with_lengths(self, model: mujoco.MjModel) -> "MarkedModel":
@@ -86,7 +86,7 @@ class MarkedModel:
 def marked_model(
     source: str | Path | mujoco.MjSpec,
     labels: Sequence[str],
-    places: Mapping[str, Place] | None = None,
+    places: Mapping[str, MarkerPlace] | None = None,
     fix: Mapping[str, Sequence[float]] | None = None,
 ) -> tuple[MarkedModel, list[str]]:
     """A model with sites for the labels of a file.
@@ -112,7 +112,7 @@ def marked_model(
         spec = specification(source)
     short_labels = _without_subject(labels)
     _check_labels(places, labels, short_labels)
-    places = {full: places.get(full) or places.get(own) or Place(own) for full, own in short_labels.items()}
+    places = {full: places.get(full) or places.get(own) or MarkerPlace(own) for full, own in short_labels.items()}
     names = _add_sites(spec, places)
     model = compiled(spec)
     ids = {name_of(model, _SITE, s): s for s in range(model.nsite)}
@@ -157,13 +157,13 @@ def _without_subject(labels: Sequence[str]) -> dict[str, str]:
     return {label: label.rpartition(":")[2] if cut else label for label in labels}
 
 
-def _check_labels(places: Mapping[str, Place], labels: Sequence[str], short_labels: Mapping[str, str]) -> None:
+def _check_labels(places: Mapping[str, MarkerPlace], labels: Sequence[str], short_labels: Mapping[str, str]) -> None:
     known = {*labels, *short_labels.values()}
     if unknown := [label for label in places if label not in known]:
         raise InputError(f"The file has no marker '{short(unknown[0])}' ([markers]); it has {listed(labels)}.")
 
 
-def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, Place]) -> dict[str, str]:
+def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, MarkerPlace]) -> dict[str, str]:
     """Adds sites at positions on bodies, and returns the names of all sites by label."""
     names, bodies = {}, {body.name: body for body in spec.bodies}
     taken = {site.name for site in spec.sites}
@@ -181,21 +181,21 @@ def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, Place]) -> dict[str, st
     return names
 
 
-def _check_sites(ids: Mapping[str, int], places: Mapping[str, Place], short_labels: Mapping[str, str]) -> None:
+def _check_sites(ids: Mapping[str, int], places: Mapping[str, MarkerPlace], short_labels: Mapping[str, str]) -> None:
     """Refuses named sites that do not exist."""
     for label, place in places.items():
         if place.site and place.site != short_labels[label] and place.site not in ids:
             raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {listed(ids)}.")
 
 
-def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[Following, ...]:
+def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[FollowingJoint, ...]:
     """Followers from their functions by the joints' names."""
 
     def place(name: str) -> tuple[int, int]:
         j = id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name)
         return int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
 
-    return tuple(Following(place(law.joint), place(name), law) for name, law in laws.items())
+    return tuple(FollowingJoint(place(law.joint), place(name), law) for name, law in laws.items())
 
 
 def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[np.ndarray, set[int]]:

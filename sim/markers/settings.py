@@ -34,7 +34,7 @@ UP = {
 
 
 @dataclass(frozen=True)
-class Place:
+class MarkerPlace:
     """Site or position of a marker on the model.
 
     Attributes:
@@ -57,7 +57,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Groups:
+class ScaleTable:
     """Table `[scale]`.
 
     Attributes:
@@ -80,8 +80,8 @@ class Settings:
 
     unit: Annotated[str, one_of(UNITS["length"])] | None = None
     up: Annotated[str, one_of(UP)] | None = None
-    markers: Mapping[str, Place] = field(default_factory=dict)
-    scale: Groups = Groups()
+    markers: Mapping[str, MarkerPlace] = field(default_factory=dict)
+    scale: ScaleTable = ScaleTable()
 
 
 def read_settings(path: Path) -> Settings:

@@ -5,10 +5,8 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
-from ident.mechanism.follower import Follower
 from ident.mechanism.tree import Tree
 from sim.models.names import joint_name, name_of
 from sim.models.notes import note
@@ -56,26 +54,6 @@ def _has_forces(model: mujoco.MjModel, t: int) -> bool:
     moved = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)
     own = (model.tendon_stiffness, model.tendon_damping, model.tendon_frictionloss, model.tendon_limited)
     return any(np.any(x[t]) for x in own) or t in model.actuator_trnid[moved, 0]
-
-
-def mimics_of(model: mujoco.MjModel, tree: Tree) -> dict[str, Follower]:
-    """Joints that an equality constraint makes follow another one of a tree, by name, each from an independent one."""
-    single = {tree.bodies[i].joint for i in tree.moving if tree.bodies[i].freedoms == 1}
-    laws = dict[str, tuple[str, Polynomial]]()
-    for e in range(model.neq):
-        if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT or not model.eq_active0[e] or model.eq_obj2id[e] < 0:
-            continue
-        j, k = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
-        at, of_lead = (float(model.qpos0[model.jnt_qposadr[i]]) for i in (j, k))
-        if {joint := joint_name(model, j), lead := joint_name(model, k)} <= single:
-            laws.setdefault(joint, (lead, Polynomial(model.eq_data[e, :5]).trim()(Polynomial([-of_lead, 1])) + at))
-    for _ in range(len(laws)):
-        for joint, (lead, law) in laws.items():
-            if lead in laws:
-                beyond, inner = laws[lead]
-                laws[joint] = beyond, law(inner)
-    # Those that are left in a ring follow themselves.
-    return {joint: Follower(lead, tuple(law.coef.tolist())) for joint, (lead, law) in laws.items() if lead not in laws}
 
 
 def check_couplings(

@@ -15,7 +15,7 @@ from ident.mechanism.body import BASE
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from sim.models.couplings import loops_of, mimics_of
+from sim.models.couplings import loops_of
 from sim.models.drives import drives_of_model
 from sim.models.loops import constraints_of
 from sim.models.mujoco_model import (
@@ -126,10 +126,12 @@ def _from_mujoco(
     arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=driven)
     stated = {joint: np.array(q) for joint, q in checked_coordinates("fix", fix or ()).items() if q}
     posture = rest_coordinates(model, base, beyond) | stated
-    constraints = constraints_of(model, tree, ignore, posture)
+    constraints = constraints_of(model, tree, ignore, posture).checked(tree)
     held = {row.name for row in constraints.rows}
     loops = {name: joints for name, joints in loops_of(model, tree).items() if name not in held}
-    return replace(arm, mimics=mimics_of(model, tree), loops=loops, constraints=constraints)
+    # Drives of its own act on a joint that depends on others, not on one that follows another.
+    mimics = {joint: lead for joint, lead in constraints.followers(tree).items() if joint not in driven}
+    return replace(arm, mimics=mimics, loops=loops, constraints=constraints).rested()
 
 
 def _drives(source: Source, model: mujoco.MjModel, tree: Tree) -> dict[str, Drive]:

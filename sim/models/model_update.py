@@ -4,6 +4,7 @@ import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol, TypeAlias
 
 import mujoco
@@ -45,6 +46,10 @@ EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 """Elements of MJCF that generate bodies which the file does not list."""
 
 
+NOWHERE_ELSE: Mapping[str, np.ndarray] = MappingProxyType({})
+"""Displacements of joints that are where the model says."""
+
+
 class Bodies(Protocol):
     """An object with a φ, such as `ident.parameters.consistency.ConsistentParameters`.
 
@@ -83,7 +88,11 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
 
 @typed("path", "mechanism", "phi")
 def write_model(
-    path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies, drives: Mapping[str, Drive] | None = None
+    path: str | Path,
+    mechanism: Mechanism,
+    phi: np.ndarray | Bodies,
+    drives: Mapping[str, Drive] | None = None,
+    displaced: Mapping[str, np.ndarray] = NOWHERE_ELSE,
 ) -> None:
     """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim by the suffix, else MJCF.
 
@@ -99,6 +108,8 @@ def write_model(
         drives: Friction, rotor inertias, stiffnesses and gains of position actuators by joint, as
             `Estimate.drives_updated`; by default they stay as they are. URDF has friction only, and of OpenSim's files
             drives stay as they are.
+        displaced: Displacements of joints in their parents' frames, m (3,), by the names of the bodies that they carry,
+            as `Estimate.displaced`; by default joints stay where they are.
 
     Raises:
         ModelError: As for `updated_spec`, the file does not read back as φ, or a drive is negative or of no joint.
@@ -108,7 +119,7 @@ def write_model(
     check_type("mechanism", mechanism, Mechanism, WORDS["Mechanism"])
     comments: Mapping[str, str] = getattr(phi, "comments", {})
     if isinstance(mechanism.source, OpenSimOrigin):
-        write_opensim(path, mechanism, _numbers(phi), comments)
+        write_opensim(path, mechanism, _numbers(phi), comments, displaced)
         return
     origin, source, phi = _given(mechanism, phi)
     if is_opensim(path):
@@ -117,7 +128,10 @@ def write_model(
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
     changed, servos = changed_drives(origin.model, drives or {}), changed_servos(origin.model, drives or {})
-    data = _urdf(origin, phi, changed, comments) if urdf else _mjcf(origin, phi, path.parent, changed, servos, comments)
+    if urdf:
+        data = _urdf(origin, phi, changed, comments, displaced)
+    else:
+        data = _mjcf(origin, phi, path.parent, changed, servos, comments, displaced)
     with replacing(path) as temporary:
         temporary.write_bytes(data)
         spec = model_from_urdf(temporary, meshes=False) if urdf else specification(temporary)
@@ -207,6 +221,7 @@ def _mjcf(
     changed: Mapping[int, Mapping[str, float]],
     servos: Mapping[int, tuple[float, float]],
     comments: Mapping[str, str],
+    displaced: Mapping[str, np.ndarray],
 ) -> bytes:
     """Content of an MJCF file in a folder, with φ of bodies, and attributes of joints and actuators by their ids."""
     source = origin.text
@@ -221,6 +236,7 @@ def _mjcf(
     named = [(b, body_name(origin.model, b), own) for b, own in _members(origin, phi).items() if own.any()]
     noted = {b: (comments[name], shortened(*com_from_parameters(own))) for b, name, own in named if name in comments}
     _state(root, inertials, noted)
+    _displace(root, spec, {origin.model.body(name).id: shift for name, shift in displaced.items()})
     state_drives(root, changed)
     state_servos(root, servos)
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
@@ -263,6 +279,22 @@ def _state(
             compiler.set("inertiafromgeom", "auto")
 
 
+def _displace(root: ET.Element, spec: mujoco.MjSpec, shifts: Mapping[int, np.ndarray]) -> None:
+    """Displaces bodies, by their ids, in the frames of their parents; the file may state them in frames of its own."""
+    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
+    for b, shift in shifts.items():
+        own = spec.bodies[b]
+        stated = own.pos.copy()
+        if own.frame is not None:
+            # Steps along the axes in which the file states the place, as MuJoCo turns them into the parent's.
+            places = []
+            for step in (*np.eye(3), np.zeros(3)):
+                own.pos = stated + step
+                places.append(spec.compile().body_pos[b].copy())
+            shift = (np.array(places[:3]) - places[3]) @ shift
+        bodies[b - 1].set("pos", digits(stated + shift))
+
+
 def set_asset_folders(root: ET.Element, spec: mujoco.MjSpec, home: Path, folder: Path) -> None:
     """Sets the folders of meshes and textures to those of a specification in `home`, for a file in another folder.
 
@@ -284,7 +316,11 @@ def _from(folder: Path, other: Path) -> str:
 
 
 def _urdf(
-    origin: Origin, phi: np.ndarray, drives: Mapping[int, Mapping[str, float]], comments: Mapping[str, str]
+    origin: Origin,
+    phi: np.ndarray,
+    drives: Mapping[int, Mapping[str, float]],
+    comments: Mapping[str, str],
+    displaced: Mapping[str, np.ndarray],
 ) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
     changed = {}
@@ -293,7 +329,7 @@ def _urdf(
         if abs(own - before).max() > SAME * abs(before).max():
             _check_physical(origin, b, own)
             changed[body_name(origin.model, b)] = own
-    return updated_urdf(Path(str(origin.text)), changed, urdf_dynamics(origin.model, drives), comments)
+    return updated_urdf(Path(str(origin.text)), changed, urdf_dynamics(origin.model, drives), comments, displaced)
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:

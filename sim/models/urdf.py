@@ -13,6 +13,7 @@ from ident.geometry.inertia import symmetric
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
 from sim.models.refusals import refusals
 from sim.models.urdf_meshes import keep_meshes, leave_out
+from sim.models.urdf_mimics import add_mimics, taken_mimics
 from sim.models.xacro import is_xacro, urdf_of
 
 LARGEST = 1e100
@@ -41,7 +42,7 @@ def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, me
         ModelNote: Meshes are left out.
 
     Raises:
-        ModelError: The file does not exist, is no URDF, or MuJoCo cannot read it.
+        ModelError: The file does not exist, is no URDF, has a wrong `<mimic>`, or MuJoCo cannot read it.
     """
     root = parsed(Path(path))
     if root.tag != "robot":
@@ -49,6 +50,8 @@ def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, me
     if root.find("link") is None:
         raise ModelError(f"{path}: a URDF file has a <link> for every body, this one has none.")
     _declare_world(path, root)
+    # Readers of MuJoCo drop some of them without a word, by its version.
+    mimics = taken_mimics(Path(path), root)
     if meshes:
         keep_meshes(root, Path(path), packages)
     else:
@@ -66,6 +69,7 @@ def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, me
     links = {link.get("name"): link for link in root.findall("link") if link.find("inertial") is not None}
     with refusals(path):
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    add_mimics(spec, mimics)
     # MuJoCo 3.3 ignores the inertia's rpy, and computes principal axes to six digits only.
     ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
     set_inertials(spec, {ids[name]: _stated(path, link) for name, link in links.items() if name in ids})

@@ -26,8 +26,9 @@ def updated_urdf(
     links: Mapping[str, np.ndarray],
     dynamics: Mapping[str, Mapping[str, float]] | None = None,
     comments: Mapping[str, str] | None = None,
+    displaced: Mapping[str, np.ndarray] | None = None,
 ) -> bytes:
-    """Bytes of a URDF file with other inertias of some links, and other friction of some joints.
+    """Bytes of a URDF file with other inertias of some links, and other friction and places of some joints.
 
     An inertia stays in the axes in which the file states it. A massless link keeps its centre of mass.
 
@@ -36,6 +37,7 @@ def updated_urdf(
         links: φ (10,) of the links, about their frames, by name.
         dynamics: Attributes of the joints' `<dynamics>`, by name.
         comments: Comments on links with inertias, whose numbers are then short.
+        displaced: Displacements of joints in their parents' frames, m (3,), by the names of their child links.
 
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
@@ -50,7 +52,22 @@ def updated_urdf(
             edits.append(with_comment(data, inertial, comments[name]))
     for name, attributes in (dynamics or {}).items():
         edits += _dynamics_edits(data, of_joints[name], {key: [value] for key, value in attributes.items()})
+    for joint in of_joints.values() if displaced else ():
+        child = joint.child("child")
+        if displaced and child and (name := child.attributes.get("link", "")) in displaced:
+            edits += _origin_edits(data, joint, displaced[name])
     return edited(data, edits)
+
+
+def _origin_edits(data: bytes, joint: Place, shift: np.ndarray) -> Iterator[Edit]:
+    """Edits that displace the origin of a joint."""
+    origin = joint.child("origin")
+    stated = (origin.attributes.get("xyz", "") if origin else "").split() or ["0"] * 3
+    place = [x if not dx else float(x) + dx for x, dx in zip(map(float, stated), shift.tolist(), strict=True)]
+    if origin is None:
+        yield joint.with_first(data, b"<origin" + _attribute("xyz", place) + b"/>")
+    else:
+        yield from _attribute_edits(data, origin, {"xyz": place}, max(map(abs, place)))
 
 
 def _first_of_each_name(root: Place, tag: str) -> dict[str, Place]:

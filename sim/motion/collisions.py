@@ -7,6 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from ident.mechanism.tree import Tree
 from sim.models.names import body_name, id_of
 from sim.models.refusals import refusals
 
@@ -45,7 +46,7 @@ class Collisions:
     def __init__(
         self,
         model: mujoco.MjModel,
-        joints: Sequence[str],
+        moving: Tree | Sequence[str],
         clearance: float,
         still: Mapping[str, Sequence[float]] | None = None,
         floor: float | None = None,
@@ -54,7 +55,7 @@ class Collisions:
 
         Args:
             model: The model; other joints stay in its reference configuration, but for those of `still`.
-            joints: Names of the hinge and slide joints that move, in the order of q.
+            moving: The tree of hinges and slides whose coordinates are q, with its loops, or names of joints.
             clearance: Distance below which geoms count as touching, m.
             still: Coordinates of some other joints.
             floor: Height in the world's frame of a plane that no moving body may touch, m; None for none.
@@ -62,6 +63,8 @@ class Collisions:
         Raises:
             ModelError: A joint does not exist.
         """
+        self._tree = moving if isinstance(moving, Tree) and moving.closure else None
+        joints = (*moving.joints, *moving.dependent) if isinstance(moving, Tree) else moving
         ids = [id_of(model, mujoco.mjtObj.mjOBJ_JOINT, joint) for joint in joints]
         self._model = copy.deepcopy(model)
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -92,7 +95,11 @@ class Collisions:
             Sums, zero for postures without contact (N,).
         """
         clearance = self.clearance if clearance is None else clearance
-        return np.array([np.sum(clearance - self._contacts(posture, clearance).distances) for posture in q])
+        return np.array([np.sum(clearance - self._contacts(each, clearance).distances) for each in self._whole(q)])
+
+    def _whole(self, q: np.ndarray) -> np.ndarray:
+        """Positions with those of dependent joints (N, n + d)."""
+        return q if self._tree is None else np.hstack([q, *self._tree.dependent_states(q)])
 
     def barrier_and_slope(self, q: np.ndarray, near: float, far: float) -> tuple[float, np.ndarray]:
         """Barrier `Σ (far - d)²/((d - near) far)` over distances d between geoms, and its derivatives.
@@ -108,9 +115,9 @@ class Collisions:
         Returns:
             Barrier and derivatives by the positions (N, n); infinity and zeros if a distance is below `near`.
         """
-        barrier, slope = 0.0, np.zeros(q.shape)
+        barrier, slope = 0.0, np.zeros((len(q), len(self._freedoms)))
         first, second = np.zeros((2, 3, self._model.nv))
-        for sample, posture in enumerate(q):
+        for sample, posture in enumerate(self._whole(q)):
             contacts = self._contacts(posture, far)
             if not len(contacts.bodies):
                 continue
@@ -124,7 +131,10 @@ class Collisions:
                 mujoco.mj_jac(self._model, self._data, first, None, place, a)
                 mujoco.mj_jac(self._model, self._data, second, None, place, b)
                 slope[sample] += factor * (normal @ (second - first))[self._freedoms]
-        return barrier, slope
+        if self._tree is None:
+            return barrier, slope
+        own, of_loops = np.split(slope, [q.shape[1]], axis=1)
+        return barrier, own + np.einsum("nd,ndk->nk", of_loops, self._tree.slopes(q))
 
     def touching(self, q: np.ndarray) -> dict[tuple[str, str], int]:
         """Pairs of bodies closer than the clearance, each with the first sample at which they are.
@@ -134,7 +144,8 @@ class Collisions:
         """
         contacts: dict[tuple[str, str], int] = {}
         for sample in np.flatnonzero(self.depth(q)):
-            for a, b in np.sort(self._contacts(q[sample], self.clearance).bodies, axis=1):
+            posture = self._whole(q[[sample]])[0]
+            for a, b in np.sort(self._contacts(posture, self.clearance).bodies, axis=1):
                 contacts.setdefault((body_name(self._model, a), body_name(self._model, b)), int(sample))
         return contacts
 

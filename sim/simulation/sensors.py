@@ -32,7 +32,7 @@ _SENSOR_UNITS = {
 
 
 @dataclass(frozen=True)
-class Sensor:
+class DeclaredSensor:
     """A sensor that the MJCF declares.
 
     Attributes:
@@ -55,7 +55,7 @@ class Sensor:
         return self.part.stop - self.part.start == 1
 
 
-def sensors(model: mujoco.MjModel) -> list[Sensor]:
+def sensors(model: mujoco.MjModel) -> list[DeclaredSensor]:
     """The sensors that a model declares.
 
     Raises:
@@ -97,7 +97,7 @@ def torque_noise(model: mujoco.MjModel) -> dict[str, float]:
     return {joint_name(model, model.sensor_objid[i]): float(model.sensor_noise[i]) for i in which}
 
 
-def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
+def _sensor(model: mujoco.MjModel, i: int) -> DeclaredSensor:
     name = name_of(model, mujoco.mjtObj.mjOBJ_SENSOR, i)
     kind = mujoco.mjtSensor(model.sensor_type[i])
     dof = None
@@ -115,4 +115,4 @@ def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
         unit = ("m" if slide else "rad") + _JOINT_UNITS[kind]
     elif kind == mujoco.mjtSensor.mjSENS_JOINTACTFRC:
         unit = "N" if model.jnt_type[model.sensor_objid[i]] == mujoco.mjtJoint.mjJNT_SLIDE else "N m"
-    return Sensor(name, unit, slice(start, start + model.sensor_dim[i]), float(model.sensor_noise[i]), dof)
+    return DeclaredSensor(name, unit, slice(start, start + model.sensor_dim[i]), float(model.sensor_noise[i]), dof)

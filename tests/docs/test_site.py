@@ -24,8 +24,9 @@ EXPECTED = {
     "paper": (r"Ixz2 +-2\.\d+ &lt;- wrong", r"ignored: largest error \d", r"error: simplified 2\.\d+, full 0\.0\d"),
     "arm": (r"is 1[12]\.\d+ ± 0\.\d+ ms late", "Usable to predict", r"fore: 2\.00 kg .*, 2\.[78]\d kg identified"),
     "servo": (r"Servo\(kp=80\.0", r"Fc\(lift\): (1\.0|0\.9)\d+ ± 0\.\d+, true 1\.000", r"Ia\(bend\): 0\.0[45]"),
+    "gripper": ("29 of 70", "Usable to predict wrenches", r"gripper: 0\.8[12]\d+ ± 0\.00\d+ kg, true 0\.8200 kg"),
     "person": (
-        "Partly usable: it predicts 4 of 6 channels",
+        "Partly usable: it predicts all channels but F., M.",
         r"(9\d|100) % of the 95 %",
         r"person: 66\.1 kg .* 6[78]\.\d kg identified",
     ),
@@ -75,7 +76,7 @@ def test_pages_load_nothing_from_elsewhere(site):
         wanted = loaded.findall(page.read_text(encoding="utf-8"))
         assert wanted and [target for target in wanted if re.match(r"(\w+:)?//", target)] == [], page
         folder = site if page.name == "404.html" else page.parent
-        assert [x for x in wanted if not (folder / x.split("?")[0].lstrip("/")).exists()] == [], page
+        assert [x for x in wanted if not (folder / re.split("[?#]", x)[0].lstrip("/")).exists()] == [], page
     for style in site.rglob("*.css"):
         text = style.read_text(encoding="utf-8")
         assert not re.search(r"""(?:url\(|@import)\s*["']?(?:https?:)?//""", text), style
@@ -138,6 +139,14 @@ def test_the_reference_has_every_name_of_the_front_doors(site):
         assert [name for name in package.__all__ if f'.{name}"' not in page] == []
 
 
+def test_the_first_page_shows_a_report_that_plays(site):
+    page = (site / "index.html").read_text(encoding="utf-8")
+    assert page.count('<svg class="picture"') == 3 and 'src="example/report.html#moves"' in page
+    assert "Usable</strong> It predicts all 10 channels; held-out residuals are at most 0.12 of the signal." in page
+    colours = (site / "shared.css").read_text(encoding="utf-8")
+    assert colours in (site / "example" / "report.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="the browser chromium is not installed")
 def test_a_browser_has_nothing_to_complain_of(site, tmp_path):
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", f"--user-data-dir={tmp_path}"]
@@ -151,9 +160,9 @@ def test_a_browser_has_nothing_to_complain_of(site, tmp_path):
 @pytest.mark.parametrize(
     ("page", "words", "first"),
     [
-        ("index.html", "total wrench", "./reference/ident.html#ident.recordings.wrench.total_wrench"),
-        ("index.html", "regressor", "./reference/ident.html#ident.model.regressor.base_wrench_regressor"),
-        ("tutorials/arm.html", "force plates person", "../tutorials/person.html"),
+        ("index.html", "total wrench", "reference/ident.html#ident.recordings.wrench.total_wrench"),
+        ("index.html", "regressor", "reference/ident.html#ident.model.regressor.base_wrench_regressor"),
+        ("tutorials/arm.html", "force plates person", "tutorials/person.html"),
         ("index.html", "friktion", None),
     ],
 )
@@ -163,5 +172,6 @@ def test_search_works_in_a_folder(site, tmp_path, page, words, first):
     command = ["chromium", *options, "--virtual-time-budget=10000", "--dump-dom", address]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert "CONSOLE" not in ended.stderr, ended.stderr
-    results = re.findall(r'<article><a href="([^"]+)"', ended.stdout)
-    assert first in results[:5] if first else not results and "No page has these words." in ended.stdout
+    results = re.findall(r'<a href="([^"]+)" class="md-search-result__link"', ended.stdout)
+    shown = [re.sub(r"\?h=[^#]*", "", each.removeprefix(f"{site.as_uri()}/")) for each in results]
+    assert first in shown[:8] if first else not shown and "No matching documents" in ended.stdout

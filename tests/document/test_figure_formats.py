@@ -1,18 +1,20 @@
 """Formats of figures: each that is chosen is drawn once, and nothing else is."""
 
+import subprocess
+import sys
 from collections import Counter
+from pathlib import Path
 
 import pytest
-from commands import refusal
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+import experiments
 from experiments import misaligned
-from experiments.cli.command import COMMANDS
-from experiments.data.paper import FORMATS
 
 CANVASES = {"png": FigureCanvasAgg, "pdf": FigureCanvasPdf, "svg": FigureCanvasSVG}
+ROOT = Path(experiments.__file__).parents[1]
 SHORT = ["--samples", "60", "--trials", "2", "--redraw", "sensors"]
 FIGURES = ("figure_2", "figure_3", "figure_monte_carlo")
 
@@ -51,18 +53,12 @@ def test_one_format_costs_one_drawing(tmp_path, drawings, formats):
     assert all(f'<a href="{name}.csv">data of the figure as CSV</a>' in page for name in FIGURES)
 
 
-WITHOUT_FIGURES = {"columns", "derive", "stream", "readme"}
-
-
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_FIGURES))
-def test_every_command_with_figures_offers_their_formats(name, capsys):
-    parser = COMMANDS[name].parser()
-    (option,) = (action for action in parser._actions if action.dest == "formats")
-    assert tuple(option.choices) == FORMATS and option.default == ["pdf", "png"]
-
-
-def test_a_wrong_format_is_refused_with_the_choices(tmp_path, capsys):
-    message = refusal(misaligned.main, ["--formats", "gif", "--out", str(tmp_path / "out")], capsys)
-    sentence = message.strip().splitlines()[-1]
-    assert "--formats: invalid choice: 'gif'" in sentence and all(name in sentence for name in FORMATS)
-    assert not (tmp_path / "out").exists()
+def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
+    """What it is asked not to draw costs nothing; the page has its pictures and no section of figures."""
+    command = "from experiments import identify; identify.main()\nimport sys; assert 'matplotlib' not in sys.modules"
+    log = ["scenes/arm.xml", "scenes/arm.csv", "--estimator", "ordinary", "--name", "arm"]
+    options = [*log, "--formats", "none", "--out", str(tmp_path)]
+    subprocess.run([sys.executable, "-c", command, *options], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+    page = (tmp_path / "arm" / "report.html").read_text(encoding="utf-8")
+    assert not list(tmp_path.glob("arm/figure_*")) and 'id="figures"' not in page
+    assert page.count('<svg class="picture"') == 3 and "<img" not in page

@@ -37,6 +37,19 @@ CHART = "return document.querySelectorAll('canvas.chart')[arguments[0]].toDataUR
 SLIDE = "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
 
 
+UNFOLD = """
+document.querySelectorAll("details").forEach((each) => (each.open = true));
+return new Promise((done) => setTimeout(done, 100));
+"""
+"""Script that opens all folds, and waits until the replay is drawn in its own."""
+
+
+def unfolded(window, page, **how):
+    """Opens a page and its folds."""
+    window.open(page, **how)
+    window.run(UNFOLD)
+
+
 @pytest.fixture(scope="module")
 def page_of(tmp_path_factory):
     """Page of a command by its name, written once."""
@@ -55,7 +68,7 @@ def window():
 
 
 def test_the_slider_moves_the_arrows_and_the_cursor(page, window):
-    window.open(page)
+    unfolded(window, page)
     before, chart = window.run(RED), window.run(CHART, 0)
     window.run(SLIDE, 123)
     x, y = window.run(RED)
@@ -67,7 +80,7 @@ def test_the_slider_moves_the_arrows_and_the_cursor(page, window):
 
 
 def test_charts_zoom_all_at_once_and_back(page, window):
-    window.open(page)
+    unfolded(window, page)
     whole = [window.run(CHART, k) for k in (0, 5)]
     window.click("#zoom-in")
     near = [window.run(CHART, k) for k in (0, 5)]
@@ -78,7 +91,7 @@ def test_charts_zoom_all_at_once_and_back(page, window):
 
 
 def test_the_mechanism_turns_by_mouse_and_by_keys(page, window):
-    window.open(page)
+    unfolded(window, page)
     views = [window.run(RED)]
     window.drag("#view", (0, 0), (60, 20))
     views.append(window.run(RED))
@@ -88,7 +101,7 @@ def test_the_mechanism_turns_by_mouse_and_by_keys(page, window):
 
 
 def test_parameters_and_findings_tell_what_they_are_about(page, window):
-    window.open(page)
+    unfolded(window, page)
     window.click("[data-table=table_base_parameters] tbody tr:nth-child(5) button")
     text = window.run("return document.getElementById('told').textContent")
     assert "of link" in text and "95 % interval" in text and "regroup" not in text
@@ -103,8 +116,8 @@ def test_every_command_with_a_page_is_looked_at():
 
 @pytest.mark.parametrize("name", every_page.COMMANDS)
 def test_every_figure_has_its_data_with_named_curves(page_of, name):
-    for drawing in page_of(name).parent.rglob("figure_*.png"):
-        rows = list(csv.DictReader(drawing.with_suffix(".csv").read_text(encoding="utf-8").splitlines()))
+    for drawing in page_of(name).parent.rglob("figure_*.csv"):
+        rows = list(csv.DictReader(drawing.read_text(encoding="utf-8").splitlines()))
         curves = {(row["panel"], row["curve"]) for row in rows}
         assert len(rows) > 5 and (len(curves) == 1 or "" not in {curve for _, curve in curves}), drawing
         assert all(row["x_axis"] or row.get("x_category") for row in rows if row["mark"] != "span"), drawing
@@ -114,7 +127,7 @@ def test_every_figure_has_its_data_with_named_curves(page_of, name):
 @pytest.mark.parametrize("name", every_page.COMMANDS)
 def test_nothing_goes_wrong_or_out_and_the_page_fits(page_of, window, name, width, dark):
     page = page_of(name)
-    window.open(page, width=width, dark=dark)
+    unfolded(window, page, width=width, dark=dark)
     window.run(f"if (document.getElementById('slider')) {{ {SLIDE} }}", 40)
     assert window.log("browser") == []
     assert [url for url in window.requests() if not url.startswith("data:")] == [page.resolve().as_uri()]
@@ -133,9 +146,9 @@ def test_figures_are_dark_where_the_page_is(page, window):
 
 
 def test_paper_is_white_whatever_the_screen_is(page, window):
-    window.open(page)
+    unfolded(window, page)
     light = window.run(CHART, 0)
-    window.open(page, dark=True)
+    unfolded(window, page, dark=True)
     dark = window.run(CHART, 0)
     window.run("dispatchEvent(new Event('beforeprint'))")
     assert window.run(CHART, 0) == light != dark
@@ -144,7 +157,7 @@ def test_paper_is_white_whatever_the_screen_is(page, window):
 
 
 def test_printed_drawings_keep_their_proportions_and_have_a_legend(page, window):
-    window.open(page)
+    unfolded(window, page)
     window.devtools("Emulation.setEmulatedMedia", media="print")
     try:
         window.devtools("Emulation.setDeviceMetricsOverride", width=700, height=900, deviceScaleFactor=1, mobile=False)
@@ -161,19 +174,44 @@ def test_printed_drawings_keep_their_proportions_and_have_a_legend(page, window)
 
 
 @pytest.mark.parametrize("name", ["identify", "paper"])
-def test_wide_tables_take_the_width_of_the_window(page_of, window, name):
-    window.open(page_of(name), width=1400)
+def test_tables_fit_their_column_and_keep_their_heads_in_sight(page_of, window, name):
+    unfolded(window, page_of(name), width=1400)
     tables = "[...document.querySelectorAll('table')].map((table) => table.parentElement)"
-    assert window.run(f"return {tables}.some((each) => each.clientWidth > document.body.clientWidth)")
     assert window.run(f"return {tables}.filter((each) => each.scrollWidth > each.clientWidth).length") == 0
-    assert window.run("return document.documentElement.scrollWidth <= innerWidth")
+    heads = "[...document.querySelectorAll('thead th')]"
+    assert window.run(f"return {heads}.every((each) => getComputedStyle(each).position === 'sticky')")
+
+
+def test_the_first_screen_has_verdict_pictures_and_findings_and_no_more(page, window):
+    for width, height in ((1280, 800), (400, 1000)):
+        window.open(page, width=width, height=height)
+        ends = "return [...document.querySelectorAll(arguments[0])].map((each) => each.getBoundingClientRect().bottom)"
+        shown = ".verdict, .picture" if width == 400 else ".verdict, .picture, .findings > li:nth-child(3)"
+        assert max(window.run(ends, shown)) <= (1200 if width == 400 else height)
+        assert window.run("return document.querySelectorAll('main > details[open]').length") == 0
+        assert len(window.run("return document.querySelector('.verdict').textContent").split()) <= 23
+
+
+def test_links_open_what_they_lead_to_and_heads_sort_within_groups(page, window):
+    window.open(page)
+    window.click('nav a[href="#tables"]')
+    window.run("return new Promise((done) => setTimeout(done, 50))")
+    assert window.run("return document.getElementById('tables').open && !document.getElementById('figures').open")
+    estimates = """const table = document.querySelector("[data-table=table_base_parameters]");
+      const number = (row) => Number(row.cells[1].textContent.replace("\\u2212", "-"));
+      return [...table.tBodies].map((body) => [...body.querySelectorAll("tr[data-row]")].map(number))"""
+    before = window.run(estimates)
+    head = "[data-table=table_base_parameters] thead th:nth-child(2)"
+    for times, order in enumerate((sorted, lambda x: sorted(x, reverse=True), list), 1):
+        window.click(f"{head} button")
+        assert window.run(estimates) == [order(group) for group in before], times
 
 
 @pytest.mark.skipif(not AXE, reason="MULTICONTACT_AXE names no axe.min.js, of the npm package axe-core")
 @pytest.mark.parametrize(("width", "dark"), [(400, True), (1200, False)])
 @pytest.mark.parametrize("name", every_page.COMMANDS)
 def test_everybody_can_read_it(page_of, window, name, width, dark):
-    window.open(page_of(name), width=width, dark=dark)
+    unfolded(window, page_of(name), width=width, dark=dark)
     window.run(Path(AXE).read_text(encoding="utf-8"))
     violations = window.run("return axe.run({ resultTypes: ['violations'] }).then((all) => all.violations)")
     assert [(each["id"], each["nodes"][0]["html"]) for each in violations] == []

@@ -15,24 +15,6 @@ def write(path, text):
         temporary.write_text(text)
 
 
-def test_a_file_appears_under_its_name_alone_and_with_the_usual_permissions(tmp_path):
-    write(tmp_path / "a.csv", "first")
-    write(tmp_path / "a.csv", "second")
-    (tmp_path / "usual").touch()
-    assert (tmp_path / "a.csv").read_text() == "second"
-    assert (tmp_path / "a.csv").stat().st_mode == (tmp_path / "usual").stat().st_mode
-    assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "usual"}
-
-
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, ValueError])
-def test_a_block_that_fails_leaves_the_old_file_and_its_own_error(tmp_path, error):
-    write(tmp_path / "a.csv", "first")
-    with pytest.raises(error, match="stop"), replacing(tmp_path / "a.csv") as temporary:
-        temporary.write_text("second")
-        raise error("stop")
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.csv", "first")]
-
-
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
 def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
     write(tmp_path / "a.csv", "first")

@@ -8,7 +8,6 @@ from written_formats import write_c3d
 
 from experiments.angles import main
 from ident.errors import LogError
-from ident.files.csv_file import write_csv
 from ident.files.markers import Markers
 from ident.files.readers import read_markers
 
@@ -29,14 +28,6 @@ def test_trc_files_are_read(tmp_path, unit, factor):
     np.testing.assert_allclose(markers.positions, X, rtol=1e-14)
     np.testing.assert_array_equal(markers.time, TIME)
     np.testing.assert_array_equal(markers.visible, np.isfinite(X[..., 0]))
-
-
-@pytest.mark.parametrize("cells", ["\t\t", "nan\tNaN\tnan", "0\t0.0\t0", ""])
-def test_missing_markers_of_trc_files(tmp_path, cells):
-    lines = TEXT.splitlines()
-    lines[-2] = "\t".join(lines[-2].split("\t")[:5]) + "\t" + cells
-    (tmp_path / "a.trc").write_text("\r\n".join(lines) + "\t\r\n")
-    np.testing.assert_array_equal(read_markers(tmp_path / "a.trc").visible, np.isfinite(X[..., 0]))
 
 
 def damaged(row, old, new):
@@ -76,16 +67,6 @@ def table(text, tmp_path):
     return tmp_path / "a.csv"
 
 
-def test_tables_are_read(tmp_path):
-    path = table("time,A.x,A.y,A.z,remark\n0,1,2,3,\n0.1,,nan,,x\n", tmp_path)
-    markers = read_markers(path, "mm")
-    assert markers.labels == ("A",)
-    np.testing.assert_allclose(markers.positions[0, 0], [0.001, 0.002, 0.003])
-    assert markers.visible.tolist() == [[True], [False]]
-    np.savez(tmp_path / "a.npz", time=TIME, A=X[:, 0])
-    np.testing.assert_allclose(read_markers(tmp_path / "a.npz").positions[:, 0], X[:, 0])
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -111,19 +92,6 @@ def test_other_files_and_units_are_refused(tmp_path):
         read_markers(tmp_path / "a.trc", "m")
     with pytest.raises(LogError, match="markers need different labels, 'A' is given to more than one"):
         Markers(TIME[:1], ("A", "A"), np.zeros((1, 2, 3)))
-
-
-@pytest.mark.parametrize("time", [[np.nan, 1, 2], [0, 1, np.inf], [0, 1, 1]])
-def test_times_of_frames_are_finite_and_increase(time):
-    late = 1 if np.isnan(time[0]) else 3
-    with pytest.raises(LogError, match=f"finite and increase; frame {late} does not"):
-        Markers(np.array(time, float), ("A",), np.zeros((3, 1, 3)))
-
-
-def test_markers_are_columns_of_a_table(tmp_path):
-    table = Markers(TIME, LABELS, X).table
-    write_csv(tmp_path / "a.csv", table.cells, {})
-    np.testing.assert_array_equal(read_markers(tmp_path / "a.csv").positions, X)
 
 
 def test_markers_of_c3d_files_are_read(tmp_path):

@@ -122,9 +122,3 @@ def test_the_limit_is_raised_by_an_option(tmp_path, capsys):
         assert sentence[:20] not in refusal(main, given, capsys)
     # Read in smaller pieces it takes less memory.
     assert sentence[:20] not in refusal(stream.main, [*given, "--max-size", "9", "--piece", "1000"], capsys)
-
-
-def test_a_file_that_is_large_itself_is_no_trap(tmp_path):
-    recording = Recording(np.arange(1000.0), {"a": np.ones((1000, 3))})
-    recording.save(tmp_path / "r.npz")
-    np.testing.assert_array_equal(Recording.load(tmp_path / "r.npz", limit=500)["a"], recording["a"])

@@ -87,10 +87,3 @@ def test_what_does_not_fit_is_one_sentence(change, message):
     with pytest.raises(LogError) as refused:
         made(Cart, "cart", {**GIVEN, **change}, file="carts.toml")
     assert str(refused.value).startswith(message) and "\n" not in str(refused.value)
-
-
-def test_what_is_needed_is_named():
-    with pytest.raises(LogError, match=r"^the file needs name; it has seats\.$"):
-        made(Cart, "", {"seats": 3})
-    with pytest.raises(LogError, match=r"^the file needs a table of entries, got 3\.$"):
-        made(Cart, "", 3)

@@ -4,7 +4,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from experiments.document import figures
-from experiments.reports import identify_report
+from experiments.reports import identify_figures
 
 
 def not_drawn(figure: Figure, extension: str) -> bytes:
@@ -20,4 +20,4 @@ def leave_undrawn(patched: pytest.MonkeyPatch) -> None:
     patched.setattr(figures, "drawn", not_drawn)
     patched.setattr(figures, "align_ylabels", lambda axes: None)
     for name in ("held_out_figure", "parameters_figure", "spectra_figure"):
-        patched.setattr(identify_report, name, lambda *given: Figure())
+        patched.setattr(identify_figures, name, lambda *given: Figure())

@@ -67,17 +67,6 @@ def log_of(tmp_path, columns, wrench=None):
     return path
 
 
-def test_two_columns_of_the_same_name_stay_open(tmp_path):
-    q1, q2 = angles()
-    belief, columns = guessed(log_of(tmp_path, {"joint1_motor": q1, "joint1_load": q1, "joint2": q2}))
-    assert "joints.joint1.position" not in belief.quantities
-    assert any("'joint1' may be in joint1_motor or in joint1_load" in sentence for sentence in belief.open)
-    assert {"joint1_motor", "joint1_load"} <= set(belief.unused)
-    written = columns.read_text(encoding="utf-8")
-    assert '# [joints.joint1]\n# position = "?"' in written and "# Open: The position of 'joint1' may be in" in written
-    assert "joint1" not in {key.split(".")[1] for key in read_mapping(columns, arm().tree).columns if "joints" in key}
-
-
 def test_what_is_named_like_a_rate_but_is_none_is_left_out(tmp_path):
     q1, q2 = angles()
     noise = np.random.default_rng(0).normal(size=len(q1))
@@ -113,16 +102,6 @@ def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
     assert sum("which no other unit explains" in note for note in belief.notes) == 2
 
 
-def test_numbers_without_a_header_and_too_few_to_tell_stay_open(tmp_path):
-    path = tmp_path / "log.csv"
-    rng = np.random.default_rng(0)
-    rows = np.column_stack([np.arange(300) / 100, np.cumsum(rng.normal(size=(300, 4)), axis=0)])
-    path.write_text("\n".join(",".join(map(repr, row)) for row in rows.tolist()))
-    belief, columns = guessed(path)
-    assert belief.quantities == {} and belief.groups == {} and len(belief.open) >= 1
-    assert belief.unused == ["2", "3", "4", "5"] and "header = false" in columns.read_text()
-
-
 @pytest.mark.parametrize("lost", [6, 7])
 def test_positions_without_a_header_are_known_if_a_moment_is_missing(tmp_path, lost):
     rows = [line.split(",") for line in headless()[0].splitlines()]
@@ -130,11 +109,6 @@ def test_positions_without_a_header_are_known_if_a_moment_is_missing(tmp_path, l
     path.write_text("\n".join(",".join(row[:lost] + row[lost + 1 :]) for row in rows))
     belief, _ = guessed(path)
     assert {joint: x.column for joint, x in belief.of("position").items()} == {"joint1": "3", "joint2": "2"}
-
-
-def test_headless_places_are_said_to_be_guesses(tmp_path):
-    belief, _ = guessed(write(tmp_path, headless)[0])
-    assert any("taken for Fx by its place alone" in note for note in belief.notes)
 
 
 def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
@@ -216,27 +190,6 @@ def test_two_quaternions_of_one_joint_stay_open(tmp_path):
     mechanism = Mechanism(Tree((HIP,)), np.zeros(3))
     belief = believed_of(tmp_path, posed("hip1_q{}", TURNS, "wxyz") | posed("hip2_q{}", TURNS[::-1], "wxyz"), mechanism)
     assert not belief.poses and "The orientation of 'hip' may be in hip1 or in hip2." in belief.open
-
-
-def test_a_quaternion_goes_to_the_ball_joint_of_its_name(tmp_path):
-    twist = Body("twist", 0, np.eye(4), ball_twist(np.zeros(3)), "hip_twist")
-    belief = believed_of(tmp_path, posed("hip_twist_q{}", TURNS, "wxyz"), Mechanism(Tree((HIP, twist)), np.zeros(3)))
-    assert list(belief.poses) == ["joints.hip_twist"]
-
-
-GRIPPER = """<mujoco><worldbody><body name="hand"><joint name="wrist" axis="0 1 0"/><geom size=".05" mass="1"/>
-  <body name="left"><joint name="left" axis="0 0 1"/><geom size=".02" mass=".1" pos=".1 0 0"/></body>
-  <body name="right"><joint name="right" axis="0 0 1"/><geom size=".02" mass=".1" pos="-.1 0 0"/></body>
-</body></worldbody><equality><joint joint1="right" joint2="left" polycoef="0 -1 0 0 0"/></equality></mujoco>"""
-
-
-@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-def test_a_joint_that_the_model_couples_needs_no_column(tmp_path):
-    q, coupled = 0.5 * np.sin(np.arange(80).reshape(40, 2) / 9), sim.mechanism(mujoco.MjSpec.from_string(GRIPPER))
-    columns = {f"{joint}_position": x for joint, x in zip(("wrist", "left"), q.T, strict=True)}
-    belief = believed_of(tmp_path, columns, coupled)
-    assert belief.open == [] and belief.complete
-    assert "'right' follows 'left', as the model couples them." in belief.notes
 
 
 def believed_of(tmp_path, columns, mechanism):

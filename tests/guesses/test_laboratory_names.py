@@ -12,7 +12,7 @@ from guesses.robots import seven
 import ident
 import sim
 from experiments import columns as command
-from experiments.guesses.belief import LIKELY, SURE
+from experiments.guesses.belief import SURE
 from experiments.guesses.guess import believed
 from experiments.guesses.written import write_mapping
 from ident.estimation.loads import predicted_channels
@@ -97,20 +97,6 @@ def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, tor
     assert {x.unit for x in belief.of("position").values()} == {"deg" if factor > 1 else "rad"}
 
 
-@pytest.mark.parametrize("name", ["{n}_rad", "{n}PosRad", "rad_{n}", "{n} (rad)", "{n}_rad_measured"])
-def test_the_unit_of_a_name_wins_where_nothing_else_shows_it(tmp_path, name):
-    belief = belief_of(tmp_path, columns_of(name, 8 * Q))
-    assert {x.unit for x in belief.of("position").values()} == {"rad"}
-
-
-def test_a_unit_that_size_alone_suggests_is_not_sure(tmp_path):
-    columns = columns_of("{n}_position", 8 * Q)
-    belief = belief_of(tmp_path, columns)
-    assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("deg", LIKELY)}
-    belief = belief_of(tmp_path, columns_of("{n}_position", Q) | columns_of("{n}_torque", TAU))
-    assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("rad", SURE)}
-
-
 def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
     rates = np.gradient(8 * Q, TIME, axis=0)
     belief = belief_of(tmp_path, columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates))
@@ -152,12 +138,6 @@ def test_commands_beside_a_wrench_stay_remarks(tmp_path):
     assert "lift_command" not in ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml").measured
 
 
-def test_a_column_that_no_position_follows_is_no_command(tmp_path):
-    noise = np.cumsum(np.random.default_rng(1).normal(size=Q.shape), axis=0)
-    belief = belief_of(tmp_path, columns_of("{n}_pos", Q) | columns_of("action.{n}", noise))
-    assert mapped(belief, "command") == {}
-
-
 @pytest.mark.parametrize("name", ["{n}_force", "force_{n}", "{n} force [N]", "{n}_effort"])
 def test_forces_of_slides_are_theirs(tmp_path, name):
     arm, q, tau = log(("slide",) * 3)
@@ -187,8 +167,7 @@ WRIST = [
 ]
 
 
-@pytest.mark.parametrize("torques", [False, True])
-@pytest.mark.parametrize(("force", "torque"), WRIST)
+@pytest.mark.parametrize(("force", "torque", "torques"), [*((*names, False) for names in WRIST), (*WRIST[0], True)])
 def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque, torques):
     robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
     recording, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
@@ -241,25 +220,10 @@ def test_markers_lead_to_the_angles(tmp_path, capsys):
     assert "positions of 4 markers: M1, M2, M3, M4" in output and "may be in" not in output
 
 
-def test_a_free_body_and_columns_without_names_end_in_a_sentence(tmp_path):
-    free = '<mujoco><worldbody><body name="tool"><freejoint name="root"/><geom size=".1"/></body></worldbody></mujoco>'
-    body = sim.mechanism(mujoco.MjSpec.from_string(free), base="tool")
-    block = np.column_stack([TIME, *waves(0)[0].T])
-    (tmp_path / "log.txt").write_text("\n".join(", ".join(f"{x:.6f}" for x in row) for row in block))
-    belief = believed(body, [tmp_path / "log.txt"])
-    assert belief.quantities == {} and any("has no wrench, torque or commanded" in note for note in belief.notes)
-
-
 def test_wrapped_columns_are_unwrapped_before_they_are_compared(tmp_path):
     belief = belief_of(tmp_path, columns_of("q_{}", (DEG * Q) % 360) | columns_of("tau_{}", TAU))
     assert mapped(belief, "position") == dict(zip(JOINTS, ("q_1", "q_2", "q_3"), strict=True))
     assert any("jumps by a whole turn" in line for line in belief.log.summary())
-
-
-def test_velocities_of_any_names_are_derivatives_of_the_positions(tmp_path):
-    rates = dict(zip(("c", "a", "b"), np.gradient(Q, TIME, axis=0).T, strict=True))
-    belief = belief_of(tmp_path, columns_of("X{}", Q) | rates | columns_of("Y{}", TAU))
-    assert mapped(belief, "velocity") == dict(zip(JOINTS, rates, strict=True))
 
 
 def test_rates_of_joints_named_like_moments_are_no_wrench(tmp_path):
@@ -274,14 +238,3 @@ def test_rates_of_joints_named_like_moments_are_no_wrench(tmp_path):
     }
     belief = belief_of(tmp_path, columns, sim.mechanism(mujoco.MjSpec.from_string(text_of)))
     assert not belief.groups and mapped(belief, "velocity") == {name: f"{name}_vel" for name in names.values()}
-
-
-def test_gaps_and_turns_are_told_in_the_words_of_read_log(tmp_path):
-    kept = np.delete(np.arange(len(TIME)), np.arange(300, 330))
-    path = tmp_path / "log.csv"
-    path.write_text(text({"time": TIME[kept]} | columns_of("{n}_position", (DEG * Q[kept]) % 360)))
-    belief = believed(ARM, [path])
-    mapping = {"joints": {n: {"position": {"column": f"{n}_position", "unit": "deg"}} for n in JOINTS}}
-    notes = ident.read_log(path, ARM, mapping, gaps=True).notes
-    assert {note for note in notes if "have gaps" in note or "whole turn" in note} <= set(belief.log.summary())
-    assert belief.log.has_gaps and len(notes) >= 2

@@ -5,7 +5,7 @@ import pytest
 
 from experiments.guesses.clock import clock_of
 from experiments.guesses.families import families
-from experiments.guesses.words import LIKE, likeness, without_prefix, words
+from experiments.guesses.words import LIKE, likeness, words
 from ident.errors import LogError
 from ident.recordings.wrench_names import wrench_groups
 
@@ -57,14 +57,6 @@ def test_likeness_needs_numbers_and_sides(column, joint, alike):
 
 
 @pytest.mark.parametrize(
-    ("name", "commanded"),
-    [("field.q_d0", True), ("tau_J_d0", True), ("action.3", True), ("externalTorque_2", True), ("d_angle", False)],
-)
-def test_what_is_desired_or_of_something_else_is_told(name, commanded):
-    assert words(name).measured != commanded
-
-
-@pytest.mark.parametrize(
     ("names", "numbers", "kind"),
     [
         (["actual_q_0", "actual_q_1"], (0, 1), "position"),
@@ -85,28 +77,6 @@ def test_families_of_numbered_names(names, numbers, kind):
     assert family.names == tuple(sorted(names))
 
 
-@pytest.mark.parametrize("name", ["actual_TCP_pose_{}", "joint_temperature_{}", "target_q_{}", "tau_ext_{}", "time_{}"])
-def test_families_that_are_of_no_joint(name):
-    (family,) = families([name.format(k) for k in range(6)])
-    assert not family.is_of_joints
-
-
-def test_a_robots_name_is_no_part_of_its_joints():
-    own = without_prefix([words(name) for name in ("panda_joint1", "panda_joint2", "panda_finger_joint1")])
-    assert [each.core for each in own] == [("1",), ("2",), ("finger", "1")]
-
-
-def test_what_was_commanded_is_less_like():
-    joint = words("knee")
-    assert likeness(words("knee_cmd"), joint) < likeness(words("knee_pos"), joint)
-
-
-def test_components_of_one_wrench_belong_together():
-    names = [f"1_ground_force_{p}{a}" for p in "vp" for a in "xyz"] + [f"1_ground_torque_{a}" for a in "xyz"]
-    (group,) = wrench_groups([*names, "time", "knee_angle_r", "fuzzy"]).values()
-    assert set(group.values()) == set(names) and group["point", "y"] == "1_ground_force_py"
-
-
 @pytest.mark.parametrize("whose", ["1", "foot_r", "calcn_l"])
 @pytest.mark.parametrize("moment", ["force_{}_m{}", "moment_{}_m{}", "torque_{}_{}"])
 def test_moments_of_plates_belong_to_their_forces(whose, moment):
@@ -115,13 +85,6 @@ def test_moments_of_plates_belong_to_their_forces(whose, moment):
     (group,) = wrench_groups([*names, "knee_angle_r"]).values()
     kinds = ("force", "point", "torque")
     assert group == dict(zip([(kind, axis) for kind in kinds for axis in "xyz"], names, strict=True))
-
-
-@pytest.mark.parametrize(("step", "unit"), [(0.01, "s"), (0.001, "s"), (10.0, "ms"), (1000.0, "us"), (1e6, "ns")])
-def test_steps_tell_the_unit_of_times(step, unit):
-    rng, t = np.random.default_rng(0), step * (17 + np.arange(200.0))
-    clock = clock_of({"counter": np.arange(200.0), "x": rng.normal(size=200), "stamp": t})
-    assert clock.entry == {"column": "stamp", "unit": unit}
 
 
 def test_without_times_or_with_two_clocks_a_sentence_says_so():

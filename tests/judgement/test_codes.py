@@ -3,12 +3,13 @@
 import ast
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import ident
-from ident.judgement.codes import FINDINGS, SUBJECTS
+from ident.judgement.codes import FINDINGS, SUBJECTS, TITLES
 from ident.judgement.finding import Finding, in_json
 from ident.judgement.place import Place
 
@@ -128,6 +129,7 @@ EXAMPLES = {
     "setup_scale": [JOINT | {"alternatives": ()}],
     "setup_zero": [JOINT | {"alternatives": OTHERS}],
     "setup_axis": [JOINT | {"axis": "y"}],
+    "setup_centre": [JOINT | {"axis": "y"}, JOINT | {"axis": "z", "link": "-hip"}],
     "gravity_direction": [
         {**GRAVITY, "joint": None},
         {**GRAVITY, "joint": "hip"},
@@ -175,7 +177,7 @@ EXAMPLES = {
 
 def test_every_code_has_examples_and_is_of_one_subject():
     assert EXAMPLES.keys() == FINDINGS.keys()
-    assert sum(map(len, SUBJECTS)) == len(FINDINGS)
+    assert sum(map(len, SUBJECTS)) == len(FINDINGS) and TITLES.keys() <= FINDINGS.keys()
 
 
 @pytest.mark.parametrize("code", FINDINGS)
@@ -189,6 +191,7 @@ def test_every_sentence_is_rendered_and_the_same_from_a_file(code):
         assert max(len(each.split()) for each in sentences) <= 25
         assert not re.search(r"\d%", finding.text)
         read = json.loads(json.dumps(finding.to_dict(), allow_nan=False))
+        assert len(finding.title.split()) <= 7
         assert read["code"] == code and read["text"] == finding.text == FINDINGS[code].rendered(read["values"])
 
 
@@ -203,7 +206,8 @@ def test_every_code_is_the_finding_of_some_judge():
 def test_a_doubt_is_of_the_row_or_of_the_judge_and_never_of_both():
     assert Finding.of("weight_drifts", drift=1.0).doubt
     finding = Finding.of("weight_differs", Place(channels=("Fz",)), doubt=False, measured=1.0, model=2.0)
-    assert not finding.doubt and finding.place.channels == ("Fz",)
+    assert not finding.doubt and finding.title == "Weight differs: Fz"
+    assert replace(finding, place=Place(channels=tuple("abcde"))).title == "Weight differs"
     for wrong in ({"code": "weight_differs"}, {"code": "weight_drifts", "doubt": True}):
         with pytest.raises(ValueError, match="either from its row or from its judge"):
             Finding.of(wrong.pop("code"), **wrong)

@@ -12,7 +12,6 @@ from ident.judgement.fit_findings import (
     posture_findings,
     quality_findings,
     setup_remarks,
-    slow_residual_findings,
 )
 from ident.judgement.setup_findings import SetupFinding
 from ident.mechanism.motion import Motion
@@ -43,11 +42,6 @@ def test_an_estimate_that_did_not_settle_is_a_doubt(status, steps, doubted):
     assert not findings or findings[0].values == {"status": status, "rounds": len(steps)}
 
 
-def test_nothing_is_said_of_a_course_or_slow_residuals_without_a_trajectory_estimate():
-    assert not list(course_findings(SimpleNamespace(trajectory=None)))
-    assert not list(slow_residual_findings(SimpleNamespace(trajectory=None)))
-
-
 LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}
 
 
@@ -57,30 +51,6 @@ def test_a_set_up_that_explains_nothing_is_a_doubt_beside_what_was_found(setup):
     *remarks, doubt = setup_remarks(SimpleNamespace(setup=setup, trajectory=SimpleNamespace(search=search)))
     assert [(finding.code, finding.doubt) for finding in remarks] == [("setup_delay", False)] * len(setup)
     assert (doubt.code, doubt.doubt, doubt.values) == ("setup_unexplained", True, {"changed": bool(setup)})
-
-
-def slow(times, floor=0.0):
-    """Findings on two channels with a given ratio of total to fast noise."""
-    fast = np.random.default_rng(0).normal(size=(4000, 2))
-    noise, pieces = (
-        SimpleNamespace(floor_channels=np.full(2, floor)),
-        [SimpleNamespace(measured=x) for x in np.split(fast, 2)],
-    )
-    result = joint(channel_noise=np.array(times, float), noises=[noise], pieces=pieces)
-    result.channels = ("Fx", "Fz")
-    return list(slow_residual_findings(result))
-
-
-def test_more_than_a_sensors_noise_is_a_remark_from_three_times_on():
-    assert not slow([2.7, 2.7])
-    (finding,) = slow([2.7, 5.0])
-    assert not finding.doubt and finding.place.channels == ("Fz",) and not finding.values["all_channels"]
-    assert finding.values["factors"] == {"Fz": pytest.approx(5, abs=0.2)}
-    (both,) = slow([4.0, 5.0])
-    assert both.values["all_channels"] and both.values["factors"].keys() == {"Fx", "Fz"}
-    # Noise at its lower bound does not indicate an imperfect model.
-    assert not slow([2.7, 5.0], floor=2.0)
-    assert slow([2.7, 5.0], floor=1.5)
 
 
 def test_residuals_over_signals_are_sorted_by_what_they_mean():

@@ -11,7 +11,6 @@ from test_torque_checks import arm, log
 
 import ident
 from ident.judgement import torque_findings
-from ident.judgement.fit_findings import model_error_findings
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.torque_findings import friction_findings
 from ident.model.axes import Axes
@@ -38,16 +37,6 @@ def test_noise_is_not_taken_for_friction(rho, most):
     )
     assert 0.35 < np.mean(shares == 0) < 0.75
     assert shares.mean() < most
-
-
-def test_friction_is_taken_for_friction():
-    """Four fifths of a residual's variance in the first joint, part of which inertias explain first."""
-    dq = fitted().prepared.samples.motion.dq
-    rubs = np.sign(dq) / np.sign(dq).std(axis=0)
-    residual = np.random.default_rng(1).normal(size=dq.shape)
-    residual[:, 0] += 2 * rubs[:, 0]
-    shares = shares_of(residual)
-    assert 0.6 < shares[0] < 0.8 and shares[1:].max() < 0.1
 
 
 def axes(joints, **motors):
@@ -82,23 +71,6 @@ def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, rat
         assert finding.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
 
 
-@pytest.mark.parametrize(
-    ("share", "ratio", "worth_it"), [(0.55, 0.025, True), (0.45, 0.025, False), (0.55, 0.015, False)]
-)
-def test_a_model_is_not_quite_right_where_the_motion_explains_most_of_something(share, ratio, worth_it):
-    findings = list(model_error_findings(estimate(share, ratio)))
-    assert [(each.doubt, each.place.channels) for each in findings] == [(True, ("joint2",))] * worth_it
-
-
-def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
-    drives = tuple(f"{column}({joint})" for column in ("Fv", "Fc") for joint in ("joint1", "joint2"))
-    (finding,) = friction_findings(estimate(0.3, 0.1, drives))
-    assert not finding.doubt and finding.values["drives"] == ("viscous", "coulomb", "stribeck")
-    smeared = estimate(0.3, 0.1, drives)
-    smeared.trajectory = None
-    assert not list(friction_findings(smeared))
-
-
 def test_stribeck_friction_that_was_searched_for_is_not_asked_for_again():
     drives = tuple(f"{column}({joint})" for column in ("Fv", "Fc") for joint in ("joint1", "joint2"))
     result = estimate(0.3, 0.1, drives)
@@ -126,15 +98,6 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, at_rest=0.4, **motors):
     )
     result.at_rest = {"joint1": np.nan, "joint2": at_rest}
     return list(torque_findings.reversal_findings(result))
-
-
-def test_slack_at_rest_is_a_remark_with_the_residual_there(monkeypatch):
-    (finding,) = reversals(monkeypatch)
-    assert not finding.doubt and finding.code == "breakaway_friction" and finding.place.joints == ("joint2",)
-    assert finding.values == {"velocities": {"joint2": 0.05}, "at_rest": {"joint2": 0.4}}
-    assert not reversals(monkeypatch, size=0.0)
-    (finding,) = reversals(monkeypatch, at_rest=np.nan)
-    assert finding.values["at_rest"] == {}
 
 
 def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):

@@ -66,38 +66,9 @@ def test_halves_of_one_recording_are_compared_with_half_of_what_is_known_each(kn
     assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
 
 
-def test_halves_of_several_recordings_are_recordings():
-    """One recording against two."""
-    estimates, precision = [1.0, 0.2, 0.4, 0.5], [10, 20, 5, 8]
-    z = disagreement(joint(estimates, precision, counts=(1, 2, 1)))
-    (a, va), (b, vb) = (mean_and_variance(estimates[k], precision[k], 0, 0) for k in (slice(0, 1), slice(1, 4)))
-    assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
-
-
-def test_noise_that_is_really_more_makes_halves_agree():
-    """Variances are those of a sandwich: with four times the scatter, z is half as large."""
-    estimates, precision = [1.0, 0.2], np.array([10.0, 20])
-    assert disagreement(joint(estimates, precision, scatter=4 * precision)) == pytest.approx(
-        disagreement(joint(estimates, precision)) / 2
-    )
-
-
 def test_a_half_that_tells_nothing_disagrees_with_nobody():
     assert disagreement(joint([1.0, 0.0], [10, 0])) is None
     assert disagreement(joint([1.0, 0.0], [10, 0], known=1.0)) is not None
-
-
-def test_each_recording_is_compared_with_the_others():
-    """`θ_k - θ` has the variance 1 / (P - P_k) - 1 / P for the assumed noise; two recordings have one difference."""
-    estimates, precision = np.array([1.0, 1.1, 0.9, 3.0]), np.array([10.0, 20, 5, 8])
-    z = disagreements(joint(estimates, precision, counts=(1, 1, 1, 1)))
-    theta = precision @ estimates / precision.sum()
-    for k in range(4):
-        rest = np.delete(precision, k)
-        other = rest @ np.delete(estimates, k) / rest.sum()
-        assert z[k] == pytest.approx(abs(other - theta) / np.sqrt(1 / rest.sum() - 1 / precision.sum()))
-    assert np.argmax(z) == 3
-    assert disagreements(joint(estimates, precision, counts=(2, 2))) == ()
 
 
 def test_what_adds_nothing_does_not_differ_by_rounding():

@@ -38,18 +38,6 @@ def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways(
     assert "Left out, as asked for: Fz, Mx, My." in without.prepared.notes
 
 
-@pytest.mark.parametrize("estimator", ["weighted", "ordinary"])
-def test_least_squares_leave_it_out_as_well(estimator):
-    options = {"leave_out": sagittal_walker.SIDEWAYS, "estimator": estimator}
-    person = sagittal_walker.mechanism()
-    estimates = [
-        ident.identify(person, sagittal_walker.recording(exact=True, sway=sway), **options) for sway in (0.0, 1.0)
-    ]
-    np.testing.assert_allclose(estimates[0].psi, estimates[1].psi, rtol=1e-9)
-    truth = estimates[0].base.regroup(person.known)
-    np.testing.assert_allclose(estimates[0].psi, truth, atol=2e-3 * np.abs(truth).max())
-
-
 def test_signs_of_plates_are_still_held_against_the_model():
     """A plate with inverted signs is found by the remaining channels."""
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(300)

@@ -1,18 +1,13 @@
 """Sensors with clipped ranges or coarse steps: named, and their samples left out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from coded import coded
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
-from slow_pendulum import TIME, motion, recorded
+from slow_pendulum import recorded
 
 import ident
 from ident.estimation.preparation import prepared
-from ident.geometry.se3 import coAd
-from ident.recordings.sampled import Sampled
-from ident.recordings.wrench import Sensor
 
 
 def clipped(share, component=2, seed=0):
@@ -56,53 +51,6 @@ def test_a_channel_that_is_clipped_mostly_is_left_out():
     assert len(log.taken(slice(None))) == len(recording.time)
     (finding,) = coded(ident.identify(PENDULUM, recording), "clipped_channel")
     assert finding.values["share"] == pytest.approx(0.6, abs=0.005) and not finding.values["kept"]
-
-
-def test_samples_at_times_of_their_own_go_missing():
-    recording, limit = clipped(0.1)
-    time = recording.time[5:-5]
-    force = recording["ground_force"][5:-5]
-    log = prepared(PENDULUM, replace(recording, streams={"ground_force": Sampled(time, force)}))
-    values = log.recording.streams["ground_force"].values
-    np.testing.assert_array_equal(np.isnan(values[:, 2]), force[:, 2] == limit)
-    assert np.isfinite(values[:, :2]).all()
-
-
-def touched(share):
-    """A recording with a contact on the second link, whose force along z is clipped."""
-    recording, rng = faulty(), np.random.default_rng(1)
-    t, q = recording.time, recording.of_joints(JOINTS, "position")
-    force = np.stack([10 * np.sin(3 * t), 8 * np.cos(2 * t), 60 + 30 * np.sin(1.7 * t) + 10 * np.sin(4.1 * t)], axis=1)
-    tip = np.eye(4)
-    tip[2, 3] = 0.1
-    pose = PENDULUM.tree.poses(q)[:, PENDULUM.tree.names.index("link2")] @ tip
-    carried = (coAd(pose) @ np.hstack([force, 0 * force])[..., None])[..., 0]
-    force = force + 0.3 * rng.normal(size=force.shape)
-    force[:, 2] = np.minimum(force[:, 2], np.quantile(force[:, 2], 1 - share))
-    ground = angles_and_wrench(t, q, wrench_of(recording) - carried)
-    contact = {"tip_force": force, "tip_torque": 0.02 * rng.normal(size=force.shape)}
-    return replace(ground, measured={**ground.measured, **contact}).with_sensors({"tip": Sensor("link2", tip)})
-
-
-def test_a_clipped_contact_is_named_and_no_set_up_is_found_instead():
-    estimate = ident.identify(PENDULUM, touched(0.1))
-    (finding,) = coded(estimate, "clipped_channel")
-    assert finding.values["channel"] == "tip Fz" and 90 < finding.values["limits"][0] < 100
-    assert finding.place.wrenches == ("tip",)
-    assert not estimate.setup and (abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
-
-
-def test_a_torque_that_a_motor_limits_is_clipped_at_both_ends():
-    rng = np.random.default_rng(0)
-    states = motion(rng, 1.0)
-    torque = ident.joint_torque_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
-    torque = torque[:, 1] + 0.05 * rng.normal(size=len(TIME))
-    low, high = np.quantile(torque, [0.04, 0.95])
-    angles = {f"{joint}_position": q for joint, q in zip(JOINTS, states[0].T, strict=True)}
-    whole, cut = (ident.Recording(TIME, {**angles, "joint2_torque": x}) for x in (torque, np.clip(torque, low, high)))
-    assert not prepared(PENDULUM, whole).clipped
-    (own,) = prepared(PENDULUM, cut).clipped
-    assert own.channel == "joint2" and own.limits == (low, high) and own.share == pytest.approx(0.09, abs=0.01)
 
 
 @pytest.mark.parametrize("steps", [{}, {"forces": 0.01, "moments": 0.01}, {"forces": 3.0, "moments": 0.3}])

@@ -10,7 +10,6 @@ from coded import coded
 
 import ident
 import sim
-from ident.judgement.torque_causes import Parts
 from ident.setup import PRIORS
 
 JOINTS = driven_arm.JOINTS
@@ -25,7 +24,6 @@ LOOP = """<mujoco><compiler inertiafromgeom="true"/><worldbody><body name="base"
   <equality>{}</equality></mujoco>"""
 
 CLOSE = '<connect name="close" body1="brace" body2="rod" anchor=".2 0 .2"/>'
-MIMIC = '<joint name="mimic" joint1="pin" joint2="end"/>'
 
 
 def arm():
@@ -76,36 +74,6 @@ def test_a_hand_s_log_is_a_doubt_of_the_trajectory_estimate_too():
     estimate = ident.identify(arm(), recorded(lambda inertia, weight, q, dq: weight, seconds=6.0))
     (finding,) = coded(estimate, "motion_not_by_torques")
     assert "lift" in finding.place.joints and abs(finding.values["joints"]["lift"]["weight"] - 1) < 0.02
-
-
-def test_inertia_is_too_small_beside_the_weight_with_which_it_is_found():
-    assert not Parts(1.0, 0.01, 0.001, 0.01).moves and not Parts(0.0, 1e9, 0.02, 0.01).moves
-    assert Parts(1.0, 0.01, 0.09, 0.01).moves and Parts(0.3, 0.01, 0.03, 0.01).moves
-    # Too uncertain, or far below zero.
-    assert Parts(1.0, 0.01, 0.0, 0.05).moves and Parts(1.0, 0.01, -1.7, 0.3).moves
-
-
-def test_torques_without_friction_are_computed_or_simulated():
-    def found(torques, **options):
-        return coded(ident.identify(arm(), recorded(torques), setup=EXACT, **options), "computed_torques")
-
-    (finding,) = found(lambda inertia, weight, q, dq: inertia + weight)
-    assert not finding.doubt and finding.values["joints"] == JOINTS and finding.values["largest"] < 0.1
-    assert "without friction (turn, lift, bend)" in finding.text
-    squares = {"estimator": "weighted", "cutoff": 8.0, "drive": ()}
-    assert found(lambda inertia, weight, q, dq: inertia + weight, **squares)
-    assert not found(lambda inertia, weight, q, dq: inertia + weight + 0.3 * rubs(dq), **squares)
-    assert not found(lambda inertia, weight, q, dq: inertia + weight + 0.3 * rubs(dq))
-
-
-def test_joints_of_couplings_are_those_between_their_bodies():
-    spec = mujoco.MjSpec.from_string(LOOP.format(CLOSE + MIMIC))
-    mechanism = sim.mechanism(spec, base="base", ignore=["close", "mimic"])
-    assert mechanism.loops == {"close": ("pin", "hold"), "mimic": ("pin", "end")}
-    # A coupling of a joint that is fixed is none.
-    assert sim.mechanism(spec, base="base", ignore=["close"], fix={"pin": [0.0], "end": [0.0]}).loops == {
-        "close": ("hold",)
-    }
 
 
 def test_torques_of_a_loop_that_is_left_out_are_doubted_and_the_wrench_is_not():

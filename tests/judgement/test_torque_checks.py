@@ -13,8 +13,7 @@ from coded import coded
 import ident
 import sim
 from ident.estimation.preparation import prepared
-from ident.judgement.body_findings import rotor_findings
-from ident.judgement.torque_checks import FRICTION, _mounted, torque_checks
+from ident.judgement.torque_checks import torque_checks
 from ident.judgement.torque_findings import torque_findings
 from ident.setup import PRIORS
 
@@ -88,18 +87,6 @@ def test_a_heavy_load_is_no_factor_although_one_explains_some_torques(friction):
     assert finding.code == "torque_scale" and finding.values["load"] in ("tool", "link7")
 
 
-@pytest.mark.parametrize(
-    ("gains", "load"), [(4.0, True), (100.0, True), (0.25, False), (np.where(np.arange(7) == 2, 10.0, 1.0), False)]
-)
-def test_a_factor_on_torques_is_one_also_beside_a_load_and_both_are_named_where_either_may_be(gains, load):
-    """Loads explain torques that are all larger almost as well, and those of which one is larger not at all."""
-    result = checks(gains=gains, friction=1.0)
-    (finding,) = torque_findings(evidence_of(result))
-    assert finding.doubt and finding.values["gains"] == result.gains and result.grossly_wrong
-    assert (finding.values["load"] is not None) == load
-    assert checks(gains=gains, load=3.0, friction=1.0).grossly_wrong
-
-
 def evidence_of(result):
     """Evidence with checks of torques alone."""
     return SimpleNamespace(checks=SimpleNamespace(torques=result))
@@ -133,49 +120,3 @@ def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without
     assert not coded(estimate, "friction_not_fitted", "body_not_carried", "rotor_not_fitted", "rotor_inseparable")
     assert estimate.disagreement < 1.5
     assert set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
-
-
-def test_friction_that_is_more_at_low_velocity_is_suggested_where_there_is_some():
-    recording = log(friction=1.0, slow=0.4, seconds=10.0, rate=40.0)
-    estimate = ident.identify(arm(), recording, drive=FRICTION, setup=dict.fromkeys(PRIORS, 0.0))
-    (finding,) = coded(estimate, "friction_not_fitted")
-    assert finding.values["drives"] == ("viscous", "coulomb", "stribeck") and not finding.doubt
-
-
-def test_a_reversal_that_a_low_pass_smears_is_not_taken_for_it():
-    recording = log(friction=1.0, seconds=10.0, rate=50.0)
-    estimate = ident.identify(arm(), recording, drive=FRICTION, estimator="weighted", cutoff=10.0)
-    assert not coded(estimate, "friction_not_fitted")
-
-
-def test_rotors_are_to_be_fitted_or_cannot_be_told_from_the_links():
-    """A rotor on the first joint, whose axis is fixed, is inseparable from the inertia of its link."""
-
-    def rotors(*drive):
-        logged = prepared(arm(), log(seconds=3), cutoff=8.0, drive=drive)
-        fit = SimpleNamespace(equations=logged.equations)
-        evidence = SimpleNamespace(mechanism=logged.mechanism, logs=[logged], fit=fit)
-        return list(rotor_findings(evidence, ["link1", "link3"]))
-
-    fitted, merged = rotors()
-    assert fitted.code == "rotor_not_fitted" and fitted.values == {"joints": {"link3": "joint3"}}
-    assert merged.code == "rotor_inseparable" and merged.values == {"joints": {"link1": "joint1"}}
-    assert merged.place.bodies == ("link1",) and merged.place.joints == ("joint1",)
-    (merged,) = rotors("rotor")
-    assert merged.code == "rotor_inseparable" and merged.values == {"joints": {"link1": "joint1"}}
-
-
-def test_what_may_not_have_been_there_is_screwed_to_what_moves_and_has_a_mass():
-    """Neither a table on the base nor a frame without mass is a candidate; bodies on a tool belong to it."""
-    inertial = '<inertial mass="{}" pos="0 0 0" diaginertia=".01 .01 .01"/>'.format
-    model = f"""<mujoco><worldbody>
-      <body name="table">{inertial(5)}
-        <body name="link">{inertial(2)}<joint name="turn"/>
-          <body name="tool">{inertial(1)}<body name="camera">{inertial(0.1)}</body></body>
-          <body name="frame"/>
-          <body name="flange"><body name="hand">{inertial(0.7)}</body></body>
-        </body>
-        <body name="plate">{inertial(1)}</body>
-      </body></worldbody></mujoco>"""
-    mechanism = sim.mechanism(mujoco.MjSpec.from_string(model))
-    assert [mechanism.tree.names[i] for i in _mounted(mechanism)] == ["tool", "camera", "hand"]

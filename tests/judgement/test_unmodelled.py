@@ -10,7 +10,7 @@ import scenes
 import sim
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
-from ident.judgement.unmodelled import Comparison, unmodelled
+from ident.judgement.unmodelled import HypothesisFit, unmodelled
 from ident.mechanism.motion import Motion
 
 
@@ -44,11 +44,6 @@ def test_errors_of_the_set_up_are_none(fault):
     assert not coded(estimated(3, **fault), "unmodelled")
 
 
-@pytest.mark.parametrize("wrench", [True, False])
-def test_nothing_is_doubted_beside_torques_where_the_model_is_right(wrench):
-    assert ident.identify(PENDULUM, with_torques(2, wrench=wrench)).verdict().usable
-
-
 def compared(mechanism, wrench):
     """Hypotheses on exact samples of two random motions."""
     equations = Equations.of_wrench(mechanism)
@@ -59,7 +54,7 @@ def compared(mechanism, wrench):
     fitted, judged = (Samples(m, wrench(m) + e) for m, e in zip(motions, noise, strict=True))
     prior = np.zeros((len(values), len(values)))
     counting = np.ones((200, 6), bool)
-    return unmodelled([Comparison(equations, values, prior, fitted, counting, judged)])
+    return unmodelled([HypothesisFit(equations, values, prior, fitted, counting, judged)])
 
 
 def test_a_length_and_a_force_are_found_exactly():

@@ -19,13 +19,6 @@ def test_the_mass_of_an_estimate_is_that_of_all_bodies():
     assert not coded(estimate, "mass_by_setup", "mass_or_common_gain")
 
 
-def test_a_gain_that_was_found_is_held_against_the_weight():
-    """Fz reads a tenth too much: the estimate has the model's weight, the wrenches a larger one."""
-    (finding,) = coded(estimated(gains=(1, 1, 1.1, 1, 1, 1)), "mass_by_setup")
-    assert not finding.doubt and finding.values["weighed"] == pytest.approx(23.10, abs=0.005)
-    assert finding.values["model"] == pytest.approx(20.99, abs=0.005)
-
-
 def test_it_is_a_doubt_where_the_wrenches_and_the_model_agree():
     """The model is as wrong as the channel."""
     model = replace(PENDULUM, prior=1.1 * PENDULUM.known)

@@ -6,7 +6,7 @@ import pytest
 from marked import errors, labels_of, marked_person, trial
 
 from ident.errors import InputError, ModelError
-from sim.markers.lengths import SPREAD, grouped, scaled_model, scaling
+from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import marked_model
 from sim.markers.scaled_file import write_scaled
 from sim.markers.trial_fit import fit_trial
@@ -37,18 +37,6 @@ def test_with_noise_factors_are_within_their_deviations(person):
     scaled = scaling(marked, x + 0.002 * np.random.default_rng(4).normal(size=x.shape), groups)
     z = (scaled.factors - factors) / scaled.std
     assert (z**2).sum() < 45 and scaled.std.max() < 0.03  # χ² with 18 degrees of freedom, 99.96 %.
-
-
-def test_what_no_marker_tells_of_keeps_its_length(person):
-    marked, groups, factors, *_, x = person
-    y = x.copy()
-    y[:, [k for k, label in enumerate(marked.labels) if "hand" in label or "head" in label]] = np.nan
-    scaled = scaling(marked, y, groups)
-    for group, factor, std, true in zip(groups, scaled.factors, scaled.std, factors, strict=True):
-        if group[0] in ("left_hand", "right_hand", "head"):
-            assert (factor, std) == pytest.approx((1, SPREAD), rel=1e-3)
-        else:
-            assert factor == pytest.approx(true, abs=1e-6)
 
 
 def test_sides_and_groups_share_a_factor(person):

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from marked import labels_of, marked_person, trial
 
-import sim
 from ident.errors import InputError
-from ident.estimation.preparation import prepared
-from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 from sim.markers.marked_model import base_of, marked_model
 from sim.markers.recording import recording
 from sim.markers.trial_fit import fit_trial
@@ -41,25 +37,6 @@ def test_frames_without_markers_and_joints_without_any(person):
     np.testing.assert_allclose(angles.base[there, :3, 3], qpos[there, :3], atol=1e-9)
     assert np.isnan(angles.as_measured("left_knee_position").values).sum() == 3
     assert 0 <= angles.noise["left_knee_position"] < 1e-8
-
-
-def test_an_estimate_takes_the_angles_of_a_person_with_balls(person, tmp_path):
-    marked, time, qpos, x = person
-    rng = np.random.default_rng(0)
-    felt = Recording(time, {f"ground_{kind}": rng.normal(size=(30, 3)) for kind in ("force", "torque")})
-    angles = recording(fit_trial(marked, x), time, "pelvis", felt=felt)
-    mechanism = sim.mechanism(marked_person(), base="pelvis")
-    angles.save(tmp_path / "angles.csv")
-    for log in (angles, read_log(tmp_path / "angles.csv", mechanism)):
-        q = prepared(mechanism, log, cutoff=20).samples.motion.q
-        expected = np.hstack([qpos[:, _coordinates(marked.model, joint)] for joint in mechanism.tree.joints])
-        np.testing.assert_allclose(log.of_joints(mechanism.tree.joints, "position"), expected, atol=1e-8)
-        assert q.shape == expected.shape
-
-
-def _coordinates(model, joint):
-    first = int(model.joint(joint).qposadr[0])
-    return slice(first, first + len(model.joint(joint).qpos0))
 
 
 def test_a_base_that_no_marker_tells_of_is_refused(person):

@@ -8,8 +8,8 @@ from opensim_walker import PLANAR, leg, motion, trial
 from experiments.angles import main
 from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
-from sim.markers.frame_fit import Kinematics, fitted
-from sim.markers.marked_model import marked_model, marked_positions
+from sim.markers.frame_fit import Kinematics
+from sim.markers.marked_model import marked_model
 
 
 @pytest.fixture(scope="module")
@@ -30,17 +30,6 @@ def test_markers_are_where_the_tree_has_them_and_followers_are_in_the_jacobian(f
     for d, step in enumerate(1e-6 * np.eye(len(marked.dofs))):
         ends = [kinematics.positions(kinematics.moved(qpos, sign * step)).copy() for sign in (1, -1)]
         np.testing.assert_allclose(J[:, :, d], (ends[0] - ends[1]) / 2e-6, atol=1e-8)
-
-
-@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-def test_a_posture_is_found_from_any_side(folder):
-    markers = read_markers(folder / "walk.trc")
-    marked, unmatched = marked_model(folder / "leg.osim", markers.labels)
-    x = marked_positions(markers, unmatched, marked, None)[0]
-    posture = fitted(Kinematics(marked), marked.rest, x, marked.weights)
-    np.testing.assert_allclose(posture.qpos[marked.dofs], motion()[1][0], atol=0.02)
-    turned = marked_positions(markers, unmatched, marked, "z")[0]
-    np.testing.assert_allclose(turned[:, 1], markers.positions[0, :, 2])
 
 
 @pytest.mark.usefixtures("undrawn")

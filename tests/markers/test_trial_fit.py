@@ -12,7 +12,6 @@ from ident.errors import InputError
 from sim.markers.frame_fit import Kinematics
 from sim.markers.marked_model import marked_model
 from sim.markers.recording import swaps
-from sim.markers.settings import Place
 from sim.markers.trial_fit import check_fit, fit_trial
 
 FRAMES = 60
@@ -68,32 +67,6 @@ def test_with_noise_angles_are_within_their_covariance(person):
     np.testing.assert_allclose((z**2).mean(axis=0), 1, atol=5 * np.sqrt(2 / len(z)))
 
 
-def test_missing_markers_widen_the_covariance_and_do_no_harm(person):
-    marked, _, qpos, x = person
-    rng, y = np.random.default_rng(3), noisy(x, 9)
-    y[rng.uniform(size=y.shape[:2]) < 0.08] = np.nan
-    postures = fit_trial(marked, y)
-    determined = postures.determined.all(axis=1)
-    chi, _ = chi_squared(marked, postures, qpos)
-    assert determined.sum() > FRAMES / 2
-    assert chi[determined].mean() == pytest.approx(41, abs=5 * np.sqrt(82 / determined.sum()))
-    complete = fit_trial(marked, noisy(x, 9))
-    assert (postures.spread.diagonal(axis1=1, axis2=2) >= 0.99 * complete.spread.diagonal(axis1=1, axis2=2)).all()
-
-
-def test_what_no_marker_tells_is_said_not_to_be_determined(person):
-    marked, _, qpos, x = person
-    y = x.copy()
-    head = [k for k, label in enumerate(marked.labels) if label.startswith("head")]
-    y[20:30, head] = np.nan
-    postures = fit_trial(marked, y)
-    neck = [k for k, name in enumerate(marked.dof_names) if name.startswith("neck")]
-    assert not postures.determined[20:30, neck].any()
-    others = np.delete(np.arange(len(marked.dofs)), neck)
-    assert postures.determined[:, others].all() and postures.determined[:20].all()
-    assert np.abs(errors(marked.model, postures.qpos, qpos))[:, others].max() < 1e-9
-
-
 def test_outlying_and_exchanged_markers_are_found_and_do_no_harm(person):
     marked, _, qpos, x = person
     y = noisy(x, 5)
@@ -131,20 +104,6 @@ def test_markers_of_something_else_are_refused(person):
     check_fit(postures := fit_trial(marked, x[:3]))
     with pytest.raises(InputError, match=r"The markers are 0\.2 m from where the model can have them: check"):
         check_fit(replace(postures, sigma=0.2))
-
-
-def test_weights_tell_which_markers_are_noisier(person):
-    spec = marked_person()
-    marked, _, qpos, x = person
-    rough = [label for label in marked.labels if label.endswith("_2")]
-    places = {label: Place(label, weight=1 / 16) for label in rough}
-    weighted, _ = marked_model(spec, marked.labels, places)
-    std = np.where(np.isin(marked.labels, rough), 0.008, 0.002)
-    y = x + std[:, None] * np.random.default_rng(8).normal(size=x.shape)
-    postures = fit_trial(weighted, y)
-    assert postures.sigma == pytest.approx(0.002, rel=0.05)
-    chi, _ = chi_squared(weighted, postures, qpos)
-    assert chi.mean() == pytest.approx(41, abs=5 * np.sqrt(82 / FRAMES))
 
 
 def test_slides_and_fixed_joints():

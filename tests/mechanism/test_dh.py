@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,40 @@ def test_a_link_without_inertia_keeps_its_joint():
 def test_tables_that_are_no_trees_are_refused(frames, message):
     with pytest.raises(ModelError, match=message):
         tree_from_mdh(frames)
+
+
+def test_a_parallelogram_of_dependent_joints_keeps_its_last_link_upright():
+    """Khalil and Dombre's table of a parallelogram, opened: the last link turns back by what those before it turned."""
+    rows = [
+        Frame("1", None, "revolute", alpha=0.0),
+        Frame("2", "1", "revolute", alpha=np.pi / 2, d=0.2),
+        Frame("3", "2", "revolute", d=0.5, follows={"2": -1.0}, constant=np.pi / 2),
+        Frame("4", "3", "revolute", d=0.4, follows={"3": 2.0, "1": 0.5}, constant=0.1),
+    ]
+    tree, free = tree_from_mdh(rows), tree_from_mdh([replace(row, follows={}) for row in rows])
+    assert tree.joints == ("1", "2") and tree.dependent == ("3", "4")
+    q = np.random.default_rng(0).normal(size=(5, 2))
+    third = np.pi / 2 - q[:, 1]
+    np.testing.assert_allclose(
+        tree.poses(q), free.poses(np.stack([*q.T, third, 0.1 + 2 * third + 0.5 * q[:, 0]], axis=1)), atol=1e-12
+    )
+    upright = tree.poses(q)[:, 2, :3, 0]
+    np.testing.assert_allclose(upright, np.tile([0, 0, 1.0], (5, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        ({"1": 1.0}, {}, r"Frame '1' needs to follow joints out of 2, got '1'\."),
+        ({"fixed": 1.0}, {}, r"Frame '1' needs to follow joints out of 2, got 'fixed'\."),
+        ({"2": 1.0}, {"1": 1.0}, r"The frames 1, 2 follow each other; one of them needs a joint of its own\."),
+    ],
+)
+def test_a_joint_follows_others_that_move(first, second, message):
+    rows = [
+        Frame("1", None, "revolute", follows=first),
+        Frame("fixed", "1", "fixed"),
+        Frame("2", "fixed", "prismatic", follows=second),
+    ]
+    with pytest.raises(ModelError, match=message):
+        tree_from_mdh(rows)

@@ -36,13 +36,6 @@ def test_noise_is_held_and_integrated_exactly():
     assert not dq[0].any() and not q[0].any()
 
 
-def test_noise_does_not_depend_on_the_sampling():
-    fine = DOUBLE_PENDULUM.trajectory(np.arange(1000) / 1000, np.random.default_rng(0))
-    coarse = DOUBLE_PENDULUM.trajectory(np.arange(50) / 100, np.random.default_rng(0))
-    for a, b in zip(fine, coarse, strict=True):
-        np.testing.assert_allclose(a[:500:10], b, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

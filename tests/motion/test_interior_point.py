@@ -49,14 +49,6 @@ def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
     assert abs(limits @ x[:, :, None]).max() > 0.99
 
 
-def test_a_minimum_that_no_limit_binds_is_found():
-    target = np.array([[0.3, -0.2], [0.1, 0.0]])
-    limits = np.tile(np.eye(2), (2, 1, 1))
-    x = minimum(lambda x: (float(np.sum((x - target) ** 2)), 2 * (x - target)), np.zeros((2, 2)), limits, 100)
-    np.testing.assert_allclose(x, target, atol=1e-2)
-    assert not minimum(lambda x: (0.0, np.zeros_like(x)), np.zeros((2, 2)), limits, 50).any()
-
-
 def test_the_best_point_visited_is_kept_where_the_function_has_no_end():
     """Steps into values that are not numbers are rejected."""
 

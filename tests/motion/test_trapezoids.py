@@ -4,16 +4,7 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from sim.motion.trapezoids import LASTING, REACH, RESTING, Trapezoids
-
-
-def test_a_move_by_hand():
-    """3 rad in 3 s: it accelerates for a second to 1.5 rad/s, moves on for a second, and decelerates."""
-    move = Trapezoids([[1.0]], [[3.0]], [[0.5, 3.5]])
-    q, dq, ddq = (x[:, 0] for x in move.trajectory(np.array([-5, 0.9, 1.5, 2, 2.5, 3, 3.5, 4.1, 9])))
-    np.testing.assert_allclose(q, [0.5, 0.5, 0.6875, 1.25, 2, 2.75, 3.3125, 3.5, 3.5])
-    np.testing.assert_allclose(dq, [0, 0, 0.75, 1.5, 1.5, 1.5, 0.75, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(ddq[[0, 1, 2, 4, 6, 7, 8]], [0, 0, 1.5, 0, -1.5, 0, 0], atol=1e-12)
+from sim.motion.trapezoids import Trapezoids
 
 
 def test_velocities_and_accelerations_are_the_derivatives():
@@ -26,17 +17,6 @@ def test_velocities_and_accelerations_are_the_derivatives():
     wrong = np.abs(np.gradient(dq, h, axis=0) - ddq) > 1e-6
     assert wrong.mean() < 4 * 3 * 11 / len(time)
     np.testing.assert_array_equal(drawn.with_noise(3).trajectory(time, np.random.default_rng(1))[0], q)
-
-
-def test_drawn_moves_fill_the_time_with_moves_and_rests():
-    drawn = Trapezoids.drawn(np.random.default_rng(1), 4, 20)
-    assert (drawn.start[:, -1] + drawn.lasting[:, -1] > 20).all()
-    _, dq, ddq = drawn.trajectory(np.arange(2000) / 100)
-    rests = ((dq == 0) & (ddq == 0)).mean()
-    assert 0.5 * np.mean(RESTING) / np.mean(LASTING) < rests < 0.4
-    assert np.abs(drawn.goals).max() <= REACH
-    # Joints do not jump together.
-    assert len(np.unique(drawn.start)) == drawn.start.size
 
 
 @pytest.mark.parametrize(

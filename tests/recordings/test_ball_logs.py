@@ -10,7 +10,6 @@ from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 
 N = 40
 RNG = np.random.default_rng(0)
@@ -57,24 +56,6 @@ def test_balls_are_mapped_as_lists_of_columns(tmp_path):
     entries = {"position": "wxyz", "velocity": "xyz", "torque": "xyz"}
     lines = [f"{kind} = {[f'C7 {kind} {c}' for c in suffixes]}" for kind, suffixes in entries.items()]
     check(read(tmp_path, cells, "\n".join(["[joints.neck]", *lines])))
-
-
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_what_a_recording_saves_is_read(tmp_path, suffix):
-    measured = {"neck_position": NECK, "neck_velocity": RATES, "neck_torque": TORQUES}
-    measured |= {"elbow_position": ELBOW, "elbow_velocity": np.cos(T)}
-    Recording(T, measured).save(tmp_path / f"log.{suffix}")
-    check(read_log(tmp_path / f"log.{suffix}", MECHANISM))
-
-
-def test_samples_of_a_ball_may_be_missing(tmp_path):
-    cells = columns()
-    cells["neck_position.y"] = np.where(np.arange(N) == 7, np.nan, cells["neck_position.y"])
-    log = read(tmp_path, cells, gaps=True)
-    values = log.as_measured("neck_position").values
-    assert np.isnan(values[7]).all() and np.isfinite(np.delete(values, 7, axis=0)).all()
-    between = Rotation.from_quat(log["neck_position"][7], scalar_first=True)
-    assert (between.inv() * TURNS[7]).magnitude() < 1e-3
 
 
 REFUSED = {

@@ -26,12 +26,6 @@ def test_flat_ends_are_found(low, high, step):
         assert moves(each.samples, Q)
 
 
-def test_missing_samples_do_not_matter():
-    x = np.where(np.arange(len(T)) % 9, np.minimum(NOISY, 0.9), np.nan)
-    (limit,) = limits(x)
-    np.testing.assert_array_equal(limit.samples, x == 0.9)
-
-
 @pytest.mark.parametrize(
     "x",
     [
@@ -46,10 +40,3 @@ def test_missing_samples_do_not_matter():
 )
 def test_peaks_empty_plates_and_coarse_steps_are_not_clipped(x):
     assert limits(x) == []
-
-
-def test_a_rest_at_an_extreme_posture_is_not_clipped():
-    turned = 1 - np.cos(np.minimum(T, 3) * np.pi / 3)
-    (limit,) = limits(rounded(turned, 0.01))
-    assert limit.value == 2 and not moves(limit.samples, turned[:, None])
-    assert not moves(limit.samples, np.zeros((1000, 0)))

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from malformed_logs import DQ, GROUND_COLUMNS, PLAIN, N, Q, T, text
+from malformed_logs import DQ, PLAIN, N, Q, T, text
 
 from ident.errors import LogError
-from ident.files.column import Columns, Sum, joints_behind_motors
+from ident.files.column import Columns, joints_behind_motors
 from ident.files.schema import value_of
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
@@ -135,11 +135,6 @@ def test_joints_behind_motors_keep_power_and_position(matrix, seed):
     np.testing.assert_allclose(values("torque", torque / factors), torque @ matrix, atol=1e-9)
 
 
-def test_a_sum_says_what_it_is():
-    assert Sum(("a", "b"), (0.5, -2.0), -3.0).name == "0.5*a - 2*b - 3"
-    assert Sum(("a",), (-1.0,)).name == "-1*a"
-
-
 def test_selected_rows_and_times(tmp_path):
     junk = text(PLAIN).splitlines()
     junk[1] = "[s],[rad],[rad]"
@@ -165,38 +160,6 @@ def test_one_wrong_stamp_is_told(tmp_path):
     wrong = {**PLAIN, "time": T + 3e8 * (np.arange(N) == N - 1)}
     with pytest.raises(LogError, match=r"column 'time' jumps from 0\.38 s to 300000000\.4 s where 40 samples"):
         read(tmp_path, wrong, "", gaps=True)
-
-
-NUMBERED = '[file]\nheader = false\n[joints.ankle]\nposition = "2"\n[joints.hip]\nposition = "3"\n'
-
-
-@pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", "   "])
-@pytest.mark.parametrize("name", ["log.csv", "log.txt.gz"])
-def test_text_without_a_header(tmp_path, delimiter, name):
-    rows = "\n".join(text(PLAIN, delimiter).splitlines()[1:])
-    log = read(tmp_path, rows, 'time = "1"\n' + NUMBERED, name)
-    np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "position"), Q)
-    skipping = "made by a machine\n\n" + rows
-    log = read(tmp_path, skipping, 'time = "1"\n' + NUMBERED.replace("[file]", "[file]\nskip = 2"), name)
-    np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "position"), Q)
-
-
-def test_packed_text_in_pieces(tmp_path):
-    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(text(PLAIN | GROUND_COLUMNS).encode("utf-16")))
-    pieces = list(read_log_pieces(tmp_path / "log.csv.gz", MECHANISM, None, 13))
-    np.testing.assert_array_equal(np.concatenate([piece["hip_position"] for piece in pieces]), Q[:, 1])
-
-
-def test_packed_text_may_be_longer_than_its_pieces_may(tmp_path):
-    """The size limit applies to a piece: files of any length are read in pieces."""
-    rows, zeros = 20_000, "0" * 200
-    lines = "".join(f"{0.01 * k:.2f},0.0,0.0,{zeros}\n" for k in range(rows))
-    packed = gzip.compress(("time,q_ankle,q_hip,unused\n" + lines).encode())
-    limit = 2_000_000
-    assert 8 * len(packed) < limit < len(lines) / 2
-    (tmp_path / "log.csv.gz").write_bytes(packed)
-    pieces = read_log_pieces(tmp_path / "log.csv.gz", MECHANISM, None, 1000, limit=limit)
-    assert sum(len(piece.time) for piece in pieces) == rows
 
 
 def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):

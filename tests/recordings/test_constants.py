@@ -2,17 +2,15 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
-from recorded_faults import JOINTS, PENDULUM, angles_and_wrench, faulty, wrench_of
+from recorded_faults import JOINTS, PENDULUM, faulty
 from scipy.spatial.transform import Rotation
 from written_formats import write_csv
 
 import ident
-import sim
 from experiments.studies.identification import prepare
-from ident.errors import InputError, LogError
+from ident.errors import InputError
 from ident.estimation.preparation import prepared
 from ident.identification import identified
 from ident.recordings.log import read_log
@@ -27,17 +25,6 @@ def with_base(position, quaternion, **others):
     return {"base": {"position": position, "quaternion": quaternion, **others}}
 
 
-def test_joints_and_a_base_may_have_numbers_in_any_unit():
-    first, second = JOINTS
-    columns = {**COLUMNS, "z": 1e3 * LOG.time, "none": 0 * LOG.time}
-    mapping = {"joints": {first: {"position": {"constant": 30, "unit": "deg"}}, second: {"position": -0.5}}}
-    mapping |= with_base([100, -200.5, "z"], [0.6, 0, {"column": "none", "constant": 0.8}, 0], unit="mm")
-    log = read_log(columns, PENDULUM, mapping)
-    np.testing.assert_allclose(log.of_joints(JOINTS, "position"), np.tile([np.pi / 6, -0.5], (len(log.time), 1)))
-    np.testing.assert_allclose(log.base[:, :3, 3], np.stack([0.1 + 0 * log.time, -0.2005 + 0 * log.time, log.time], 1))
-    np.testing.assert_allclose(log.base[:, :3, :3], np.broadcast_to(R, log.base[:, :3, :3].shape))
-
-
 def test_constants_have_the_times_of_any_file(tmp_path):
     for name, columns in (("a.csv", COLUMNS), ("b.csv", {"time": LOG.time, "z": LOG.time})):
         write_csv(tmp_path / name, columns)
@@ -45,23 +32,6 @@ def test_constants_have_the_times_of_any_file(tmp_path):
     log = read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}", PENDULUM, mapping)
     assert (log[f"{JOINTS[0]}_position"] == 0.25).all()
     np.testing.assert_allclose(log.base[[0, -1], :3, 3], [[1, 2, 3]] * 2)
-
-
-@pytest.mark.parametrize(
-    ("mapping", "message"),
-    [
-        ({"joints": {JOINTS[0]: {"torque": 3}}}, r"joints\.joint1\.torque needs a table of entries, got 3"),
-        ({"joints": {JOINTS[0]: {"position": True}}}, r"joints\.joint1\.position needs a table of entries, got True"),
-        ({"joints": {JOINTS[0]: {"position": float("nan")}}}, "needs a number, got nan"),
-        ({"joints": {JOINTS[0]: {"position": {"constant": 1, "gain": 2}}}}, "needs the name of a column"),
-        (with_base([1, 2, 3], [1, 2, 3, 4]), r"base\.quaternion needs a norm of 1"),
-        (with_base([1, 2], TILTED), r"base\.position needs a list of 3 columns, got \[1, 2\]"),
-        ({"wrenches": {"ground": {"force": [0, 0, "z"]}}}, r"wrenches\.ground\.force needs a list of 3 columns"),
-    ],
-)
-def test_other_constants_are_refused(mapping, message):
-    with pytest.raises(LogError, match=message):
-        read_log(COLUMNS, PENDULUM, mapping)
 
 
 def resting(quaternion, **others):
@@ -95,39 +65,10 @@ def test_logs_of_bases_that_rest_differently_are_refused():
             identified([plain, log], estimator="weighted")
 
 
-def test_contacts_alone_carry_a_resting_base_unless_something_holds_it():
-    wrench, sensor = wrench_of(LOG), {"hand": ident.Sensor("link2")}
-    T = resting([1, 0, 0, 0]).base
-    log = angles_and_wrench(LOG.time, LOG.of_joints(JOINTS, "position"), wrench)
-    log = replace(
-        log, measured={k.replace("ground", "hand"): x for k, x in log.measured.items()}, sensors=sensor, base=T
-    )
-    ready = prepared(PENDULUM, log, filters=False)
-    assert ready.recording.base is None and not ready.recording.is_held(PENDULUM.tree)
-    with pytest.raises(LogError, match="the wrench 'ground' has to be measured"):
-        prepared(PENDULUM, replace(log, held=True), filters=False)
-
-
 FLOATING = """<mujoco><worldbody><body name="base"><freejoint name="root"/>
 <inertial pos="0 0 0.05" mass="5" diaginertia=".1 .1 .1"/>
 <body name="arm" pos="0 0 .1"><joint name="turn" axis="0 1 0"/>
 <inertial pos="0 0.01 .2" mass="2" diaginertia=".02 .02 .004"/></body></body></worldbody></mujoco>"""
-
-
-@pytest.mark.parametrize("held", [True, False])
-def test_a_held_base_that_turns_about_a_constant_point_needs_no_wrench(held):
-    t = LOG.time
-    turns = Rotation.from_euler("xy", np.stack([0.4 * np.sin(2 * t), 0.3 * np.cos(3 * t)], axis=1))
-    quaternion = turns.as_quat(scalar_first=True)
-    columns = {"time": t, "turn_position": np.sin(t), "turn_torque": np.cos(t), "turn_velocity": np.cos(t)}
-    columns |= {f"q{k}": x for k, x in zip("wxyz", quaternion.T, strict=True)}
-    arm = sim.mechanism(mujoco.MjSpec.from_string(FLOATING), base="base")
-    log = read_log(columns, arm, with_base([0, 0, 1], ["qw", "qx", "qy", "qz"], held=held))
-    ready = prepared(arm, log, filters=False)
-    assert ready.recording.base is not None
-    assert (
-        ready.equations.channels == (("turn",) if held else ("Fx", "Fy", "Fz", "Mx", "My", "Mz", "turn"))[-1 * held :]
-    )
 
 
 def test_a_free_joint_may_have_a_constant_position(tmp_path):

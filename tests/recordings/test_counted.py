@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from malformed_logs import PLAIN, N, Q
+from malformed_logs import PLAIN, Q
 from test_column import read
 from test_log import mechanism
 
@@ -11,7 +11,7 @@ from experiments.guesses.guess import believed
 from experiments.guesses.log_contents import log_contents
 from experiments.guesses.written import toml_text
 from ident.errors import LogError
-from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.log import read_log
 
 UNTIMED = {name: x for name, x in PLAIN.items() if name != "time"}
 
@@ -20,31 +20,6 @@ def written(path, columns):
     rows = np.column_stack(list(columns.values()))
     np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="")
     return path
-
-
-def test_a_rate_stands_for_times(tmp_path):
-    log = read(tmp_path, UNTIMED, "rate = 250")
-    np.testing.assert_allclose(log.time, np.arange(N) / 250, atol=1e-12)
-    assert log.rate == pytest.approx(250) and not log.notes and not log.unused
-    part = read(tmp_path, UNTIMED, "rate = 250\n[select]\ntime = [0.02, 0.1]")
-    np.testing.assert_allclose(part.time, np.arange(5, 26) / 250, atol=1e-12)
-
-
-def test_pieces_go_on_counting(tmp_path):
-    path = written(tmp_path / "log.csv", UNTIMED)
-    (tmp_path / "c.toml").write_text("rate = 0.5", encoding="utf-8")
-    pieces = list(read_log_pieces(path, mechanism(), tmp_path / "c.toml", samples=11))
-    assert len(pieces) > 2
-    np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), 2.0 * np.arange(N), atol=1e-9)
-
-
-def test_one_of_several_files_may_have_no_times(tmp_path):
-    joints, rest = ({name: x for name, x in PLAIN.items() if name.startswith("q_") == own} for own in (True, False))
-    written(tmp_path / "a.csv", joints)
-    written(tmp_path / "b.csv", rest)
-    (tmp_path / "c.toml").write_text('time = [{ rate = 100 }, "time"]', encoding="utf-8")
-    log = read_log(f"{tmp_path / 'a.csv'}+{tmp_path / 'b.csv'}", mechanism(), tmp_path / "c.toml")
-    np.testing.assert_allclose(log.as_measured("hip_position").time, np.arange(N) / 100, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
     assert own.mechanism.tree.dependent == ("tip",) and own.equations.channels == ("left",)
     assert own.equations.parameters.names == ready.equations.parameters.names
     fixed = mechanism(tmp_path / "arm.xml", fix={"left": 0.1})
-    assert not fixed.mimics and fixed.tree.joints == ("lift", "tip", "right")
+    assert not fixed.mimics and fixed.tree.joints == ("lift", "right")
 
 
 def test_an_arm_is_estimated_with_its_followers():
@@ -182,27 +182,3 @@ def test_what_cannot_be_shared_is_refused(joints, message):
     mapping = {joint: {**entry, **joints.get(joint, {})} for joint, entry in ONE.items()}
     with pytest.raises(LogError, match=message):
         read_log(LOG, arm(), {"joints": mapping})
-
-
-def test_a_column_that_is_found_by_name_is_not_shared_by_a_slip():
-    columns = {"time": T, "lift_position": ANGLE, "left_position": GRIP, "right_position": GRIP}
-    with pytest.raises(
-        LogError, match=r"'left_position' is mapped to .* Joints that share it, .* need it under \[joints"
-    ):
-        read_log(columns, arm(), {"joints": {"tip": {"position": "left_position"}}})
-    log = read_log(columns, arm(), {"joints": {key: {"position": "left_position"} for key in ("left", "tip")}})
-    assert log.followers == {"tip": Follower("left", (0.0, 1.0))}
-
-
-def test_rates_cannot_be_shared_without_positions():
-    positions = {
-        joint: {"position": each, "velocity": "own"} for joint, each in (("left", "force"), ("tip", "gripper"))
-    }
-    with pytest.raises(LogError, match=r"column 'own' is mapped to .*; it can be one only"):
-        read_log(LOG, arm(), {"joints": {**positions, "right": {"position": 0.0}}})
-
-
-def test_couplings_in_a_ring_and_to_joints_outside_are_left_alone():
-    ring = coupled("tip", "left", "0 1 0 0 0", "a") + coupled("left", "tip", "0 1 0 0 0", "b")
-    assert not arm(ring).mimics
-    assert arm(coupled("tip", "left", "0 1 0 0 0", "a")).mimics == {"tip": Follower("left", (0.0, 1.0))}

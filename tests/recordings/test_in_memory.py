@@ -1,7 +1,6 @@
 """Recordings from what is in memory: mappings of arrays, data frames, datasets."""
 
 import re
-from dataclasses import replace
 
 import driven_arm
 import numpy as np
@@ -50,12 +49,6 @@ def same(recording):
     assert recording.measured.keys() == log.measured.keys()
     for name, x in log.measured.items():
         np.testing.assert_array_equal(recording[name], x)
-
-
-def test_a_mapping_of_arrays_is_a_log():
-    same(ident.read_log(columns(), driven_arm.mechanism()))
-    lists = {name: x.tolist() for name, x in columns().items()}
-    same(ident.read_log(lists, driven_arm.mechanism()))
 
 
 @pytest.mark.parametrize("dates", [False, True])
@@ -164,9 +157,3 @@ def test_what_is_no_recording_is_one_sentence(given, where):
         InputError, match=r"got \['a.csv', 'b.csv'\]. Read each by itself, or give `identify` the list\."
     ):
         ident.read_log(["a.csv", "b.csv"], driven_arm.mechanism())
-
-
-def test_a_recording_without_notes_is_taken_as_it_is():
-    log = replace(driven_arm.log(4.0, 50.0), notes=("Seen.",))
-    estimate = ident.identify(driven_arm.mechanism(), log, estimator="weighted", cutoff=8.0)
-    assert not any(note.startswith("Read ") for note in estimate.prepared.notes)

@@ -13,7 +13,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.sampled_structure import sampled_structure
 from ident.parameters.structure import Sensors, structure_matrix
 from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
 
 WRENCH = {"body": "tool", "force": ["fx", "fy", "fz"], "torque": ["mx", "my", "mz"], "position": [0, 0, 0.01]}
@@ -131,10 +130,3 @@ def test_a_hint_where_a_log_looks_like_poses(tmp_path):
         read_log(log, arm(), {**MAPPING, "poses": 3})
     with pytest.raises(LogError, match="at least 10 samples, it has 9"):
         read_log(columns(9), arm(), MAPPING)
-
-
-@pytest.mark.parametrize("end", ["npz", "csv"])
-def test_poses_are_saved_as_such(tmp_path, end):
-    log = read_log(columns(12), arm(), MAPPING)
-    log.save(tmp_path / f"saved.{end}")
-    assert log.still and Recording.load(tmp_path / f"saved.{end}").still

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from ident.recordings.faults import despiked
 from ident.recordings.resolution import at_rest, quantum
 
 T = np.arange(1000) / 100
@@ -33,12 +32,6 @@ def test_steps_survive_other_units_decimals_and_missing_samples():
     assert quantum(holes) == pytest.approx(0.1)
 
 
-def test_repaired_samples_between_the_steps_do_not_hide_them():
-    x, rng = rounded(noisy(0.01), 0.1), np.random.default_rng(1)
-    x[rng.integers(0, len(x), 30)] += rng.normal(size=30)
-    assert quantum(x) == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize(
     "x",
     [SIGNAL, noisy(0.01), noisy(0.01).astype(np.float32).astype(float), np.full(1000, 3.0), np.zeros(0)],
@@ -53,21 +46,6 @@ def test_few_samples_make_no_lattice_by_chance(seed):
     rng = np.random.default_rng(seed)
     x = rng.normal(size=rng.integers(20, 200))
     assert quantum(x) == quantum(np.cumsum(x)) == 0
-
-
-def test_a_plate_that_is_empty_for_a_while_has_no_steps():
-    assert quantum(np.maximum(SIGNAL, 0.3) - 0.3) == 0
-
-
-@pytest.mark.parametrize("step", [0.3, 0.5, 1.0])
-def test_steps_of_a_channel_that_hardly_changes_are_no_outliers(step):
-    """Most samples are equal, so that the median of their deviations is zero."""
-    x = rounded(0.4 * np.sin(T) + 0.1 * np.random.default_rng(0).normal(size=len(T)), step)[:, None]
-    same, counts = despiked(x)
-    assert not counts.any()
-    np.testing.assert_array_equal(same, x)
-    x[[100, 700]] += 50 * step
-    assert despiked(x)[1].tolist() == [2]
 
 
 def test_rests():

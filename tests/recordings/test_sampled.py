@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from malformed_logs import JOINTS, PLAIN, SOUND, WRENCH, N, Q, T, text
-from scipy.spatial.transform import Rotation
-from test_log import MAPPING, mapped, read
+from malformed_logs import PLAIN, N, Q, T, text
+from test_log import read
 
 import ident
 from ident.errors import LogError
 from ident.mechanism.body import is_rigid
-from ident.recordings.sampled import Sampled, between_samples, rate_of, side_by_side
+from ident.recordings.sampled import Sampled, rate_of, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 
@@ -122,36 +121,6 @@ def test_the_rate_is_that_of_steps_that_are_no_gaps(longer):
     steps = np.where(np.arange(100) % 10 == 0, longer, 1.0) / 100
     rate = rate_of(Sampled(np.cumsum(steps), np.zeros(100)))
     assert rate == pytest.approx(100 if longer > 1.5 else 1 / steps[1:].mean())
-
-
-def test_what_is_near_a_sample():
-    values = np.where((T > 0.1) & (T < 0.2), np.nan, T)
-    near = between_samples(Sampled(T, values), np.array([-0.01, 0, 0.005, 0.1, 0.105, 0.15, 0.2, 0.39, 0.4]), 0.05)
-    assert near.tolist() == [False, True, True, True, False, False, True, True, False]
-
-
-def test_a_log_whose_times_jitter_keeps_them(tmp_path):
-    time = T + np.r_[0, np.random.default_rng(0).uniform(-8e-4, 8e-4, N - 2), 0]
-    log = read(tmp_path, text(PLAIN | {"time": 5 + time, "ground_fz": time}))
-    for k, joint in enumerate(JOINTS):
-        own = log.as_measured(f"{joint}_position")
-        np.testing.assert_allclose(own.time, 5 + time, rtol=1e-15)
-        np.testing.assert_array_equal(own.values, Q[:, k])
-    force = log.as_measured("ground_force")
-    np.testing.assert_array_equal(force.values[:, 2], time)
-    assert np.isnan(force.values[:, :2]).all() and "jitter" in log.notes[0]
-    assert not read(tmp_path, SOUND).streams
-
-
-def test_a_log_whose_times_jitter_keeps_the_poses_of_its_base(tmp_path):
-    columns, turns = mapped()
-    columns["t"] = columns["t"] + np.random.default_rng(0).uniform(-0.8, 0.8, N)
-    log = read(tmp_path, text(columns), MAPPING)
-    time, poses = log.as_measured("base:pose")
-    np.testing.assert_allclose(time, columns["t"] / 1000, atol=1e-12)
-    poses = poses.reshape(N, 4, 4)
-    np.testing.assert_allclose(poses[:, :3, :3], Rotation.from_quat(turns, scalar_first=True).as_matrix(), atol=1e-12)
-    np.testing.assert_allclose(poses[:, :3, 3], WRENCH[:, :3], atol=1e-12)
 
 
 def test_a_log_may_have_gaps_where_that_is_said(tmp_path):

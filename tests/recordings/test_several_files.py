@@ -1,7 +1,5 @@
 """A log in several files, angles in one and forces in another, each with its own times; and contradictions."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from guesses.odd_logs import arm, recording
@@ -9,7 +7,6 @@ from written_formats import DEG, write_c3d, write_csv, write_mot
 
 from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.several_files import files_of
 
 pytestmark = pytest.mark.extras
 
@@ -64,13 +61,6 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
             np.testing.assert_allclose(recording[channel], x, atol=1e-12)
 
 
-def test_times_are_counted_from_the_first_of_both(tmp_path):
-    day = 1.7e9
-    first, second = ({**columns, "time": columns["time"] + day} for columns in (angles(), forces(start=0.5)))
-    log = read_log(pair(tmp_path, first, second), arm())
-    np.testing.assert_allclose(log.streams["ground_force"].time, forces(start=0.5)["time"], atol=1e-6)
-
-
 def test_files_without_header_and_columns_of_both_go_by_number(tmp_path):
     for file, columns in (("a.csv", angles()), ("b.csv", forces())):
         rows = np.stack([1e3 * columns["time"], *list(columns.values())[1:]], axis=1)
@@ -88,23 +78,6 @@ def test_files_without_header_and_columns_of_both_go_by_number(tmp_path):
     )
     for channel, x in expected.measured.items():
         np.testing.assert_allclose(recording[channel], x, atol=1e-9)
-
-
-def test_names_with_a_plus_are_one_file_or_several(tmp_path):
-    for text, expected in {
-        "a.csv": ["a.csv"],
-        "a.csv+b.mot": ["a.csv", "b.mot"],
-        "day+1/a.csv+day+1/b.mot+c.csv.gz": ["day+1/a.csv", "day+1/b.mot", "c.csv.gz"],
-        "a.csv+b.doc": ["a.csv", "b.doc"],
-        "a+b": ["a+b"],
-    }.items():
-        assert files_of(Path(text)) == tuple(map(Path, expected))
-    (tmp_path / "a.csv+b.csv").touch()
-    assert files_of(tmp_path / "a.csv+b.csv") == (tmp_path / "a.csv+b.csv",)
-
-
-def holes(columns):
-    return {name: np.delete(x, slice(100, 160)) for name, x in columns.items()}
 
 
 PLATE = 'frame = "plate"\nposition = [0, 0, 0]\nforce = ["ground_fx", "ground_fy", "ground_fz"]\n'
@@ -133,13 +106,6 @@ CONTRADICTIONS = {
 }
 
 
-def test_a_plate_that_has_forces_alone_is_read(tmp_path):
-    columns = {name: x for name, x in forces().items() if "_m" not in name}
-    mapping = mapped(tmp_path, f"[wrenches.ground]\n{PLATE}threshold = 1\n")
-    log = read_log(pair(tmp_path, second=columns), arm(), mapping)
-    assert np.isnan(log["ground_torque"]).all() and np.isfinite(log["ground_force"]).all()
-
-
 @pytest.mark.parametrize(("changed", "mapping", "sentence"), CONTRADICTIONS.values(), ids=CONTRADICTIONS.keys())
 def test_what_contradicts_itself_ends_with_a_sentence(tmp_path, changed, mapping, sentence):
     log = pair(tmp_path, *changed(angles(), forces()))
@@ -165,20 +131,6 @@ def test_files_that_cannot_be_put_together(tmp_path):
             read_log(joints, arm(), mapped(tmp_path, mapping))
     with pytest.raises(LogError, match="is not read in pieces"):
         list(read_log_pieces(f"{joints}+{wrench}", arm(), samples=100))
-
-
-def test_holes_need_gaps_and_faults_name_the_file(tmp_path):
-    log = pair(tmp_path, second=holes(forces()))
-    with pytest.raises(
-        LogError, match=r"wrench\.csv row 10\d, column 'time' has a gap of 0\.244 s, from 0\.396 s to .*--gaps"
-    ):
-        read_log(log, arm())
-    recording = read_log(log, arm(), gaps=True)
-    assert len(recording.streams["ground_force"].time) == len(forces()["time"]) - 60
-    assert any("have gaps: 1" in note for note in recording.notes)
-    broken = {**forces(), "ground_fx": np.full(len(forces()["time"]), 1e300)}
-    with pytest.raises(LogError, match=r"wrench\.csv row 2, column 'ground_fx' needs numbers below"):
-        read_log(pair(tmp_path, second=broken), arm())
 
 
 def test_points_of_a_c3d_file_go_with_forces_of_another(tmp_path):

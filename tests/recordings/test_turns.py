@@ -8,7 +8,6 @@ from guesses.odd_logs import text
 import ident
 import sim
 from experiments import identify
-from ident.recordings.log import read_log_pieces
 from ident.recordings.plausibility import unwrapped
 
 TIME = np.arange(900) / 100
@@ -67,14 +66,6 @@ def test_wrapped_angles_are_read_as_continuous(tmp_path, arm, wrapped, factor, t
     assert np.abs(log["ram_position"] - 0.1 * ANGLE).max() < 1e-9
 
 
-def test_pieces_go_on_where_those_before_ended(tmp_path, arm):
-    path = log_of(tmp_path, about_zero(ANGLE + 20, 2 * np.pi))
-    (tmp_path / "c.toml").write_text("[joints.hip]\nposition = 'a'\n[joints.ram]\nposition = 'b'\n")
-    whole = ident.read_log(path, arm, tmp_path / "c.toml")["hip_position"]
-    pieces = [piece["hip_position"] for piece in read_log_pieces(path, arm, tmp_path / "c.toml", 50)]
-    np.testing.assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
-
-
 def test_a_slide_that_jumps_by_two_pi_is_left_alone(tmp_path, arm):
     ram = about_zero(ANGLE + 20, 2 * np.pi)
     mapping = {"joints": {"hip": {"position": "a"}, "ram": {"position": "b"}}}
@@ -96,12 +87,6 @@ def test_what_is_no_wrapped_angle_is_unchanged(x):
     out, number = unwrapped(x, (2 * np.pi,))
     spike = np.abs(out - ANGLE).max() < 0.01
     assert (number == 0 and out is x) or (spike and number == 2)
-
-
-def test_a_joint_that_rests_at_the_end_of_its_range_rests():
-    noise = 0.001 * np.random.default_rng(0).normal(size=200)
-    out, number = unwrapped(about_zero(np.pi + noise, 2 * np.pi), (2 * np.pi,))
-    assert number > 20 and np.ptp(out) < 0.01
 
 
 def test_missing_samples_stay_missing():

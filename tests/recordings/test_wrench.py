@@ -212,17 +212,3 @@ def test_joint_states_must_be_finite(ground):
 def test_poses_of_the_base_must_fit():
     with pytest.raises(ValueError, match=r"4 joint states need poses of a moving base, got shape \(3, 4, 4\)"):
         total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [], base=np.tile(np.eye(4), (3, 1, 1)))
-
-
-def test_the_measured_arrays_stay_as_they_are_and_times_agree_to_a_nanosecond(rng):
-    tree = random_tree(rng)
-    q, _, _ = random_states(rng, tree, 4)
-    ground, exerted, time = rng.normal(size=(4, 6)), rng.normal(size=(4, 6)), np.arange(4) / 100
-    kept = ground.copy(), exerted.copy()
-    early, late = (Wrench(exerted, tree.names[0], time=time + shift) for shift in (1e-10, 1e-8))
-    total_wrench(tree, q, Wrench(ground, time=time), [early])
-    np.testing.assert_array_equal((ground, exerted), kept)
-    with pytest.raises(ValueError, match="sample times; they differ by up to 1e-08 s"):
-        total_wrench(tree, q, Wrench(ground, time=time), [late])
-    with pytest.raises(ValueError, match=r"sample times; they differ by up to 9\.9e-09 s"):
-        total_wrench(tree, q, None, [early, late])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fits import sampled
 
-from ident.regression.held_out import HeldOut, where_moving
+from ident.regression.held_out import HeldOut
 
 rng = np.random.default_rng(0)
 MEASURED, RESIDUAL = rng.normal(size=(100, 3)) + 5, 0.1 * rng.normal(size=(100, 3))
@@ -40,19 +40,7 @@ def test_a_residual_at_rest_is_no_part_of_the_ratio_of_any_candidate():
     assert np.isnan(judged.ratio_at_rest(wrong)[[0, 2]]).all()
 
 
-def test_a_channel_whose_joint_hardly_moves_is_judged_throughout():
-    assert where_moving(rests(94, 96, 100)).sum(axis=0).tolist() == [6, 100, 100]
-
-
 def test_parts_of_the_samples_are_judged_alone():
     judged = held(rests(0, 30, 0))
     part = judged.ratio_of(RESIDUAL, slice(50, None))
     assert part == pytest.approx(np.sqrt((RESIDUAL[50:] ** 2).mean(axis=0)) / MEASURED[50:].std(axis=0))
-
-
-def test_channels_are_those_of_the_motions_that_predict_them():
-    versions = MEASURED, MEASURED + 1
-    chosen = np.broadcast_to([1, 0, 1], RESIDUAL.shape)
-    judged = held(rests(0, 0, 0), versions, chosen)
-    np.testing.assert_array_equal(judged.samples.measured, MEASURED + np.array([1, 0, 1]))
-    assert judged.samples.motion is judged.versions[1].motion

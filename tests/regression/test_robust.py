@@ -10,7 +10,6 @@ from scipy.signal import butter, lfilter, sosfilt
 from ident.errors import ExcitationError
 from ident.estimation.accumulator import remembered_sums
 from ident.estimation.equations import Equations
-from ident.estimation.excitation import separable
 from ident.estimation.noise import Sandwich, innovations, remembered
 from ident.estimation.samples import Samples
 from ident.model.axes import Axes
@@ -83,15 +82,6 @@ def test_the_fit_solves_hubers_equations():
     assert (abs(pulls.sum(axis=(0, 1))) < 1e-4 * abs(pulls).sum(axis=(0, 1))).all()
 
 
-def test_a_channel_that_is_fitted_exactly_keeps_a_finite_weight():
-    """Without a signal the coefficient goes to zero, and so does the channel's residual."""
-    columns, measured = case(np.random.default_rng(3))
-    columns[:, 1, :2] = measured[:, 1] = 0
-    fit = fit_of(columns, measured)
-    assert abs(fit.values[2]) < 1e-4
-    assert (abs(fit.values[:2] - TRUE[:2]) < 4 * fit.std[:2]).all()
-
-
 def test_gross_outliers_move_the_fit_by_less_than_its_interval():
     rng = np.random.default_rng(1)
     columns, measured = case(rng)
@@ -148,21 +138,6 @@ def test_what_a_fit_takes_of_the_noise_is_given_back():
     assert (slow > 0.6).all() and (slow < 1).all()
 
 
-def test_how_long_noise_is_taken_to_remember():
-    rng = np.random.default_rng(0)
-    # The residuals' correlation time is stretched by a fifth; the sum of the correlations counts, not the first alone.
-    decay, size = innovations(autoregressive(rng, 0.9, (4, 100_000)), 1)
-    np.testing.assert_allclose(decay, 0.9 ** (1 / 1.2), atol=0.004)
-    np.testing.assert_allclose((size**2).mean(axis=1), 1 - decay**2, rtol=0.05)
-    u = rng.normal(size=(4, 100_000))
-    blocks = (u[:, 2:] + u[:, 1:-1] + u[:, :-2]) / np.sqrt(3)
-    # Correlations 2/3 and 1/3 sum to ρ / (1 - ρ) = 1 over the lags, and an exponential has as much again beyond.
-    total = 2 / 3 + 1 / 3 / (1 - np.sqrt(1 / 3))
-    np.testing.assert_allclose(innovations(blocks, 1)[0], (total / (1 + total)) ** (1 / 1.2), atol=0.01)
-    # White noise exceeds two standard deviations in one of 44 cases.
-    assert 0.95 < (innovations(rng.normal(size=(1000, 500)), 1)[0] == 0).mean() < 0.99
-
-
 def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
     rng = np.random.default_rng(0)
     columns, pull = rng.normal(size=(80, 3, 4)).cumsum(axis=0), autoregressive(rng, 0.8, (3, 80))
@@ -187,30 +162,6 @@ def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
     after = remembered(columns[30:, 0].T, 0.8, z[:, 29])
     np.testing.assert_allclose(after, z[:, 30:], rtol=1e-12)
     np.testing.assert_allclose(z[:, 79], 0.8 ** np.arange(79, -1, -1) @ columns[:, 0], rtol=1e-12)
-
-
-def test_what_cannot_be_told_apart_is_left_out():
-    rng = np.random.default_rng(0)
-    a, b, c = rng.normal(size=(3, 50, 2))
-    columns = np.stack(
-        [a, b, a + b, c, 1e-3 * c, 0 * c, np.tile([1.0, 0], (50, 1)), np.tile([0, 1.0], (50, 1))], axis=2
-    )
-    drives = ("a + b", "c", "0.001 c", "0")
-    equations = Columns(("x", "y"), ("a", "b", *drives, "offset(x)", "offset(y)"), drives, (0, 1))
-    left = separable(equations, Samples(columns, a))
-    assert (left.drives, left.offsets) == (("c",), (0, 1))
-
-
-def test_what_barely_sticks_out_does_not_spoil_the_next():
-    a, b, c, d = linalg.qr(np.random.default_rng(0).normal(size=(100, 4)), mode="economic")[0].T
-    candidates = {"b": a + 3e-6 * b, "c": a + 3e-6 * c, "c more": c, "b more": b, "b + c": b + c}
-    candidates |= {"d, too little": a + 0.7e-6 * d}
-    columns = np.stack([a, *candidates.values()], axis=1)[:, None]
-    equations = Columns(("x",), ("a", *candidates), tuple(candidates))
-    assert separable(equations, Samples(columns, a[:, None])).drives == ("b", "c")
-    enough = Columns(("x",), ("a", "d"), ("d",))
-    columns = np.stack([a, a + 1.4e-6 * d], axis=1)[:, None]
-    assert separable(enough, Samples(columns, a[:, None])).drives == ("d",)
 
 
 def test_what_cannot_be_told_apart_is_not_fitted():

@@ -42,22 +42,6 @@ def test_the_true_model_follows_what_its_servos_did():
     assert (error(rolled_out(weak, log), log) > 1e-2).all()
 
 
-def test_bodies_and_drives_are_those_that_are_given():
-    log, true = recording(), rolled_out(mechanism(), recording())
-    other = mechanism(armature=(1, 1, 1), damping=(0, 0, 0), frictionloss=(2, 0, 0))
-    np.testing.assert_allclose(rolled_out(other, log, drives=mechanism().drives), true, atol=1e-9)
-    heavy = rolled_out(mechanism(), log, phi=1.3 * mechanism().known)
-    assert np.abs(heavy - true).max() > 1e-2
-    np.testing.assert_allclose(rolled_out(mechanism(), log, phi=mechanism().known), true, atol=1e-9)
-
-
-def test_rates_at_the_start_count():
-    log = recording()
-    still = rolled_out(mechanism(), log)
-    moved = rolled_out(mechanism(), log, rates=np.array([1.0, 0.0, 0.0]))
-    assert moved[1, 0] - moved[0, 0] > 5e-3 and abs(still[1, 0] - still[0, 0]) < 2e-3
-
-
 def test_commands_act_later_by_the_lag():
     log = recording(lag=2)
     now, later = (error(rolled_out(mechanism(), log, lag=lag), log) for lag in (0.0, 0.02))
@@ -91,11 +75,6 @@ def test_the_updated_model_follows_as_well_as_the_true_one():
     # Here the model as it came is the true one.
     assert (followed.after < 1.2 * followed.before).all() and followed.seconds == pytest.approx(4.8, abs=0.1)
     assert followed.units == ("rad",) * 3
-
-
-def test_nothing_is_simulated_without_commands():
-    result = ident.identify(driven_arm.mechanism(), driven_arm.log(), estimator="weighted", cutoff=8.0)
-    assert following(result) is None and following_lines(None) == []
 
 
 def test_the_report_says_how_well_models_follow():

@@ -11,7 +11,6 @@ from sim.simulation.sensors import ONE_DOF
 from sim.simulation.servos import moved_by, servos
 
 TIME = np.arange(-20, 20) / 20
-SERVO = '<position joint="j" kp="1"/>'
 
 
 @pytest.fixture(params=[None, *scenes.CONTACTS, "pad handle"])
@@ -54,16 +53,6 @@ def test_rotors_dampers_and_springs_take_torque_too(model, gravity):
     np.testing.assert_allclose(driven.torques(desired), needed[:, driven.dof], rtol=0, atol=1e-10)
 
 
-def test_commands_come_in_the_order_of_the_actuators():
-    spec = scenes.load("double_pendulum")
-    straight = servos(spec.compile(), 2)
-    spec.actuator("servo1").target, spec.actuator("servo2").target = "joint2", "joint1"
-    crossed = servos(spec.compile(), 2)
-    q, dq, ddq = DOUBLE_PENDULUM.trajectory(TIME)
-    commands = crossed.commands(TIME, Motion(q[:, ::-1], dq[:, ::-1], ddq[:, ::-1]))
-    np.testing.assert_allclose(commands[:, ::-1], straight.commands(TIME, Motion(q, dq, ddq)), rtol=0, atol=1e-12)
-
-
 @pytest.fixture(params=range(20))
 def driven_states(request):
     """Some hinges and slides of a random model in any order, and a motion of these in MuJoCo's coordinates."""
@@ -95,30 +84,3 @@ def test_poses_are_mujocos_kinematics(driven_states):
         for b, (position, quaternion) in enumerate(poses, start=1):
             np.testing.assert_allclose(position[k], data.xpos[b], rtol=0, atol=1e-12 * (1 + abs(data.xpos).max()))
             assert abs(quaternion[k] @ data.xquat[b]) == pytest.approx(1, abs=1e-12)
-
-
-@pytest.mark.parametrize(("contact", "held"), [("handle", "load_cell"), ("pad handle", "load_cell_handle")])
-def test_a_hand_goes_with_what_it_holds(contact, held):
-    model = scenes.load("double_pendulum", contact=contact).compile()
-    driven, desired = servos(model, 2), Motion(*DOUBLE_PENDULUM.trajectory(TIME))
-    position, quaternion = np.split(driven.commands(TIME, desired)[:, model.nu :], [3], axis=1)
-    data = mujoco.MjData(model)
-    for k in range(len(TIME)):
-        data.qpos[driven.qpos] = desired.q[k]
-        mujoco.mj_kinematics(model, data)
-        cell = data.body(held)
-        assert 0 < np.linalg.norm(position[k] - cell.xpos) < 0.04
-        assert 0.99 < abs(quaternion[k] @ cell.xquat) <= 1 + 1e-12
-
-
-@pytest.mark.parametrize(
-    ("joint", "actuator"),
-    [("hinge", '<motor joint="j"/>'), ("ball", '<position joint="j" kp="1"/>'), ("hinge", ""), ("hinge", 2 * SERVO)],
-)
-def test_servos_drive_one_hinge_or_slide_each(joint, actuator):
-    body = f'<body><joint name="j" type="{joint}"/><geom size="1"/></body>'
-    model = mujoco.MjModel.from_xml_string(
-        f"<mujoco><worldbody>{body}</worldbody><actuator>{actuator}</actuator></mujoco>"
-    )
-    with pytest.raises(ValueError, match=f"1 joints needs as many position servos, the scene has {model.nu} act"):
-        servos(model, 1)

@@ -12,7 +12,7 @@ from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.trapezoids import Trapezoids
 from sim.simulation.sensors import sensors
-from sim.simulation.simulate import RATE, SAMPLES, simulate, with_noise
+from sim.simulation.simulate import RATE, SAMPLES, simulate
 
 
 @pytest.fixture(scope="module")
@@ -83,20 +83,6 @@ def test_same_seed_same_numbers_other_seed_other_noise(spec, recording):
         assert (other[name] != x).any()
 
 
-def test_zero_noise_scale_records_the_truth(spec):
-    recording = simulate(spec, DOUBLE_PENDULUM, samples=5, noise_scale=0)
-    for name, x in recording.true.items():
-        np.testing.assert_allclose(recording[name], x, atol=1e-15)
-    q, _, _ = DOUBLE_PENDULUM.trajectory(recording.time)
-    np.testing.assert_allclose(recording.noise_free.joint_states(["joint1", "joint2"])[0], q, atol=2e-3)
-
-
-def test_noise_can_be_drawn_again_around_the_same_truth(recording):
-    again = with_noise(recording, np.random.default_rng(5))
-    assert (again["ground_force"] != recording["ground_force"]).all()
-    np.testing.assert_array_equal(again.true["ground_force"], recording.true["ground_force"])
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -108,20 +94,6 @@ def test_noise_can_be_drawn_again_around_the_same_truth(recording):
 def test_senseless_arguments_are_refused(spec, arguments, message):
     with pytest.raises(ValueError, match=message):
         simulate(spec, DOUBLE_PENDULUM, **arguments)
-
-
-def test_a_timestep_must_divide_the_sampling_interval():
-    spec = scenes.load("double_pendulum")
-    spec.option.timestep = 0.003
-    with pytest.raises(ValueError, match=r"0.003 s must divide 0.01 s"):
-        simulate(spec, DOUBLE_PENDULUM, samples=1)
-
-
-def test_a_scene_that_does_not_compile_is_refused_in_one_line():
-    spec = scenes.load("double_pendulum")
-    spec.worldbody.add_body(name="loose").add_joint()
-    with pytest.raises(ModelError, match=r"^The scene: .*mass and inertia of moving bodies.*$"):
-        simulate(spec, DOUBLE_PENDULUM, samples=1)
 
 
 def test_servos_must_match_the_excitation():

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from commands import refusal
-from guesses.odd_logs import arm, efforts, laboratory, motors, write
+from guesses.odd_logs import arm, laboratory, motors, write
 
 import ident
 import scenes
@@ -31,25 +31,6 @@ def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
     values, std = (np.array(estimate[key])[: len(truth)] for key in ("values", "std_setup"))
     # Gains of motors agree with the model within a few per cent.
     assert np.abs((values - truth) / np.hypot(std, 0.03 * np.abs(truth) * (log is motors))).max() < 4
-
-
-@pytest.mark.parametrize("lost", ["cells", "rows"])
-def test_missing_samples_ask_for_gaps(tmp_path, capsys, lost):
-    path, true = write(tmp_path, efforts)
-    head, *rows = path.read_text(encoding="utf-8").splitlines()
-    if lost == "cells":
-        rows[100:120] = [row.rpartition(",")[0] + "," for row in rows[100:120]]
-    else:
-        del rows[100:120]
-    path.write_text("\n".join([head, *rows]), encoding="utf-8")
-    assert columns.main([MODEL, str(path), "--base", "base"]) == 0
-    assert capsys.readouterr().out.endswith(" --gaps\n")
-    recording, expected = (
-        ident.read_log(path, arm(), mapping, gaps=True) for mapping in (path.with_suffix(".toml"), true)
-    )
-    assert recording.measured.keys() == expected.measured.keys()
-    for name, x in expected.measured.items():
-        np.testing.assert_allclose(recording[name], x, rtol=1e-9)
 
 
 def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
@@ -102,12 +83,3 @@ def test_the_mapping_never_takes_the_place_of_what_is_read(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
     message = refusal(columns.main, [MODEL, str(path), "--base", "base", "--out", str(path), "--force"], capsys)
     assert "is read; choose another by --out" in message and path.stat().st_size > 1000
-
-
-def test_identify_names_the_way_to_a_mapping_unless_there_is_one(tmp_path, capsys):
-    path, true = write(tmp_path, laboratory)
-    arguments = [MODEL, str(path), "--base", "base", "--out", str(tmp_path / "out")]
-    message = refusal(identify.main, arguments, capsys)
-    assert "`multicontact columns MODEL LOG` writes a mapping to correct" in message
-    true.write_text("[joints.joint1]\nposition = 'Joint 1 angle'\n")
-    assert "multicontact columns" not in refusal(identify.main, [*arguments, "--columns", str(true)], capsys)

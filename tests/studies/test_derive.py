@@ -61,7 +61,7 @@ def random(seed):
 
 GOLDEN = ("prr_nonplanar", "rx90", "stanford_rrprrr")
 """Three of OpenSYMORO's mechanisms: slides, long chains and both."""
-TREES = {name: name for name in GOLDEN} | {f"random {seed}": seed for seed in range(2)}
+TREES = {name: name for name in GOLDEN} | {"random": 0}
 
 
 @cache
@@ -96,13 +96,6 @@ def general_arm(folder):
     rng = np.random.default_rng(1)
     numbers = [[" ".join(f"{x:.4f}" for x in rng.normal(size=3) * size) for size in (0.3, 0.1, 1)] for _ in range(6)]
     return chain(folder, *((f'pos="{p}"', f'pos="{c}" axis="{axis}"', 'size=".1"') for p, c, axis in numbers))
-
-
-def nearly_at_right_angles(folder, angle):
-    """Three joints with angles between them given to some digits."""
-    joint, geom = 'axis="0 0 1"', 'size=".1"'
-    turns = ('pos="0 0 1"', f'pos="0 .3 .5" euler="{angle} 0 0"', f'pos=".2 0 .5" euler="0 {angle} 0"')
-    return chain(folder, *((turn, joint, geom) for turn in turns))
 
 
 def assert_is_the_regressor(tree, function):
@@ -245,53 +238,9 @@ def test_equations_stay_on_the_page(name, tmp_path):
     assert max(map(float, re.findall(r"Overfull \\hbox \(([\d.]+)pt", log)), default=0) < 30
 
 
-def test_few_operations_are_written_in_sines_of_sums_of_angles():
-    _, model = case("table_1")
-    tex = codegen.latex_source(model, "table_1")
-    assert r"\sin{(q_{1} + q_{2} )}" in tex
-    assert r"x_{7}" not in tex
-    long, rows = r"Y_{4,9} &= ", tex.split("\n")
-    start = next(k for k, row in enumerate(rows) if row.startswith(long))
-    assert [row[:10] for row in rows[start + 1 : start + 3]] == [r"&\quad + x"] * 2
-
-
 def test_lengths_are_set_with_their_axis_and_body_below():
     _, model = case("rx90")
     assert r"\left(m_{3}r_{y,3}\right)_R &= l_{y,4} m_{4}" in codegen.latex_source(model, "rx90")
-
-
-def test_sums_break_at_signs_within_few_parentheses():
-    terms = " + ".join(f"a_{{{k}}} (b + c)" for k in range(12))
-    first, *others = codegen._broken(rf"Y &= - {terms} - \frac{{d + e}}{{f}}").split(" \\\\\n")
-    assert first.startswith("Y &= - a_{0} (b + c) + a_{1}")
-    assert len(others) > 0
-    assert all(re.match(r"&\\quad [+-] ", line) for line in others)
-    assert all(line.count("(") == line.count(")") for line in (first, *others))
-    assert others[-1].endswith(r"\frac{d + e}{f}")
-
-
-def test_right_angles_of_ten_digits_are_right_angles(tmp_path):
-    base = [
-        symbolic.derive(*symbolic.exact_tree(tree_from_model(nearly_at_right_angles(tmp_path, angle)))).regrouping
-        for angle in ("1.57079632679", "1.570796326794896619")
-    ]
-    assert base[0].names == base[1].names
-    assert (base[0].beta == base[1].beta).all()
-
-
-def test_other_angles_of_few_digits_are_printed_as_decimals(tmp_path, capsys):
-    path = nearly_at_right_angles(tmp_path, "1.5708")
-    assert derive.main([str(path), "--out", str(tmp_path)]) == 0
-    printed = capsys.readouterr().out
-    assert "3.67320510331e-6*Iyy2" in printed
-    assert not re.search(r"\d{14}", printed[: printed.index("Without effect")])
-    assert not re.search(r"\d{14}", (tmp_path / "arm" / "base_parameters.csv").read_text(encoding="utf-8"))
-
-
-def test_decimals_that_are_whole_to_their_digits_are_whole_numbers():
-    x, y = sympy.symbols("x y")
-    assert str(symbolic.decimals(100.000000001245 * x + 1.23456789 * y, 6)) == "100*x + 1.23457*y"
-    assert str(symbolic.decimals(100.000000001245 * x, 14)) == "100.00000000124*x"
 
 
 @pytest.mark.parametrize("name", ['q"""x', "two\nlines", "*/ x", ". .", "größe"])
@@ -318,20 +267,6 @@ def test_a_model_without_bodies_or_mass_is_refused(tmp_path, capsys):
     light = tmp_path / "light.xml"
     light.write_text('<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>', encoding="utf-8")
     assert "A mechanism needs mass; ghost" in refusal(derive.main, [str(light)], capsys)
-
-
-def test_command_takes_a_model_file(tmp_path, capsys):
-    path = tmp_path / "crane.xml"
-    path.write_text(
-        '<mujoco><worldbody><body name="mast"><joint name="slew" axis="0 0 1"/><geom size=".1"/>'
-        '<body name="jib" pos="0 0 2"><joint name="luff" axis="1 0 0"/><geom size=".1"/></body></body>'
-        "</worldbody></mujoco>",
-        encoding="utf-8",
-    )
-    assert derive.main([str(path), "--out", str(tmp_path / "out")]) == 0
-    assert "Base parameters of crane" in capsys.readouterr().out
-    assert "l2z = 2.0" in (tmp_path / "out" / "crane" / "regressor.c").read_text(encoding="utf-8")
-    assert "no body named 'foot'" in refusal(derive.main, [str(path), "--base", "foot"], capsys)
 
 
 def test_the_missing_extra_is_named(monkeypatch, capsys):

@@ -10,7 +10,6 @@ from commands import refusal
 from experiments import excite
 from experiments.data import paper
 from experiments.studies import criteria, excitation
-from ident.errors import ModelError
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
@@ -101,23 +100,6 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path, arm):
     assert a == b != c
 
 
-@pytest.mark.parametrize("criterion", paper.CRITERIA)
-@pytest.mark.parametrize("sensors", paper.SENSORS)
-def test_each_criterion_improves(arm, criterion, sensors):
-    model = mujoco.MjModel.from_xml_path(str(arm))
-    problem = excitation.problem(mechanism(model, "column"), None, sensors=sensors, noise=(0.5, 0.05))
-    start = random_start(LIMITS, 5.0, 4, np.random.default_rng(0))
-    cost = criteria.cost(problem, criterion, 501)
-    designed = design(cost, LIMITS, start, iterations=15)
-    time = np.arange(501) / 100
-    before, after = (criteria.quality(problem, Motion(*trajectory.states(time))) for trajectory in (start, designed))
-    if criterion == "determinant":
-        assert after["log_det_information"] > before["log_det_information"] + 1
-    else:
-        name = {"condition": "condition_number", "deviations": "geometric_mean_of_relative_deviations"}[criterion]
-        assert after[name] < 0.9 * before[name]
-
-
 def test_limits_are_kept_between_the_samples():
     time = np.linspace(0, 4, 20_001)
     for seed in range(20):
@@ -148,23 +130,6 @@ def test_the_gradient_of_walls_is_that_of_their_barrier(arm):
     x = walls.shrunk(collides)
     assert not walls.hit(x) and 0 < walls.barrier(x)[0] < np.inf
     check_gradient(walls.barrier, x)
-
-
-def test_where_all_postures_touch_there_is_no_way_between_walls():
-    model = mujoco.MjModel.from_xml_string(FOLDING)
-    folded = Walls(Collisions(model, JOINTS, 0.1), np.ones((2, 20, 1)), np.array([0.0, 3.0]), np.ones(2))
-    assert folded.hit(np.zeros((2, 1))) and folded.shrunk(np.zeros((2, 1))) is None
-
-
-def test_a_posture_may_be_near_to_walls_if_all_are():
-    model = mujoco.MjModel.from_xml_string(FOLDING)
-    maps = np.ones((2, 20, 2))
-    maps[:, :, 1] = np.linspace(-1, 1, 20)
-    walls = Walls(Collisions(model, JOINTS, 0.05), maps, np.array([0.0, 2.2]), np.ones(2))
-    x = np.array([[0.0, 0.0], [0.0, 1.0]])
-    q = np.array([[0.0, 2.2 + k] for k in np.linspace(-1, 1, 20)])
-    assert walls.hit(x) and (walls.collisions.depth(q, 0.2 * 4) > 0).all()
-    assert not walls.hit(walls.shrunk(x))
 
 
 def check_gradient(function, x):
@@ -202,13 +167,6 @@ def test_the_barrier_before_collisions_has_the_slope_of_its_differences(arm):
             for k, posture in enumerate(q):
                 up, down = (collisions.barrier_and_slope(posture[None] + s * step, 0.01, 0.3)[0] for s in (1, -1))
                 assert slope[k, j] == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
-
-
-def test_behind_a_wall_the_barrier_is_infinite(arm):
-    collisions = Collisions(mujoco.MjModel.from_xml_path(str(arm)), JOINTS, 0.01)
-    open_and_folded = np.array([[0.0, 0.0], [0.0, 3.0]])
-    assert collisions.barrier_and_slope(open_and_folded[:1], 0.01, 0.02)[0] == 0
-    assert collisions.barrier_and_slope(open_and_folded, 0.01, 0.02)[0] == np.inf
 
 
 def test_no_way_around_is_looked_for_where_even_a_collision_does_not_help(arm):
@@ -298,36 +256,6 @@ def test_a_log_of_ones_own_is_compared_with_the_design(arm, tmp_path, capsys, ra
     np.testing.assert_allclose([float(row["std_before"]) for row in rows], expected, rtol=0.1)
 
 
-def test_without_a_log_no_gain_over_a_random_motion_is_claimed(arm, tmp_path, capsys):
-    assert excite.main([str(arm), *QUICK, "--out", str(tmp_path / "out")]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "a random motion within the same limits: " in shown and " %." not in shown and "--log LOG compares" in shown
-
-
-def test_the_pairs_that_can_collide_are_counted():
-    # Forearm and hand with column and floor, and the upper arm with the floor.
-    assert Collisions(mujoco.MjModel.from_xml_string(FOLDING), JOINTS, 0.005).pairs() == 5
-    excluded = FOLDING.replace("</mujoco>", '<contact><exclude body1="hand" body2="column"/></contact></mujoco>')
-    assert Collisions(mujoco.MjModel.from_xml_string(excluded), JOINTS, 0.005).pairs() == 4
-    ghost = mujoco.MjModel.from_xml_string(FOLDING.replace("<geom ", '<geom contype="0" conaffinity="0" '))
-    assert Collisions(ghost, JOINTS, 0.005).pairs() == 0
-
-
-def test_a_pedestal_is_a_parent_like_any_other():
-    text = FOLDING.replace('fromto="0 0 0 0 0 0.4" mass="2"', 'fromto="0 0 -0.2 0 0 0.4" mass="2"')
-    model = mujoco.MjModel.from_xml_string(text)
-    assert not Collisions(model, JOINTS, 0.005).touching(np.zeros((1, 2)))
-
-
-def test_too_little_memory_for_collisions_is_the_models_fault():
-    ball = '<body name="b{0}"><joint/><geom size="1"/></body>'
-    bodies = "".join(map(ball.format, range(40)))
-    text = f'<mujoco><size memory="8K"/><worldbody>{bodies}</worldbody></mujoco>'
-    collisions = Collisions(mujoco.MjModel.from_xml_string(text), [f"joint{j}" for j in range(40)], 0.01)
-    with pytest.raises(ModelError, match=r"The model: .*out of memory"):
-        collisions.depth(np.zeros((2, 40)))
-
-
 def test_a_motion_around_collisions_is_found(arm):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model)
@@ -353,24 +281,6 @@ def test_a_motion_that_must_collide_is_refused(arm, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
     assert excite.main([*folded, "--collisions", "ignore"]) == 0
     assert "Collisions: not checked." in capsys.readouterr().out
-
-
-def test_other_joints_rest(arm, tmp_path):
-    assert excite.main([str(arm), "--joints", "lift", "--seconds", "4", *QUICK, "--out", str(tmp_path / "out")]) == 0
-    recording = Recording.load(tmp_path / "out" / "trajectory.npz")
-    q, dq, ddq = recording.joint_states(["lift", "fold"])
-    assert len(recording.time) == 401 and np.ptp(q[:, 0]) > 0.1
-    assert not np.any([q[:, 1], dq[:, 1], ddq[:, 1]])
-    assert recording.units["lift_acceleration"] == "rad/s²"
-
-
-def test_a_locked_joint_is_no_source_of_parameters(arm):
-    model = mujoco.MjModel.from_xml_path(str(arm))
-    problem = arm_problem(model, ["fold"])
-    assert problem.parameters.rank < arm_problem(model).parameters.rank
-    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
-    Y = problem.regressor(q, dq, ddq).reshape(-1, problem.parameters.rank)
-    assert np.linalg.matrix_rank(Y) == problem.parameters.rank
 
 
 ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
@@ -427,13 +337,6 @@ def test_gravity_is_that_of_a_base_that_stands_still_where_it_is_drawn():
     problem = excitation.problem(mechanism(model, "cart"), None, sensors="wrench", noise=(1.0, 1.0))
     np.testing.assert_allclose(problem.mechanism.gravity, [0, -9.81, 0], atol=1e-12)
     assert problem.joints == ("j",)
-
-
-def test_the_force_on_a_slide_sees_only_mass():
-    model = mujoco.MjModel.from_xml_string(ALONE.format('<joint name="j" type="slide" range="-1 1"/>'))
-    problem = excitation.problem(mechanism(model), None, sensors="torque", noise=(2.0, 1.0))
-    assert problem.parameters.names == ("m1",)
-    assert problem.whitening.tolist() == [[0.5]]
 
 
 def test_deviations_are_relative_to_masses_where_the_model_has_some(tmp_path, capsys):

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import refusal
 from guesses.odd_logs import recording
 from written_formats import DEG, write_csv, write_mot
 
@@ -43,17 +42,3 @@ def test_two_commands_lead_from_two_files_to_parameters(tmp_path, capsys):
     assert [each["file"] for each in logs[0]["files"]] == ["trial1_ik.mot", "trial1_grf.csv"]
     estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     assert estimate["held_out"]["Mx"]["ratio"] < 0.2 and estimate["held_out"]["Fz"]["ratio"] < 0.5
-
-
-def test_files_that_are_given_twice_or_would_be_replaced(tmp_path, capsys):
-    log = files(tmp_path)
-    angles, forces = log.split("+")
-    for arguments, sentence in (
-        ([log, log], "A log can be fitted once only"),
-        ([log, "--held-out", f"{angles}+{tmp_path}/../{tmp_path.name}/trial1_grf.csv"], "has to be another one"),
-        ([log, "--out", str(tmp_path.parent), "--name", tmp_path.name], f"but '{tmp_path}' holds '{angles}'"),
-        ([angles, forces], "has neither a wrench nor a joint torque"),
-    ):
-        assert sentence in refusal(identify.main, [MODEL, *arguments, "--base", "base"], capsys)
-    refused = refusal(columns.main, [MODEL, log, "--base", "base", "--out", forces], capsys)
-    assert f"needs a file of its own, but '{forces}' is read" in refused

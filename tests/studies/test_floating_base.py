@@ -74,15 +74,6 @@ def test_contacts_alone_identify_a_floating_base(tmp_path, posed):
         assert abs(own[name] - value) < near * max(map(abs, expected.values())), name
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_a_mass_that_plates_do_not_carry_is_doubted(tmp_path):
-    files = log(tmp_path, posed=False, scale=1.3)
-    assert identify.main([*files, "--estimator", "ordinary", "--name", "out", "--out", str(tmp_path)]) == 0
-    report = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    (weight,) = (finding["values"] for finding in report["findings"] if finding["code"] == "weight_differs")
-    assert weight == {"measured": pytest.approx(25.0, abs=0.1), "model": pytest.approx(19.99, abs=0.005)}
-
-
 def test_a_stream_of_pieces_takes_contacts_alone(tmp_path):
     files = log(tmp_path, posed=False)
     assert stream.main([*files, "--out", str(tmp_path / "out"), "--workers", "1", "--piece", "200"]) == 0

@@ -114,18 +114,6 @@ def test_columns_of_every_format_are_guessed(tmp_path, recording, kind):
         np.testing.assert_allclose(log[name], recording[name][: len(log.time)], **close)
 
 
-@pytest.mark.parametrize("kind", ["mat", "parquet", "mcap"])
-def test_a_damaged_log_ends_the_command_with_one_sentence(tmp_path, capsys, recording, kind):
-    path = tmp_path / f"log.{kind}"
-    write(path, recording)
-    whole = path.read_bytes()
-    for damaged in (b"", whole[: len(whole) // 2]):
-        path.write_bytes(damaged)
-        error = refusal(identify.main, [*arguments(path), "--out", str(tmp_path / "out")], capsys)
-        assert error.startswith(f"python -m experiments.identify: error: {path}: ") and error.count("\n") == 1
-        assert path.read_bytes() == damaged and not (tmp_path / "out").exists()
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_an_episode_of_a_dataset_gives_the_same_estimate(tmp_path, capsys, recording, from_csv):
     pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")

@@ -2,16 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import refusal
-from opensim_walker import PLANAR, leg, trial
+from opensim_walker import leg, trial
 
-import sim
 from experiments.identify import main
-from experiments.studies.identification import prepare
-from ident.errors import LogError
-from ident.recordings.log import read_log
 
 PLATE = """[base]
 held = false
@@ -37,16 +32,6 @@ def log_of(folder):
     return Path(f"{folder / 'walk.trc'}+{folder / 'walk.mot'}")
 
 
-def test_markers_become_angles_beside_plates(folder):
-    _, q = trial(folder, folder / "leg.osim")
-    ready = prepare(folder / "leg.osim", log_of(folder), columns=folder / "plate.toml")
-    for k, name in enumerate(PLANAR):
-        assert np.sqrt(np.mean((ready.recording.as_measured(f"{name}_position").values - q[:, k]) ** 2)) < 0.02
-    notes = " ".join(ready.recording.notes)
-    assert "Angles are fitted to 12 markers of walk.trc, with noise of 1 mm in each coordinate" in notes
-    assert "noise of 1 mm" in notes and "`multicontact angles`" in notes
-
-
 def test_what_is_wrong_is_said_of_the_files_that_were_given(folder, tmp_path, capsys):
     (tmp_path / "bad.toml").write_text(PLATE.replace("ground_force_1_vx", "gone"))
     given = [str(folder / "leg.osim"), str(log_of(folder)), "--out", str(tmp_path / "out"), "--columns"]
@@ -56,10 +41,3 @@ def test_what_is_wrong_is_said_of_the_files_that_were_given(folder, tmp_path, ca
     (tmp_path / "walk.trc").write_text(lines, encoding="utf-8")
     message = refusal(main, [given[0], f"{tmp_path / 'walk.trc'}+{folder / 'walk.mot'}", *given[2:], "x"], capsys)
     assert "the markers do not determine knee; leave what they do not tell of out by --fix knee." in message
-
-
-def test_a_log_of_markers_alone_mentions_angles(folder):
-    arm = sim.mechanism(folder / "leg.osim")
-    for log in (folder / "walk.trc", log_of(folder)):
-        with pytest.raises(LogError, match=r"become angles by `multicontact angles MODEL walk\.trc`\."):
-            read_log(log, arm)

@@ -11,14 +11,12 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 from experiments import misaligned, multicontact
 from experiments.data import paper
 from experiments.data.errors import Distribution
-from experiments.data.simulated import Problem
-from experiments.document import figures
+from experiments.data.simulated import StudyProblem
 from experiments.reports import monte_carlo_report
 from experiments.runs import workers
 from experiments.studies import simulated
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
-from ident.recordings.recording import Recording
 
 
 @pytest.mark.parametrize("redrawn", paper.REDRAWN)
@@ -70,16 +68,6 @@ def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, numbe
     assert (tmp_path / simulated.FILE).exists() or moment == "starting"
 
 
-def test_trials_of_another_run_are_not_resumed(tmp_path):
-    run(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
-    with pytest.raises(ValueError, match="of another run: seed differ"):
-        resumed(draw(tmp_path, "--redraw", "sensors", "--seed", "1"), 2, tmp_path)
-    for broken in (b"", b"no trials", (tmp_path / simulated.FILE).read_bytes()[:200]):
-        (tmp_path / simulated.FILE).write_bytes(broken)
-        with pytest.raises(ValueError, match="--resume needs the trials of an earlier run"):
-            resumed(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
-
-
 @pytest.mark.slow
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
@@ -117,7 +105,7 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
 def test_standard_deviations_are_right_with_two_contacts(tmp_path):
     # 250 trials determine a standard deviation to 4.5 %, and the coverage of all 13 parameters to about half a percent.
     source = draw(tmp_path, "--redraw", "wrench", samples="300", contact="pad handle")
-    analyse = partial(trial, Problem.of(packaged("multicontact", contact="pad handle")), ("contact",))
+    analyse = partial(trial, StudyProblem.of(packaged("multicontact", contact="pad handle")), ("contact",))
     errors_of = distribution(run(source, 250, tmp_path, analyse=analyse))
     np.testing.assert_allclose(errors_of.std / errors_of.predicted_std, 1, atol=0.14)
     assert 0.93 <= errors_of.coverage.mean() <= 0.97
@@ -200,25 +188,3 @@ def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "0"]) == 0
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "3", "--resume"]) == 0
     np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:3])
-
-
-def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
-    rng = np.random.default_rng(0)
-    names = ("m1", "m1rx1", "Ixx2")
-    distributions = {
-        name: Distribution(names, rng.normal(size=(50, 3)), np.ones((50, 3)), np.zeros(3))
-        for name in ("simplified", "full", "full_trajectory")
-    }
-    figure = monte_carlo_report.chart(distributions)
-    assert [ax.get_title() for ax in figure.axes] == ["simplified", "full", "full trajectory"]
-    for ax, d in zip(figure.axes, distributions.values(), strict=True):
-        low, high = ax.get_xlim()
-        assert low < d.interval.min() and d.interval.max() < high
-    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["$m_{1}$", "$m_{1}r_{x,1}$", "$I_{xx,2}$"]
-    figures.save(figure, tmp_path, "chart", ["png"])
-    assert (tmp_path / "chart.png").stat().st_size > 10_000
-
-
-def test_a_recording_without_noise_levels_cannot_be_redrawn_into_noise():
-    recording = Recording([0.0, 1.0], {"a": [1.0, 2.0]}, {"a": [1.0, 2.0]})
-    np.testing.assert_array_equal(simulated.with_noise(recording, np.random.default_rng(0))["a"], [1, 2])

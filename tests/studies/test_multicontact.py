@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refusal
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.text import Text
 from truth import use_truth
 
 import scenes
@@ -16,12 +14,11 @@ from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import fit
 from experiments.data.key_numbers import summary as summary_of
-from experiments.data.simulated import Problem
-from experiments.reports import study_figures, study_tables
+from experiments.data.simulated import StudyProblem
+from experiments.reports import study_tables
 from experiments.studies.simulated import study
 from experiments.studies.study_entries import packaged
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.wrench import transform_wrench
 from sim.simulation.simulate import with_noise
 
 
@@ -70,15 +67,6 @@ def test_ignoring_the_contact_is_ten_times_worse(result, contact):
         assert np.abs(ignoring.error).max() > 10 * np.abs(result.fit("contact").error).max()
 
 
-def test_a_contact_that_is_ignored_leaves_out_its_wrench_alone(result):
-    problem, recording, known = result.problem, result.recording, result.known
-    alone = {name: problem.total(recording, set(known.sites) - {name}).values for name in known.sites}
-    ground = recording.wrench("ground").values
-    np.testing.assert_array_equal(problem.total(recording, known.sites).values, ground)
-    parts = sum(wrench - ground for wrench in alone.values())
-    np.testing.assert_allclose(result.measured.values - ground, parts, atol=1e-12 * abs(ground).max())
-
-
 def test_without_noise_the_estimate_is_exact(contact):
     assert np.abs(study("multicontact", contact=contact, noise_scale=0).fit("contact").error).max() < 1e-6
 
@@ -94,7 +82,7 @@ def test_true_total_wrench_is_what_the_parameters_give(result, contact):
 @pytest.mark.slow
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
 def test_weights_help_where_only_the_wrenches_are_noisy(contact):
-    problem = Problem.of(packaged("multicontact", contact=contact))
+    problem = StudyProblem.of(packaged("multicontact", contact=contact))
     known, recording = problem.known, study("multicontact", contact=contact).recording
     noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
     errors, ordinary, weighted = [], [], []
@@ -168,32 +156,18 @@ def test_the_trajectory_estimate_follows_accelerations_that_jump_with_denser_kno
     assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
 
 
-@pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
-def test_figures_show_what_their_captions_say(result):
-    residuals = study_figures.figure(result, "figure_5").axes
-    for component, ax in enumerate(study_figures.figure(result, "figure_4").axes):
-        k = component // 2 + 3 * (component % 2)
-        curves = {line.get_label(): line for line in ax.get_lines()}
-        colors = {label: line.get_color() for label, line in curves.items()}
-        assert colors == {"Ground, measured": "C1", "Total, true": "C0", "Recovered": "black"}
-        # The recovered curve is dashed over the wider truth.
-        assert curves["Total, true"].get_linewidth() > curves["Recovered"].get_linewidth()
-        assert curves["Recovered"].get_linestyle() == "--"
-        lines = {label: line.get_ydata() for label, line in curves.items()}
-        np.testing.assert_array_equal(lines["Ground, measured"], result.recording.wrench("ground").values[:, k])
-        np.testing.assert_array_equal(lines["Total, true"], result.true.values[:, k])
-        np.testing.assert_array_equal(lines["Recovered"], result.fit("contact").predicted[:, k])
-        error = residuals[component].get_lines()[0].get_ydata()
-        np.testing.assert_array_equal(error, (result.measured.values - result.fit("contact").predicted)[:, k])
-
-
-@pytest.mark.parametrize("contact", ["pad"], indirect=True)
-def test_minus_signs_are_minus_signs(result):
-    figure = study_figures.figure(result, "figure_5")
-    FigureCanvasAgg(figure).draw()
-    texts = [text.get_text() for text in figure.findobj(Text)]
-    assert any("\N{MINUS SIGN}" in text for text in texts)
-    assert not [text for text in texts if "-" in text.replace("$", "")]
+@pytest.mark.usefixtures("no_trajectory")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--contact", "wall"], "invalid choice: 'wall'"),
+        (["--contact", "pad", "pad"], "Several contacts need to be different ones, got 'pad pad'"),
+        (["--workers", "0"], "1 to 1024, got '0'"),
+        (["--trials", "2", "--resume"], "--resume needs the trials of an earlier run"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
+    assert message in refusal(multicontact.main, [*arguments, "--out", str(tmp_path)], capsys)
 
 
 def test_two_contacts_touch_at_the_same_time():
@@ -207,40 +181,3 @@ def test_two_contacts_touch_at_the_same_time():
     assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
     assert pad[2:4] == (touching.mean(), 0)
     assert summary["tracking_error_rad"] < 0.03
-
-
-@pytest.mark.parametrize("contact", ["handle", "pad handle"], indirect=True)
-def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result):
-    tree, recording = result.known.tree, result.recording
-    poses = tree.poses(recording.joint_states(tree.joints)[0])
-    figure = study_figures.contacts(result)
-    for number, (name, (body, pose)) in enumerate(result.known.sites.items()):
-        channels = np.hstack([recording[f"{result.file.scene.contacts[name]}_{kind}"] for kind in ("force", "torque")])
-        expected = transform_wrench(poses[:, tree.names.index(body)] @ pose, channels)
-        for component, ax in enumerate(figure.axes):
-            k = component // 2 + 3 * (component % 2)
-            shown = ax.get_lines()[number].get_ydata()
-            np.testing.assert_allclose(shown, expected[:, k], atol=1e-12 * abs(expected).max())
-    together = np.all(list(result.touching.values()), axis=0)
-    for shown in (figure, study_figures.figure(result, "figure_4"), study_figures.figure(result, "figure_5")):
-        for ax in shown.axes:
-            # Up to matplotlib 3.8 these are polygons.
-            edges = [patch.get_path().get_extents(patch.get_patch_transform()).intervalx for patch in ax.patches]
-            within = [(recording.time >= start) & (recording.time <= end) for start, end in edges]
-            # Nothing is shaded for a contact that is never released.
-            assert len(edges) == (0 if together.all() else 7)
-            assert together.all() or (np.any(within, axis=0) == together).all()
-
-
-@pytest.mark.usefixtures("no_trajectory")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--contact", "wall"], "invalid choice: 'wall'"),
-        (["--contact", "pad", "pad"], "Several contacts need to be different ones, got 'pad pad'"),
-        (["--workers", "0"], "1 to 1024, got '0'"),
-        (["--trials", "2", "--resume"], "--resume needs the trials of an earlier run"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
-    assert message in refusal(multicontact.main, [*arguments, "--out", str(tmp_path)], capsys)

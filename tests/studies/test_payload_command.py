@@ -81,7 +81,7 @@ def test_what_is_missing_is_named(files, tmp_path, capsys):
     assert "needs the wrench 'wrist', its wrenches are none: say in the columns file under [wrenches.wrist]" in refusal(
         payload.main, [*files[:-2], *out], capsys
     )
-    assert "--body" in refusal(payload.main, [*files[:2], *out], capsys)
+    assert "either --sensor NAME, or --loaded LOG" in refusal(payload.main, [*files[:2], *out], capsys)
     assert not (tmp_path / "none").exists()
 
 

@@ -13,8 +13,7 @@ import pytest
 from commands import refusal
 
 import scenes
-from experiments import misaligned, study
-from experiments.reports import study_tables
+from experiments import study
 from experiments.studies import study_entries
 from experiments.studies.simulated import simulated
 from ident.errors import InputError
@@ -60,78 +59,6 @@ def test_the_studies_of_the_package_are_whole(name):
     assert set(file.trials.values()) <= set(file.models)
     assert file.options["samples"] == 943 and file.options["noise_scale"] == 1
     assert len([*file.tables, *file.figures]) >= 4
-
-
-def test_what_a_file_does_not_say_is_usual(tmp_path):
-    text = """
-scene = { model = "double_pendulum" }
-models = { plain = {}, true_axes = { axes = "true" }, shared = { parameters = "plain" } }
-tables = { table_a = { kind = "wrench errors" } }
-figures = { figure_a = { kind = "wrenches" }, figure_b = { kind = "residuals" } }
-"""
-    file = study_entries.read(written(tmp_path, text))
-    assert (file.scene.base, file.samples, file.seed, file.noise_scale) == ("base", 943, 0, 1)
-    assert file.excitation is DOUBLE_PENDULUM
-    assert file.tables["table_a"]["models"] == ["plain", "true_axes"] and file.tables["table_a"]["caption"]
-    own = {"Plain": "plain", "True axes": "true_axes"}
-    assert file.figures["figure_a"]["curves"] == {"True": "true"} | own and file.figures["figure_b"]["curves"] == own
-    main = study_entries.read(written(tmp_path, 'main = "true_axes"' + text))
-    assert main.figures["figure_b"]["curves"] == {"Measured − predicted": "true_axes"}
-
-
-TABLELESS = """
-scene = { model = "double_pendulum", tilt_deg = 3.0 }
-[models]
-"sim ple" = { estimators = ["ordinary", "weighted"] }
-shared = { axes = "recovered", parameters = "sim ple" }
-own = { axes = "true" }
-"""
-
-
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("tables", ["", "tables = {}\n"])
-def test_a_file_without_tables_prints_all_parameters(tables, tmp_path, capsys):
-    path = written(tmp_path, tables + TABLELESS)
-    assert study.main([str(path), "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
-    made = simulated(study_entries.read(path))
-    shown = {"sim_ple": ("sim ple", "shared"), "own": ("own",)}
-    assert {each.stem for each in (tmp_path / "out").glob("*.csv")} == {f"table_parameters_{name}" for name in shown}
-    for name, models in shown.items():
-        rows = list(csv.DictReader((tmp_path / "out" / f"table_parameters_{name}.csv").read_text("utf-8").splitlines()))
-        assert [row["parameter"] for row in rows] == list(made.fit(models[0]).base.names)
-        for model in models:
-            for column, values in (("estimated", made.fit(model).estimate.psi), ("error", made.fit(model).error)):
-                np.testing.assert_array_equal([float(row[f"{column}_{model}"]) for row in rows], values)
-    weighted = made.fit("sim ple", "weighted").std
-    rows = list(csv.DictReader((tmp_path / "out" / "table_parameters_sim_ple.csv").read_text("utf-8").splitlines()))
-    np.testing.assert_array_equal([float(row["std_weighted_sim ple"]) for row in rows], weighted)
-    assert "Base parameters (sim ple model, shared model), kg" in capsys.readouterr().out
-
-
-def test_tables_of_models_whose_names_differ_in_punctuation_have_numbers(tmp_path):
-    models = 'scene = { model = "double_pendulum" }\nmodels = { a_b = {}, "a b" = { axes = "true" } }\n'
-    assert list(study_entries.read(written(tmp_path, models)).tables) == ["table_parameters_1", "table_parameters_2"]
-    (only,) = study_entries.read(written(tmp_path, models.replace(', "a b" = { axes = "true" }', ""))).tables
-    assert only == "table_parameters"
-
-
-def test_published_numbers_of_a_file_have_the_digits_that_it_states(tmp_path):
-    text = OWN.replace("decimals = 2", "").replace("m1 = 0.5", "m1 = 0.5\nIxx2 = -0.25")
-    own = study_tables.table(simulated(study_entries.read(written(tmp_path, text))), "table_mine")
-    shown = [row[own.headings().index("paper's error")] for row in own.texts()]
-    assert [cell for cell in shown if cell] == ["0.50", "-0.25"]
-    fixed = study_tables.table(simulated(study_entries.read(written(tmp_path, OWN))), "table_mine")
-    assert all(len(row[2].partition(".")[2]) == 2 for row in fixed.texts())
-
-
-def test_models_whose_names_are_alike_in_words_are_all_drawn(tmp_path):
-    text = """
-scene = { model = "double_pendulum" }
-models = { a_b = {}, "a b" = { axes = "true" }, other = {} }
-figures = { figure_a = { kind = "wrenches" } }
-"""
-    drawn = study_entries.read(written(tmp_path, text)).figures["figure_a"]["curves"]
-    assert drawn == {"True": "true", "a_b": "a_b", "a b": "a b", "Other": "other"}
 
 
 def test_options_go_before_the_file():
@@ -265,13 +192,3 @@ def test_a_study_that_is_not_there_is_named(capsys, tmp_path):
     assert "misaligned, multicontact, several_contacts come with this package" in message
     path = str(written(tmp_path, OWN))
     assert "--trials needs [trials]" in refusal(study.main, [path, "--trials", "2", "--out", str(tmp_path)], capsys)
-
-
-@pytest.mark.usefixtures("undrawn", "no_trajectory")
-def test_the_papers_command_is_its_file(tmp_path):
-    options = ["--samples", "200", "--formats", "png"]
-    assert misaligned.main([*options, "--out", str(tmp_path / "a")]) == 0
-    assert study.main(["misaligned", *options, "--out", str(tmp_path / "b")]) == 0
-    assert {file.name for file in (tmp_path / "a").iterdir()} == {file.name for file in (tmp_path / "b").iterdir()}
-    for file in (path for path in (tmp_path / "a").iterdir() if path.name != "provenance.json"):
-        assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes(), file.name

@@ -6,7 +6,6 @@ import pytest
 from commands import refusal
 
 from experiments.data.key_numbers import summary
-from experiments.data.outcomes import Sweep
 from experiments.reports import sweep_report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies import sweep
@@ -114,38 +113,3 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
 )
 def test_bad_input_is_one_sentence(tmp_path, capsys, command, message):
     assert message in refusal(main, [*command, "--out", str(tmp_path)], capsys)
-
-
-@pytest.mark.usefixtures("undrawn", "here")
-def test_runs_of_another_sweep_are_not_resumed(tmp_path, capsys):
-    run(tmp_path, seeds=1)
-    command = ["multicontact", "--over", "noise_scale", "2", "--resume", "--out", str(tmp_path)]
-    assert "are of another run: values differ" in refusal(main, command, capsys)
-
-
-def test_the_chart_shows_every_seed_and_the_mean():
-    runs = [{"tilt_deg": v, "seed": s, "error_N": v + s} for s in range(3) for v in (10.0, 5.0)]
-    runs[0] = {"tilt_deg": 10.0, "seed": 0, "refused": "no"}
-    sweep = Sweep("tilt_deg", [10.0, 5.0], runs)
-    assert sweep.names == ["error_N"]
-    (panel,) = sweep_report.chart(sweep, {"error_N": "Error (N)"}).axes
-    mean, *seeds = panel.get_lines()
-    np.testing.assert_array_equal(mean.get_xydata(), [[5, 6], [10, 11.5]])
-    np.testing.assert_array_equal([line.get_ydata() for line in seeds], [[np.nan, 5], [11, 6], [12, 7]])
-    assert (panel.get_title(), panel.get_xlabel()) == ("Error (N)", "Tilt (deg)")
-
-
-def test_the_chart_names_values_that_are_not_numbers():
-    sweep = Sweep("contact", ["pad", "handle"], [{"contact": c, "seed": 0, "rank": 13} for c in ("pad", "handle")])
-    (panel,) = sweep_report.chart(sweep, {"rank": "Rank"}).axes
-    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["pad", "handle"]
-
-
-def test_a_number_that_does_not_change_has_plain_ticks():
-    runs = [{"tilt_deg": v, "seed": 0, "condition": 37.7491 + 1e-6 * v} for v in (0.0, 5.0, 10.0)]
-    figure = sweep_report.chart(Sweep("tilt_deg", [0.0, 5.0, 10.0], runs), {"condition": "Condition number"})
-    figure.draw_without_rendering()
-    (panel,) = figure.axes
-    assert panel.yaxis.get_offset_text().get_text() == ""
-    assert np.diff(panel.get_ylim()) > 1
-    assert "36" in [tick.get_text() for tick in panel.get_yticklabels()]

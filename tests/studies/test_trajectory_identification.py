@@ -35,7 +35,7 @@ def by_command(tmp_path, recordings, *options, columns=""):
     if columns:
         (tmp_path / "columns.toml").write_text(columns, encoding="utf-8")
         options = (*options, "--columns", str(tmp_path / "columns.toml"))
-    assert identify.main([str(MODEL), *logs, *options, "--name", "out", "--out", str(tmp_path)]) == 0
+    assert identify.main([str(MODEL), *logs, *options, "--name", "out", "--out", str(tmp_path), "--verbose"]) == 0
     return json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
 
 
@@ -109,7 +109,10 @@ def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
     assert "delay(ground)" not in [each["name"] for each in without["setup"]]
     given = [str(MODEL), str(tmp_path / "log0.csv"), "--columns", str(tmp_path / "columns.toml"), "--base", "base"]
     for wrong, message in (
-        ("[setup]\nlate = 1", "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, rotation_deg"),
+        (
+            "[setup]\nlate = 1",
+            "[setup] has no entry 'late'; valid are delay, lag, clock, origin, gain, centre, rotation_deg",
+        ),
         ("[setup]\ndelay = -1", "setup.delay needs a standard deviation, zero or false, got -1"),
         ("[known]\nmass = true", "known.mass needs a standard deviation"),
     ):
@@ -145,7 +148,7 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     trials = [shortened(faulty(seed), 250) for seed in range(6)]
     heavier = trials[3].measured | {"ground_force": 1.2 * trials[3]["ground_force"]}
     trials[3] = replace(trials[3], measured=heavier)
-    keys = ("delay", "clock", "origin", "gain", "rotation_deg", "gravity_deg", "zero_deg", "axis_deg")
+    keys = ("delay", "clock", "origin", "gain", "rotation_deg", "gravity_deg", "zero_deg", "axis_deg", "centre")
     exact = "[setup]\n" + "".join(f"{key} = 0\n" for key in keys)
     estimate = by_command(tmp_path, trials, "--base", "base", columns=exact)
     apart = np.array(estimate["logs"]["rms_z"])
@@ -219,18 +222,6 @@ def test_bodies_are_physical_where_that_is_asked_for():
     assert (held.held_out.ratio < 1.05 * free.held_out.ratio).all()
     with pytest.raises(ident.InputError, match="Only the trajectory estimate can be held to physical bodies"):
         ident.identify(wrong, faulty(), estimator="ordinary", physical=True)
-
-
-def test_an_interrupt_leaves_the_last_iterate():
-    def interrupt(round_, step):
-        if round_ == 0:
-            raise KeyboardInterrupt
-
-    estimate = identified(prepared(PENDULUM, faulty()), report=interrupt)
-    assert estimate.trajectory.fit.status == "interrupted"
-    (finding,) = coded(estimate, "not_converged")
-    assert finding.doubt and finding.values == {"status": "interrupted", "rounds": 1}
-    assert (np.abs(estimate.psi - TRUTH) < 10 * estimate.std).all()
 
 
 def test_pieces_may_be_worked_on_elsewhere():

@@ -8,6 +8,7 @@ import pytest
 
 from ident.errors import ExcitationError
 from ident.trajectory import setup_search
+from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.setup_search import MOST_DEVIATIONS, Search, searched
 
 
@@ -62,6 +63,34 @@ def search_of(best, std, groups=None, scattered=lambda fitted: fitted):
         return scattered(replace(first, theta=np.where(free, best, start.theta), free=free))
 
     return searched(Search(first), refit, np.ones(len(best), bool), groups or {})
+
+
+def test_an_error_beyond_what_is_stated_has_a_wider_prior():
+    """Unless something within what is stated explains as much."""
+    rng = np.random.default_rng(0)
+    information = np.array([[1.0, 0.0], [0.0, 4.0]]) / 0.01**2
+
+    def search_of_two(best, other):
+        gradient = information @ np.array([best, other])
+        names, free = ["a", "b"], np.zeros(2, bool)
+
+        def fit_of(theta, free, prior):
+            shares = [(information / 2, (gradient - information @ theta) / 2)] * 2
+            return TrajectoryFit(names, [], prior, theta, shares, free, [], [], [], (), "near")
+
+        def refit(start, free, rounds):
+            precision = (information + start.prior.precision)[np.ix_(free, free)]
+            theta = start.theta.copy()
+            theta[free] = np.linalg.solve(precision, gradient[free])
+            return fit_of(theta, free, start.prior)
+
+        first = fit_of(np.zeros(2), free, Prior(np.zeros(2), np.eye(2) / 0.001**2))
+        return searched(Search(first), refit, np.ones(2, bool), {}, gross=np.array([0.1, 0.0]))
+
+    far = search_of_two(0.1 + 0.01 * rng.normal(), 0.0)
+    assert [each.gross for each in far.deviations] == [True] and abs(far.fit.theta[0] - 0.1) < 0.03
+    assert not far.incredible and 0.009 < np.sqrt(far.fit.covariance[0, 0]) < 0.0101
+    assert not search_of_two(0.004, 0.0).deviations
 
 
 def deviating(search):

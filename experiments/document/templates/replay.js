@@ -13,6 +13,8 @@ class Replay {
     this.show(0);
     const again = () => this.draw();
     window.addEventListener("resize", again);
+    // In a fold it has no size to be drawn in.
+    byId("moving").closest("details").addEventListener("toggle", again);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
     // Paper is white, whatever the screen is.
     for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
@@ -43,28 +45,28 @@ class Replay {
 
   // First cells of parameters' rows become buttons, and findings that are somewhere get one.
   tables() {
-    const rows = document.querySelectorAll('[data-table="table_base_parameters"] tbody tr');
     this.data.parameters.forEach((parameter, k) => {
-      if (!rows[k]) return;
-      const cell = rows[k].firstElementChild;
+      const row = document.querySelector(`[data-table="table_base_parameters"] [data-row="${k}"]`);
+      if (!row) return;
+      const cell = row.firstElementChild;
       const named = button("plain", () => this.tell(parameter.text, parameter.body));
       named.append(...cell.childNodes);
       cell.append(named);
     });
-    const items = document.querySelectorAll(".findings li");
+    const items = document.querySelectorAll(".findings details");
     this.data.findings.forEach((finding, k) => {
       if (!finding.where) return;
       const show = button("show", () => this.point(finding));
-      show.append("Show");
-      items[k].append(" ", show);
+      show.append("Show in the replay");
+      items[k].append(show);
     });
   }
 
   tell(text, body) {
     byId("told").textContent = text;
     this.view.chosen = body ?? null;
-    this.view.draw();
-    byId("moving").scrollIntoView({ block: "nearest" });
+    unfold("moving").scrollIntoView({ block: "nearest" });
+    this.draw();
   }
 
   point({ where, body, span, channels }) {

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from experiments.runs.environment import extra
 from experiments.studies.identification import part_of
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimators.candidate import Candidate
+from ident.files.limits import library
 from ident.geometry.inertia import PINOCCHIO
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
@@ -163,7 +163,7 @@ def _plain(estimate: Estimate) -> Values:
 
 def figaroh(task: Task) -> Answer:
     """FIGAROH: filtered angles, differences, and least squares of base parameters, from the longest log."""
-    with extra("peers"):
+    with library("peers", "It"):
         base = import_module("figaroh.identification.base_identification").BaseIdentification
         load_robot = import_module("figaroh.tools.load_robot").load_robot
 
@@ -213,7 +213,7 @@ def sysid(task: Task) -> Answer:
     """mujoco.sysid: bodies and drives with which simulations under the recorded torques follow the angles."""
     import mujoco
 
-    with extra("peers"):
+    with library("peers", "It"):
         import_module("absl")
     sysid = import_module("mujoco.sysid")
 

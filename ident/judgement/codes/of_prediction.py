@@ -10,25 +10,27 @@ CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "leas
 
 
 def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) -> str:
-    parts = [
-        f"{CANDIDATES[name]} in "
-        + listed(f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items())
-        for name, channels in worse.items()
-    ]
+    parts = [f"{CANDIDATES[name]} in {_pairs(channels)}" for name, channels in worse.items()]
     return f"Worse than {', and than '.join(parts)}, residual over signal. {_advice('model' in worse, **advice)}"
 
 
-SHOWN = 8
-"""Largest number of channels whose residuals a sentence lists."""
+def _pairs(channels: Mapping[str, Sequence[float]]) -> str:
+    """The estimate's ratios beside another candidate's, of the worst channel if there are many."""
+    pairs = [f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items()]
+    more = [own - other for own, other in channels.values()]
+    most = pairs[more.index(max(more))]
+    return listed(pairs) if len(pairs) <= NAMED else f"{len(pairs)} channels, most in {most}"
+
+
+NAMED = 4
+"""Largest number of channels that a sentence on candidates names; the table of channels has all."""
 
 
 def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]) -> str:
-    pairs = [f"{channel} {other:.3g} against {own:.3g}" for channel, (own, other) in ratios.items()]
-    more = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
     name = CANDIDATES[candidate]
     return (
         f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {percent(behind - 1)} in the median "
-        f"channel. Take it if you only want to predict; residual over signal: {listed(pairs[:SHOWN])}{more}."
+        f"of {len(ratios)} channels. Take it if you only want to predict."
     )
 
 

@@ -1,11 +1,11 @@
 """The mapping of a log's columns to quantities and units, from a TOML file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ident.arguments import OF_BODIES, checked_deviations, checked_rpy
+from ident.arguments import OF_BODIES, checked_by_joint, checked_deviations, checked_rpy
 from ident.errors import LogError
 from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
@@ -167,7 +167,8 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     check_keys("the mapping", entries, tables)
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
-    mapping = ColumnMapping(setup=_deviations("setup", entries, DEVIATIONS), known=known, known_bodies=known_bodies)
+    setup = _deviations("setup", entries, DEVIATIONS, tree.compounds)
+    mapping = ColumnMapping(setup=setup, known=known, known_bodies=known_bodies)
     mapping.layouts, mapping.selection = layouts(entries), selection(entries)
     times = clocks(entries)
     if len(times) == 1:
@@ -241,12 +242,15 @@ def _columns_in(entry: Any) -> list[Any]:
     return [name for each in entry for name in _columns_in(each)] if isinstance(entry, list) else [entry]
 
 
-def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
-    """Standard deviations by kind; zero or false for what is exactly as stated."""
+def _deviations(
+    name: str, entries: Mapping[str, Any], factors: Mapping[str, float], joints: Iterable[str] = ()
+) -> dict[str, float]:
+    """Standard deviations by kind, of centres by joint, too; zero or false for what is exactly as stated."""
     entry = table(name, entries.get(name, {}))
+    entry, single = checked_by_joint(name, entry, "centre", joints, LogError) if joints else (entry, {})
     check_keys(f"[{name}]", entry, tuple(factors))
     deviations = checked_deviations(name, entry, factors, LogError)
-    return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()}
+    return {key.removesuffix(ANGLE.suffix): value * factors[key] for key, value in deviations.items()} | single
 
 
 def _known(entries: Mapping[str, Any], bodies: Sequence[str]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:

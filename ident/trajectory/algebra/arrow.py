@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.trajectory.algebra.banded import WINDOW, Banded, Factor, runs
+from ident.trajectory.algebra.banded import WINDOW, Banded, Factor
 from ident.trajectory.algebra.groups import Group
-from ident.trajectory.algebra.spline import LOCAL, Spline
+from ident.trajectory.algebra.spline import LOCAL, Spline, sliding
 
 
 class Eliminated(NamedTuple):
@@ -121,16 +121,11 @@ class Posterior:
     def of_coordinates(self, some: slice, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Blocks of `A⁻¹` (k, 7 c, 7 c) and rows of `W √Σ` (k, 7 c, q) of some coordinates (c,) and intervals."""
         inverse, followed = self.inverse[some], self.followed[some]
-        k, width, q = followed.shape
-        n, c = width // WINDOW, len(coordinates)
-        if c == n:
+        n = followed.shape[1] // WINDOW
+        if len(coordinates) == n:
             return inverse, followed
-        inverse = inverse.reshape(k, WINDOW, n, WINDOW, n)
-        out, rows = np.empty((k, WINDOW, c, WINDOW, c)), followed.reshape(k, WINDOW, n, q)[:, :, coordinates]
-        for own, at in runs(coordinates):
-            for others, at_others in runs(coordinates):
-                out[:, :, own, :, others] = inverse[:, :, at, :, at_others]
-        return out.reshape(k, WINDOW * c, -1), rows.reshape(k, WINDOW * c, q)
+        at = (n * np.arange(WINDOW)[:, None] + coordinates).ravel()
+        return inverse[:, at[:, None], at], followed[:, at]
 
     def followed_of(self, coordinate: int) -> np.ndarray:
         """Rows of `W √Σ` of one coordinate for every window (S, 7, q)."""
@@ -249,15 +244,6 @@ def transposed(x: np.ndarray) -> np.ndarray:
 def stacked(x: np.ndarray) -> np.ndarray:
     """Rows of any shape stacked (…, p) -> (N, p)."""
     return x.reshape(prod(x.shape[:-1]), x.shape[-1])
-
-
-def sliding(x: np.ndarray, width: int, step: int = 1) -> np.ndarray:
-    """Windows of adjacent rows of arrays (…, N, q), one every few rows, without a copy (…, k, width, q)."""
-    *shape, number, q = x.shape
-    # numpy's `sliding_window_view` takes as long as a product of small matrices.
-    strides = *x.strides[:-2], step * x.strides[-2], *x.strides[-2:]
-    windows = *shape, (number - width) // step + 1, width, q
-    return np.lib.stride_tricks.as_strided(x, windows, strides, writeable=False)
 
 
 def add_windows(total: np.ndarray, windows: np.ndarray) -> None:

@@ -136,7 +136,9 @@ class Spline:
     def bent(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
         """`√λ R c` of coefficients c (size n, k) with λ (n,), whose squares add up to `Σ_j λ_j ∫ x⃛_j² dt` (m n, k)."""
         scaled = coefficients.reshape(self.size, len(jerk), -1) * np.sqrt(jerk)[:, None]
-        return np.asarray(self.roots @ scaled.reshape(self.size, -1)).reshape(-1, coefficients.shape[-1])
+        # A product for each interval takes a fifth of the time of one with the sparse matrix.
+        bent = self.penalty_root @ sliding(scaled.reshape(self.size, -1), LOCAL)
+        return bent.reshape(-1, coefficients.shape[-1])
 
     def penalised(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
         """`λ P c`, half the gradient of that sum, of coefficients c (size n, k)."""
@@ -154,3 +156,12 @@ class Spline:
     def penalty_scores(self, rng: np.random.Generator, jerk: np.ndarray, draws: int) -> np.ndarray:
         """Random gradients of the penalties at motions of the prior, of covariance `λ_j P` (size n, draws)."""
         return self._unbent(rng.normal(size=(self.roots.shape[0] * len(jerk), draws)), jerk)
+
+
+def sliding(x: np.ndarray, width: int, step: int = 1) -> np.ndarray:
+    """Windows of adjacent rows of arrays (…, N, q), one every few rows, without a copy (…, k, width, q)."""
+    *shape, number, q = x.shape
+    # numpy's `sliding_window_view` takes as long as a product of small matrices.
+    strides = *x.strides[:-2], step * x.strides[-2], *x.strides[-2:]
+    windows = *shape, (number - width) // step + 1, width, q
+    return np.lib.stride_tricks.as_strided(x, windows, strides, writeable=False)

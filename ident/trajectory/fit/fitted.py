@@ -34,6 +34,12 @@ class Prior(NamedTuple):
         """Prior with another weight."""
         return Prior(self.mean, weight * self.known, weight)
 
+    def loosened(self, at: np.ndarray, std: np.ndarray) -> "Prior":
+        """Prior with other standard deviations (p,) of set-up parameters, by their indices."""
+        precision = self.precision.copy()
+        precision[at, at] = self.weight / std[at] ** 2
+        return self._replace(precision=precision)
+
 
 @dataclass(frozen=True, eq=False)
 class Start:
@@ -43,11 +49,13 @@ class Start:
         theta: Parameters (p,).
         noises: Standard deviations, correlation and smoothness, of every recording.
         coefficients: Spline coefficients of every piece (size, n).
+        prior: Prior of θ; None for that of the problem.
     """
 
     theta: np.ndarray
     noises: Sequence[Noise]
     coefficients: Sequence[np.ndarray]
+    prior: Prior | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +97,7 @@ class TrajectoryFit:
     @property
     def end(self) -> Start:
         """End point, as a warm start for another fit of the same pieces."""
-        return Start(self.theta, self.noises, self.coefficients)
+        return Start(self.theta, self.noises, self.coefficients, self.prior)
 
     @cached_property
     def channel_noise(self) -> np.ndarray:

@@ -56,6 +56,11 @@ COLOURED = 3
 """Round after which noise that was white at the start may be correlated, earlier if θ has nearly converged: while the
 fit is poor, all residuals are correlated."""
 
+LONGER, LONGEST, FURTHEST = 1.5, 4.0, 0.7
+"""Growth of the step of a noise's logarithm with every round in which it keeps its sign, the largest factor on it, and
+the largest addition. Where the trajectory absorbs most of a stream, one update leaves some 95 % of the distance: a fit
+of walks takes 24 rounds instead of 49, and ends nearer."""
+
 SMOOTHEST = 1e7
 """Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
 reverse steps of resting coordinates."""
@@ -92,7 +97,7 @@ def fit(
         measurement: Channels and parameters.
         pieces: Measured samples.
         start: Starting point.
-        prior: Prior of θ.
+        prior: Prior of θ, unless the start has one.
         free: Mask of the entries of θ to fit (p,).
         names: Names of θ, by default those of the measurement.
         selections: Indices in θ of each piece's parameters; by default all entries for every piece.
@@ -107,7 +112,7 @@ def fit(
     Raises:
         ExcitationError: The motion leaves parameters undetermined.
     """
-    every = [np.arange(len(free))] * len(pieces)
+    every, prior = [np.arange(len(free))] * len(pieces), start.prior or prior
     run = map if executor is None else executor.map
     sent = measurement if executor is None else cast(Predictor, _Sent(measurement))
     problem = _Problem(sent, pieces, prior, free, names or measurement.names, selections or every, run)
@@ -141,6 +146,7 @@ class _Iteration:
         self._explore, self._settled = explore, settled
         self._was_coloured, self._now_coloured = False, any(noise.channels_rho.any() for noise in start.noises)
         self._stalled = 0
+        self._steps = dict[tuple[int, str], tuple[np.ndarray, np.ndarray]]()
 
     def ended(self, rounds: int, report: Report | None) -> str:
         """Iterates to the end, and returns the `TrajectoryFit.status`."""
@@ -186,9 +192,22 @@ class _Iteration:
         for log, old in enumerate(before):
             own = [k for k, piece in enumerate(self._problem.pieces) if piece.log == log]
             new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._now_coloured)
+            new = new if self._explore else self._lengthened(new, old, log)
             new = replace(new, jerk=np.minimum(new.jerk, self._problem.smoothest(new, log)))
             out.append(replace(new, **{name: getattr(old, name) for name in self._kept}))
         return out
+
+    def _lengthened(self, new: Noise, old: Noise, log: int) -> Noise:
+        """Noise of a recording after longer steps where they keep their sign."""
+        out = dict[str, Any]()
+        for name in ("states", "channels", "jerk"):
+            step = np.log(getattr(new, name) / getattr(old, name))
+            before, factor = self._steps.get((log, name), (0 * step, np.ones(step.shape)))
+            factor = np.where(step * before > 0, np.minimum(LONGER * factor, LONGEST), 1.0)
+            self._steps[log, name] = step, factor
+            more = np.clip((factor - 1) * step, -FURTHEST, FURTHEST)
+            out[name] = getattr(new, name) * np.exp(more)
+        return replace(new, **out)
 
 
 class _Sent:
@@ -242,9 +261,9 @@ class _Problem:
         return out
 
     def _run(self, work: Callable[..., Any], at: Start, *more: Iterable[Any]) -> Iterable[Any]:
-        """Results of a function of each piece, its noise, coefficients and parameters, and more."""
+        """Results of a function of each piece, its coefficients, parameters and noise, and more."""
         noises, thetas = [at.noises[piece.log] for piece in self.pieces], [at.theta[own] for own in self.selections]
-        return self.run(work, self.pieces, noises, at.coefficients, thetas, *more)
+        return self.run(work, self.pieces, at.coefficients, thetas, noises, *more)
 
     def root(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Root of the covariance of the fitted parameters (k, k)."""
@@ -287,7 +306,7 @@ class _Problem:
 
     def _misfits(self, at: Start) -> list[Misfit]:
         """Misfits of all pieces."""
-        return list(self._run(partial(_misfit, self.measurement), at))
+        return list(self._run(partial(misfit, self.measurement), at))
 
     def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
         """Cost of all pieces and of θ."""
@@ -295,12 +314,8 @@ class _Problem:
         return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
 
 
-def _misfit(measurement: Predictor, piece: Piece, noise: Noise, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
-    return misfit(measurement, piece, coefficients, theta=theta, noise=noise)
-
-
 def _share(
-    measurement: Predictor, piece: Piece, noise: Noise, coefficients: np.ndarray, theta: np.ndarray
+    measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> tuple[np.ndarray, np.ndarray]:
     """Precision and right side of all of a piece's θ."""
     equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
@@ -312,9 +327,9 @@ def _linearised(
     wanted: np.ndarray,
     root: np.ndarray | None,
     piece: Piece,
-    noise: Noise,
     coefficients: np.ndarray,
     theta: np.ndarray,
+    noise: Noise,
     own: np.ndarray,
 ) -> Linearised:
     """Linearised piece, derivatives by its own θ placed among the wanted entries."""

@@ -54,9 +54,7 @@ class Linearised(NamedTuple):
     held: np.ndarray
 
 
-def misfit(
-    measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, theta: np.ndarray, noise: Noise
-) -> Misfit:
+def misfit(measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise) -> Misfit:
     """Misfit of a trajectory and θ to the measured samples.
 
     Args:

@@ -18,6 +18,8 @@ Solve = Callable[..., TrajectoryFit]
 def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
     """Fit with no drive below zero.
 
+    After the largest number of rounds no drive is freed again: the fit that goes on from there does that.
+
     Args:
         solve: Function that fits without bounds.
         drives: Mask of the drives (p,).
@@ -28,7 +30,7 @@ def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarr
     fit = _bounded(solve, drives, begin, free, rounds)
     # A drive that is negative while others are negative too may be positive once these are zero.
     untried = drives.copy()
-    while rounds and (gains := _gains(fit, untried & ~fit.free)).any():
+    while rounds and fit.status != "stopped" and (gains := _gains(fit, untried & ~fit.free)).any():
         best = np.arange(len(drives)) == np.argmax(gains)
         untried &= ~best
         fit = _bounded(solve, drives, fit.end, fit.free | best, rounds)

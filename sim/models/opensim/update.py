@@ -4,14 +4,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
 from sim.models.inertials import SHORT, is_physical, shortened
-from sim.models.opensim.document import model_element
+from sim.models.opensim.document import model_element, text
 from sim.models.opensim.frames import Frames
+from sim.models.opensim.links import links_in_order
 from sim.models.opensim.mechanism import MOMENTS, OpenSimOrigin, body_parameters
 from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
 
@@ -19,17 +21,25 @@ BODIES = ("Model", "BodySet", "objects", "Body")
 """Path of tags from below the root to a body."""
 
 
-def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray, comments: Mapping[str, str] | None = None) -> None:
-    """Writes the file of a mechanism with other inertial parameters.
+def write_opensim(
+    path: Path,
+    mechanism: Mechanism,
+    phi: np.ndarray,
+    comments: Mapping[str, str] | None = None,
+    displaced: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Writes the file of a mechanism with other inertial parameters, and perhaps other places of joints.
 
     Args:
         path: File to write; its folder must exist.
         mechanism: The mechanism, from an OpenSim file.
         phi: φ of its bodies, with welds not merged (10 b,).
         comments: Comments on bodies, whose numbers are then short.
+        displaced: Displacements of joints in their parents' frames, m (3,), by the names of the bodies that they carry.
 
     Raises:
-        ModelError: The file is in UTF-16 or UTF-32, has elements in entities, or does not read back as φ.
+        ModelError: A joint has no offset frame to displace, or the file is in UTF-16 or UTF-32, has elements in
+            entities, or does not read back as φ.
         InputError: φ does not fit the bodies, one is not physical, or the path does not end in `.osim`.
     """
     origin: OpenSimOrigin = mechanism.source
@@ -51,22 +61,47 @@ def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray, comments: M
         if own.any() and not is_physical(own):
             raise InputError(f"The parameters of '{name}' are not those of a physical body.")
     with replacing(path) as temporary:
-        temporary.write_bytes(_replaced(origin.path, changed, comments or {}))
+        temporary.write_bytes(_replaced(origin.path, changed, comments or {}, displaced or {}))
         after = Frames(model_element(temporary)).bodies
         for name, own in new.items():
             if abs(body_parameters(after[name]) - own).max() > (SHORT if comments else 1e-9) * abs(own).max():
                 raise ModelError(f"{path}: the parameters of '{name}' do not read back as they were written.")
 
 
-def _replaced(path: Path, bodies: Mapping[str, np.ndarray], comments: Mapping[str, str]) -> bytes:
-    """Bytes of a file with other φ (10,) of some bodies, and comments."""
+def _replaced(
+    path: Path, bodies: Mapping[str, np.ndarray], comments: Mapping[str, str], displaced: Mapping[str, np.ndarray]
+) -> bytes:
+    """Bytes of a file with other φ (10,) of some bodies, comments, and displaced joints."""
     data = path.read_bytes()
     places: dict[str, Place] = {}
     for body in root_of(path, data).below(*BODIES):
         places.setdefault(body.attributes.get("name", "").strip(), body)
     edits = [edit for name, phi in bodies.items() for edit in _edits(data, places[name], phi, short=name in comments)]
     noted = [with_comment(data, places[name], text) for name, text in comments.items()]
-    return edited(data, [*noted, *edits])
+    moved = [_offset_edit(path, data, name, shift) for name, shift in displaced.items()]
+    return edited(data, [*noted, *edits, *moved])
+
+
+def _offset_edit(path: Path, data: bytes, body: str, shift: np.ndarray) -> Edit:
+    """Edit that displaces the joint that carries a body, in the frame of the body's parent."""
+    model, root = model_element(path), root_of(path, data)
+    link = next(each for each in links_in_order(model, Frames(model)) if each.child.body == body)
+    inside = [group for each in root.below(*BODIES) for group in each.below("Joint")]
+    joints = [each for group in (*root.below("Model", "JointSet", "objects"), *inside) for each in group.children]
+    joint = next(each for each in joints if each.attributes.get("name") == link.joint.get("name"))
+    frame = text(link.joint, "socket_parent_frame").rpartition("/")[2]
+    for place, names in (
+        (joint, ("location_in_parent", "orientation_in_parent")),
+        *((each, ("translation", "orientation")) for each in joint.below("frames", "PhysicalOffsetFrame")),
+    ):
+        stated = place.child(names[0])
+        if stated is None or (place is not joint and place.attributes.get("name") != frame):
+            continue
+        numbers = [np.array(data[x.inside : x.end].split(), float) for x in map(place.child, names) if x]
+        own = Rotation.from_euler("XYZ", numbers[1] if len(numbers) > 1 else np.zeros(3)).as_matrix()
+        turned = own @ link.parent.pose[:3, :3].T @ shift
+        return Edit(stated.inside, stated.end, digits(numbers[0] + turned).encode())
+    raise ModelError(f"{path}: the joint that carries '{body}' has no offset frame of its own; add one on its parent.")
 
 
 def _edits(data: bytes, body: Place, phi: np.ndarray, *, short: bool) -> Iterator[Edit]:

@@ -169,22 +169,6 @@ def test_damaged_marker_files(tmp_path, damage, message):
     assert message in refusal(tmp_path / "log.trc")
 
 
-NUMBERS = {
-    "NaN": ("time", np.where(T[7] == T, np.nan, T), "is empty or NaN"),
-    "infinite": ("q_hip", np.where(T[7] == T, np.inf, Q[:, 1]), "needs a finite number"),
-    "back in time": ("time", T[::-1], "goes back in time"),
-    "huge": ("q_hip", 1e30 + T, "needs numbers below"),
-    "stopped clock": ("time", 0 * T, "repeats the time of the sample before, but not its values"),
-}
-
-
-@pytest.mark.parametrize("kind", ["mot", "mat", "parquet", "csv.gz"])
-@pytest.mark.parametrize(("name", "numbers", "message"), NUMBERS.values(), ids=NUMBERS.keys())
-def test_numbers_that_cannot_be(tmp_path, kind, name, numbers, message):
-    write(tmp_path / f"log.{kind}", PLAIN | {name: numbers})
-    assert message in refusal(tmp_path / f"log.{kind}")
-
-
 def test_matlab_files_that_are_refused(tmp_path):
     path = tmp_path / "log.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(600))

@@ -1,13 +1,11 @@
 """Logs of other programs give the same as a CSV file with the same columns."""
 
-import sys
-
 import numpy as np
 import pytest
 from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, PLAIN, WRENCH, N, Q, T
 from written_formats import DEG, PLATE, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
-from ident.errors import InputError, LogError
+from ident.errors import LogError
 from ident.files.formats import c3d, trc
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
@@ -179,7 +177,6 @@ def joint_states(names=("hip", "ankle")):
     return {name: list(zip(Q[:, columns[name]], DQ[:, columns[name]], T, strict=True)) for name in names}
 
 
-HIP = "[joints.hip]\nposition = "
 BAGS = ["log.bag", "folder", "mcap", "mcap/mcap.mcap", "folder/folder.db3"]
 
 
@@ -200,17 +197,6 @@ def test_bags_have_each_topic_at_its_own_times(tmp_path, name, stamped):
     np.testing.assert_array_equal(log.as_measured("ground_force").values, FAST[:, :3])
     assert log.unused == ["x.0", "x.1"]
     assert any(("frame 'tool'" if stamped else "those of writing") in note for note in log.notes)
-
-
-def test_topics_that_have_the_same_joints_are_told_apart(tmp_path):
-    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
-    topics = {"/joint_states": (T, joint_states()), "/arm/wanted": (T, joint_states(("hip",)))}
-    write_bag(tmp_path / "log.bag", topics)
-    with pytest.raises(LogError, match=r"'hip' needs a column .*joint_states:hip_position.*arm/wanted:hip_position"):
-        read_log(tmp_path / "log.bag", MECHANISM)
-    (tmp_path / "c.toml").write_text(f'{HIP}"joint_states:hip_position"\n[select]\ntime = [0.1, 0.3]')
-    log = read_log(tmp_path / "log.bag", MECHANISM, tmp_path / "c.toml")
-    np.testing.assert_array_equal(log.as_measured("hip_position").values, Q[10:31, 1])
 
 
 CONTRADICTIONS = {
@@ -241,22 +227,3 @@ def test_mappings_that_contradict_a_bag(tmp_path, mapping, message):
     with pytest.raises(LogError) as error:
         read_log(tmp_path / "log.bag", MECHANISM, tmp_path / "c.toml")
     assert message in str(error.value) and "\n" not in str(error.value)
-
-
-def test_what_has_several_clocks_is_not_read_in_pieces(tmp_path):
-    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
-    write_bag(tmp_path / "log.bag", {"/j": (T, joint_states())})
-    with pytest.raises(LogError, match="is not read in pieces"):
-        list(read_log_pieces(tmp_path / "log.bag", MECHANISM, None, 10))
-
-
-@pytest.mark.parametrize(
-    ("name", "package", "extra"),
-    [("log.c3d", "ezc3d", "c3d"), ("log.bag", "rosbags", "ros"), ("log.parquet", "pyarrow", "parquet")],
-)
-def test_without_its_library_a_format_names_the_extra(tmp_path, monkeypatch, name, package, extra):
-    (tmp_path / name).write_bytes(b"x")
-    for module in [package, *(each for each in sys.modules if each.startswith(f"{package}."))]:
-        monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(InputError, match=rf"needs the package '{package}.*extra '{extra}' .* multicontact\[{extra}\]"):
-        read_log(tmp_path / name, MECHANISM)

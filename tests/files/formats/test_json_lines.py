@@ -17,7 +17,6 @@ from ident.recordings.log import read_log
 JOINTS = Mechanism(
     Tree(tuple(Body(f"b{k}", k - 1, np.eye(4), np.eye(6)[4], f"j{k}") for k in range(2))), np.array([0, 0, -9.81])
 )
-COLUMNS = {f"joints.j{k}.{kind}": f"{key}.{k}" for k in range(2) for kind, key in (("position", "q"), ("torque", "e"))}
 
 
 def lines(n=N):
@@ -57,18 +56,6 @@ def test_arrays_and_objects_are_columns(tmp_path, name):
     np.testing.assert_allclose(log.time, T, atol=1e-12)
 
 
-def test_arrays_in_arrays_and_other_numbers(tmp_path):
-    row = {"T": [[1, 0], [0, 2]], "q": [1, None, 3, -4e-3], "one": [7], "bodies": [{"m": 1}, {"m": 2}], "empty": []}
-    columns = table(written(tmp_path / "log.jsonl", [row, {**row, "n": 10**400, "x": float("nan")}])).cells
-    numbers = {name: x[1] for name, x in columns.items()}
-    assert numbers == pytest.approx(
-        {"T.0.0": 1, "T.0.1": 0, "T.1.0": 0, "T.1.1": 2, "q.w": 1, "q.x": np.nan, "q.y": 3, "q.z": -4e-3}
-        | {"one.0": 7, "bodies.0.m": 1, "bodies.1.m": 2, "n": np.inf, "x": np.nan},
-        nan_ok=True,
-    )
-    assert np.isnan(columns["n"][0])
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -92,9 +79,3 @@ def test_errors_name_the_row(tmp_path, change, message):
     with pytest.raises(LogError, match=message) as raised:
         read_log(path, JOINTS, {"joints": {f"j{k}": {"position": f"q.{k}"} for k in range(2)}})
     assert "\n" not in str(raised.value)
-
-
-def test_lines_with_names_of_their_own_take_no_more_memory_than_allowed(tmp_path):
-    path = written(tmp_path / "log.jsonl", [{f"a{k}": k} for k in range(2000)])
-    with pytest.raises(LogError, match="--max-size"):
-        read_tables(path, limit=2_000_000)

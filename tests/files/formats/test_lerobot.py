@@ -10,12 +10,7 @@ from malformed_logs import JOINTS, N, Q, T
 from written_formats import write_lerobot
 
 from ident.errors import InputError, LogError
-from ident.files.formats import lerobot
 from ident.files.readers import files_in, read_tables
-from ident.mechanism.body import Body
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import Tree
-from ident.recordings.log import read_log
 
 pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -23,11 +18,6 @@ parquet = pytest.importorskip("pyarrow.parquet")
 pytestmark = pytest.mark.extras
 
 NAMES = {"observation.state": ["ankle.pos", "hip.pos"], "action": {"motors": ["ankle.pos", "hip.pos"]}}
-COLUMNS = "".join(
-    f'[joints.{joint}]\nposition = {{ column = "observation.state.{joint}.pos", unit = "deg" }}\n'
-    f'command = {{ column = "action.{joint}.pos", unit = "deg" }}\nkp = 20.0\n'
-    for joint in JOINTS
-)
 
 
 def episode(k, rows=N):
@@ -84,59 +74,6 @@ def test_an_episode_is_read_by_the_names_of_its_components(tmp_path, version, k)
     at = k if version == 2 else k // 2
     name = f"episode_{at:06d}.parquet" if version == 2 else f"file-{at:03d}.parquet"
     assert files_in(tmp_path / f"pick#{k}") == (folder / "meta/info.json", folder / "data/chunk-000" / name)
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_a_log_of_an_episode_has_its_angles(tmp_path, version):
-    dataset(tmp_path / "pick", [4], version)
-    (tmp_path / "c.toml").write_text(COLUMNS)
-    bodies = [Body(name, k - 1, np.eye(4), np.eye(6)[4], JOINTS[k]) for k, name in enumerate(("leg", "torso"))]
-    arm = Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]))
-    logs = [read_log(tmp_path / name, arm, tmp_path / "c.toml") for name in ("pick", "pick#4")]
-    for log in logs:
-        expected = np.deg2rad(episode(4, N + 40)["observation.state"])
-        np.testing.assert_allclose(log.of_joints(JOINTS, "position"), expected, rtol=1e-12)
-        for joint, x in zip(JOINTS, expected.T, strict=True):
-            np.testing.assert_allclose(log[f"{joint}_command"], x + np.deg2rad(0.5), rtol=1e-12)
-    with pytest.raises(LogError, match=r"pick#5: .* the dataset has episode 4\."):
-        read_log(tmp_path / "pick#5", arm)
-
-
-@pytest.mark.parametrize("version", [2, 3])
-def test_a_row_of_many_numbers_is_refused_before_it_is_read(tmp_path, version):
-    dataset(tmp_path / "pick", [0], version)
-    (file,) = (tmp_path / "pick/data/chunk-000").iterdir()
-    content, rows = parquet.read_table(file), N
-    long = [np.zeros(3_000_000), *([np.zeros(2)] * (rows - 1))]
-    parquet.write_table(content.set_column(0, "observation.state", pyarrow.array(long)), file)
-    before = pyarrow.total_allocated_bytes()
-    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 2 MB are expected of it.*--max-size"):
-        list(read_tables(tmp_path / "pick", limit=2_000_000))
-    assert pyarrow.total_allocated_bytes() - before < 1_000_000
-    with pytest.raises(LogError, match="frame 0 needs 2 numbers"):
-        list(read_tables(tmp_path / "pick", limit=50_000_000))
-
-
-def test_a_list_of_many_episodes_is_refused_before_it_is_read(tmp_path):
-    dataset(tmp_path / "pick")
-    (file,) = (tmp_path / "pick/meta/episodes/chunk-000").iterdir()
-    columns = {name: np.zeros(1_000_000, int) for name in parquet.read_table(file).column_names}
-    parquet.write_table(pyarrow.table(columns), file)
-    with pytest.raises(LogError, match="takes 24 MB in memory where at most 2 MB"):
-        list(read_tables(tmp_path / "pick#1", limit=2_000_000))
-
-
-def test_components_without_names_have_numbers_and_same_names_have_both(tmp_path):
-    features = {"observation.state": np.zeros((N, 3)), "action": np.zeros((N, 3)), "effort": np.zeros(N)}
-    names = {"action": {"motors": ["lift", "finger", "finger"]}, "effort": ["lift"]}
-    write_lerobot(tmp_path / "d", {0: features}, 2, names)
-    assert list(table(tmp_path / "d").cells)[1:] == [
-        *(f"observation.state.{k}" for k in range(3)),
-        *("action.lift", "action.finger.1", "action.finger.2", "effort.lift"),
-    ]
-    changed_names = {"a": 1, "b": 0, "c": 2}
-    with_names(tmp_path / "d", changed_names)
-    assert list(table(tmp_path / "d").cells)[1:4] == [f"observation.state.{name}" for name in "bac"]
 
 
 def test_lists_of_any_length_are_read_where_all_have_that_of_the_description(tmp_path):
@@ -232,9 +169,3 @@ def test_the_library_is_named_where_it_is_missing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(InputError, match=r"the extra 'parquet' brings: pip install multicontact\[parquet\]"):
         table(folder)
-
-
-def test_a_folder_whose_name_has_the_mark_is_no_episode(tmp_path):
-    folder = dataset(tmp_path / "d#1", [3])
-    assert len(table(folder).rows) == N + 30 and len(table(tmp_path / "d#1#3").rows) == N + 30
-    assert lerobot.folder_and_episode(folder) == (folder, "")

@@ -10,7 +10,6 @@ from ident.estimation.preparation import prepared
 from ident.geometry.se3 import inverse, pose
 from ident.recordings.columns.plates import pose_of_corners
 from ident.recordings.recording import Recording
-from ident.recordings.standing import _nearest
 from ident.recordings.wrench import transform_wrench
 
 
@@ -180,22 +179,6 @@ def test_joints_that_carry_a_mechanism_freely_hold_nothing(tmp_path):
     assert any("Nothing holds the base: right, left, rail make up the total wrench alone (Eq. 3)." in n for n in notes)
 
 
-@pytest.mark.parametrize("joints", ["tx tz lean", "tx ty tz yaw lean"])
-def test_with_fewer_freedoms_it_has_to_be_said(tmp_path, joints):
-    fixed = {joint: [0.0] for joint in walker.ROOT if joint not in joints.split()}
-    planar = sim.mechanism(walker.mechanism().source.text, fix=fixed)
-    recording = read(tmp_path, in_world, mechanism=planar)
-    assert not planar.tree.floats and recording.is_held(planar.tree)
-    with pytest.raises(ident.LogError, match=r"the wrench 'ground' has to be measured .* held = false under \[base\]"):
-        prepared(planar, recording)
-    columns = tmp_path / "columns.toml"
-    columns.write_text(columns.read_text() + "\n[base]\nheld = false\n")
-    recording = ident.read_log(tmp_path / "log.npz", planar, columns)
-    assert recording.held is False and prepared(planar, recording).recording is not None
-    recording.save(tmp_path / "saved.csv")
-    assert Recording.load(tmp_path / "saved.csv").held is False
-
-
 def test_a_rail_in_the_world_of_a_base_at_rest_elsewhere(tmp_path):
     """The pendulum's base is turned and away from the world's origin, as stated in the model."""
     spec = scenes.load("double_pendulum", contact="handle")
@@ -219,18 +202,6 @@ def test_a_rail_in_the_world_of_a_base_at_rest_elsewhere(tmp_path):
     own = ident.read_log(tmp_path / "log.npz", pendulum, tmp_path / "columns.toml")
     expected = fixed.total_wrench(pendulum.tree).in_base
     np.testing.assert_allclose(own.total_wrench(pendulum.tree).in_base, expected, atol=1e-9 * abs(expected).max())
-
-
-def test_a_ground_that_is_a_plate_with_a_centre_of_pressure(tmp_path):
-    """The wrench at a fixed base needs no posture in either form."""
-    total = walker.truth()[0]
-    for form in FORMS:
-        columns, text = form("right", total, "")
-        log, mapping = written(tmp_path, [(columns, text.replace("wrenches.right", "wrenches.ground"))])
-        mapping.write_text(mapping.read_text().replace('on = ""\n', ""))
-        recording = ident.read_log(log, walker.mechanism(), mapping)
-        read = recording.total_wrench(walker.mechanism().tree).in_base
-        np.testing.assert_allclose(read, total, atol=1e-9 * abs(total).max(), err_msg=form.__name__)
 
 
 def stepping():
@@ -287,23 +258,6 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "on 'left' is foot_r from 0.00 to 0.89 s." in notes
     assert "nearly as near" not in notes
     assert "nor is its point of application used" in notes and "at most 40 N" in notes
-
-
-def test_who_stands_is_left_open_where_another_is_nearly_as_near(tmp_path):
-    columns, _ = stepping()
-    places = walker.truth()[1]
-    between = 0.55 * places["foot_r"][:, :3, 3] + 0.45 * places["foot_l"][:, :3, 3]
-    log, mapping = written(
-        tmp_path, [(columns | named("left", "p", between), of_stepping('on = "auto"\namong = ["foot_r", "foot_l"]'))]
-    )
-    (note,) = (note for note in ident.read_log(log, walker.mechanism(), mapping).notes if "on 'left' is" in note)
-    assert note.endswith("on 'left' is foot_r from 0.00 to 0.89 s. From 0.00 s on foot_l is nearly as near.")
-
-
-def test_samples_at_other_times_are_those_of_the_nearest():
-    time = np.array([0.0, 1.0, 2.0, 4.0])
-    asked = np.array([-1, 0.4, 0.6, 1.5, 2.9, 3.1, 9])
-    np.testing.assert_array_equal(_nearest(time, asked), [0, 0, 1, 1, 2, 3, 3])
 
 
 @pytest.mark.parametrize(("stated", "expected"), [("", 20.0), ("threshold = 7", 7.0)])

@@ -8,6 +8,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 from ident.estimation.preparation import Part, prepared
+from ident.trajectory import stages
 from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.iteration import NEAR, SETTLED, Tolerance
@@ -81,3 +82,33 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
     rank = other.measurement.equations.parameters.rank
     deviations = [np.sqrt(np.diag(each.fit.covariance))[:rank] for each in (other, estimate())]
     assert deviations[0] == pytest.approx(deviations[1], rel=0.1)
+
+
+def test_steps_of_the_noise_grow_while_they_keep_their_sign():
+    iterated = object.__new__(iteration._Iteration)
+    iterated._steps = {}
+    noise, sizes = estimate().fit.noises[0], []
+    for step in (0.01, 0.01, 0.01, 0.01, 0.01, 0.01, -0.01, -0.01, 1.0, 1.0):
+        channels = noise.channels * np.exp(step)
+        after = iterated._lengthened(replace(noise, channels=channels), noise, 0)
+        np.testing.assert_array_equal(after.jerk, noise.jerk)
+        sizes.append(float(np.log(after.channels / noise.channels)[0] / step))
+    assert sizes == pytest.approx([1, 1.5, 2.25, 3.375, 4, 4, 1, 1.5, 1, 1.5])
+
+
+@pytest.mark.parametrize(("step", "gains", "legs"), [(0.5, False, [8]), (0.5, True, [8, 12]), (5.0, False, [8, 12])])
+def test_correlated_noise_is_given_up_once_it_settles_without_predicting_better(monkeypatch, step, gains, legs):
+    rounds = []
+
+    def refitted(_, known, **how):
+        rounds.append(how["rounds"])
+        return known.with_fit(replace(known.fit, status="stopped", trace=(step,)))
+
+    def better(usual, _, other, margin=0.03):
+        tried = other()
+        return tried if gains else usual
+
+    monkeypatch.setattr(stages.Stages, "refitted", refitted)
+    monkeypatch.setattr(stages, "better", better)
+    chosen = stages.Stages._coloured(object.__new__(stages.Stages), estimate())
+    assert rounds == legs and chosen.coloured == gains

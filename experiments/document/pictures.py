@@ -1,0 +1,125 @@
+"""Pictures of a page's first screen: what the template `pictures.html` draws, as SVG elements in the page's colours."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from experiments.document.writer import environment
+from ident.tolerances import POOR
+
+HEAD, HEIGHT, HIGHEST, LOWEST = 34, 200, 40, 6
+"""Height of the legend, of the rows below it together, and largest and smallest height of a row, pixels."""
+
+LABELLED = 10
+"""Height of rows from which each has its label; of lower ones the first of so many has one."""
+
+LEAST = 0.01
+"""Smallest residual over signal on the axis, which ends at 1, or at 10 if there are larger ones."""
+
+WIDE, HIGH, POINTS = 344, 78, 300
+"""Width and height of the curves, and their largest number of points, about one for each pixel."""
+
+SHADES = 0.1, 0.2, 0.5
+"""Relative standard deviations up to which parameters have each shade, the darkest first."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter: name, column, estimate, half-width of its interval, standard deviation, the model's value if any."""
+
+    name: str
+    column: int
+    value: float
+    half: float
+    std: float
+    model: float | None
+
+    def to_page(self) -> dict[str, Any]:
+        """Its half-width and the model's value as shares of the estimate, around it, and its shade."""
+        size = max(abs(self.value), 1e-300)
+        off = None if self.model is None else np.sign(self.value or 1) * (self.model - self.value) / size
+        known = "" if self.model is None else f", model {self.model:.3g}"
+        return {
+            "words": f"{self.name} {self.value:.3g} ± {self.half:.2g}{known}",
+            "column": self.column,
+            "half": min(self.half / size, 1.0),
+            "shade": int(np.searchsorted(SHADES, self.std / size)),
+            "model": None if off is None else float(np.clip(off, -1, 1)),
+        }
+
+
+def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray]) -> str:
+    """A row for each channel, with a mark for the residual over the signal of each candidate; the best has a ring.
+
+    Args:
+        channels: Names of the C channels.
+        ratios: Residuals over signal (C,) by candidate, the estimate's first.
+    """
+    values = np.array([*ratios.values()])
+    decades = 3 if np.nanmax(values) > 1 else 2
+
+    def share(ratio: float) -> float:
+        return float(np.log10(np.clip(np.nan_to_num(ratio, nan=np.inf), LEAST, LEAST * 10**decades) / LEAST) / decades)
+
+    shown = []
+    for name, own in zip(channels, values.T, strict=True):
+        words = ", ".join(f"{each} {x:.2g}" for each, x in zip(ratios, own, strict=True))
+        marks = [(j, share(own[j])) for j in reversed(range(len(own)))]
+        shown.append({"name": name, "words": f"{name}: {words}", "marks": marks, "best": share(np.nanmin(own))})
+    ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
+    return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(len(channels)))
+
+
+def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], total: int) -> str:
+    """A row for each body, with a column for each kind of parameter, darker where it is better known.
+
+    Every estimate is on the middle of its row, which reaches from zero to twice the estimate: a bar is its interval, a
+    tick the model's value.
+
+    Args:
+        bodies: Parameters by body.
+        known: Numbers of base parameters known within each of `SHADES`.
+        total: Number of base parameters.
+    """
+    shown = {name: [each.to_page() for each in own] for name, own in bodies.items()}
+    last = max([9, *(each.column for own in bodies.values() for each in own)])
+    return _drawn("parameters", shown, [*known], total, last, *_rows(len(bodies)))
+
+
+def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
+    """A panel for each title, with what was measured and what is predicted.
+
+    Args:
+        time: Times (N,), s; NaN where curves are interrupted.
+        panels: Measured and predicted values (N,) by title.
+    """
+    start, end = np.nanmin(time), np.nanmax(time)
+    x, shown = WIDE * (time - start) / max(end - start, 1e-12), {}
+    for title, pair in panels.items():
+        low, high = np.nanmin(pair), np.nanmax(pair)
+        shown[title] = [_path(x, HIGH * (high - y) / ((high - low) or 1.0)) for y in pair]
+    return _drawn("curves", shown, f"{end - start:.3g} s")
+
+
+def _path(x: np.ndarray, y: np.ndarray) -> str:
+    """Path through the smallest and the largest value of each part of a curve, interrupted where it is NaN."""
+    kept = np.arange(len(y))
+    if len(y) > POINTS:
+        low = np.nan_to_num(y, nan=-np.inf)
+        parts = np.array_split(kept, POINTS // 2)
+        kept = np.unique([part[k] for part in parts for k in (low[part].argmin(), low[part].argmax())])
+    there = np.isfinite(x[kept] + y[kept])
+    begins = there & ~np.append(False, there[:-1])
+    return "".join(f"{'M' if begins[k] else 'L'}{x[i]:.1f} {y[i]:.1f}" for k, i in enumerate(kept) if there[k])
+
+
+def _rows(number: int) -> tuple[list[float], float, int]:
+    """Middles of rows, their height, and of how many rows one has its label."""
+    step = min(HIGHEST, max(LOWEST, HEIGHT / max(number, 1)))
+    return [HEAD + step * (k + 0.5) for k in range(number)] or [HEAD], step, max(1, int(np.ceil(LABELLED / step)))
+
+
+def _drawn(kind: str, *given: Any) -> str:
+    return str(getattr(environment().get_template("pictures.html").module, kind)(*given))

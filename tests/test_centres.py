@@ -1,0 +1,102 @@
+"""Joints that lie elsewhere than in the model: found, fitted and in the intervals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from opensim_files import quietly_read
+from opensim_walker import leg
+from recorded_faults import PENDULUM, TRUTH, angles_and_wrench
+from slow_pendulum import TIME, motion
+
+import ident
+import scenes
+import sim
+from ident.identification import checked_setup
+from ident.recordings.columns.mapping import stated_mapping
+from ident.setup import PRIORS
+
+NOISE = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+"""Noise of the scene's wrench, N and N m."""
+
+
+def recorded(longer, seed=0):
+    """Angles and wrench of the pendulum with another length of the first link."""
+    rng, (base, first, second) = np.random.default_rng(seed), PENDULUM.tree.bodies
+    home = second.home.copy()
+    home[:3, 3] *= longer
+    states = motion(rng, 1.0)
+    tree = replace(PENDULUM.tree, bodies=(base, first, replace(second, home=home)))
+    wrench = ident.base_wrench_regressor(tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    wrench += NOISE * rng.normal(size=wrench.shape)
+    return angles_and_wrench(TIME, states[0] + 1e-3 * rng.normal(size=states[0].shape), wrench)
+
+
+def identified(longer, **setup):
+    return ident.identify(PENDULUM, recorded(longer), drive=[], holdout=0.0, setup=setup)
+
+
+def test_a_link_that_is_15_percent_longer_is_found_though_no_robot_is_so_inexact():
+    estimate = identified(1.15)
+    (finding,) = estimate.setup
+    assert finding.name == "centre_z(joint2)" and abs(finding.value - 0.15 * 0.425) < 2 * finding.std < 0.03
+    assert "mm farther from the joint 'joint1' than in the model. The estimate includes this." in finding.text
+    assert (abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
+    taken = identified(1.15, centre=0.0)
+    assert (abs(taken.psi - TRUTH) > 3 * taken.std_setup).any()
+    home = estimate.fit.equations.mechanism.tree.bodies[2].home
+    np.testing.assert_allclose(home[:3, 3], [0, 0, 0.425 + finding.value])
+
+
+def test_centres_are_in_the_intervals_though_none_is_found():
+    others = dict.fromkeys(PRIORS, 0.0)
+    exact, open_, wide = (identified(1.0, **others | {"centre": std}) for std in (0.0, 0.001, {"joint2": 0.01}))
+    assert not open_.setup and not wide.setup
+    np.testing.assert_allclose(open_.psi, exact.psi)
+    grows = np.array([open_.std_setup / exact.std_setup, wide.std_setup / open_.std_setup])
+    assert (grows > 1 - 1e-9).all() and (grows.max(axis=1) > [1.01, 1.5]).all(), grows
+
+
+@pytest.mark.parametrize(
+    ("centre", "message"),
+    [
+        (-1, "centre needs a standard deviation, zero or false, got -1."),
+        ("a", "centre needs a standard deviation, zero or false, got a."),
+        ({"joint3": 0.01}, "centre has no entry 'joint3'; valid are joint1, joint2."),
+        ({"joint2": "a"}, "centre.joint2 needs a standard deviation, zero or false, got a."),
+        ({"joint2": -0.01}, "centre.joint2 needs a standard deviation, zero or false, got -0.01."),
+    ],
+)
+def test_what_is_stated_of_centres_is_checked(centre, message):
+    for read in (
+        lambda setup: stated_mapping({"setup": setup}, PENDULUM.tree),
+        lambda setup: checked_setup(setup, PENDULUM.tree.compounds),
+    ):
+        with pytest.raises(ident.InputError) as error:
+            read({"centre": centre})
+        assert str(error.value) == f"setup.{message}"
+
+
+def test_centres_are_stated_for_all_joints_or_for_some():
+    tree = PENDULUM.tree
+    assert stated_mapping({"setup": {"centre": 0.002, "zero_deg": 0}}, tree).setup == {"centre": 0.002, "zero": 0}
+    by_joint = {"centre(joint2)": 0.03}
+    assert stated_mapping({"setup": {"centre": {"joint2": 0.03}}}, tree).setup == by_joint
+    assert checked_setup({"centre": {"joint2": 0.03}}, tree.compounds) == by_joint
+    assert checked_setup(by_joint, tree.compounds) == by_joint
+
+
+def test_several_joints_between_two_bodies_are_one():
+    compounds = sim.mechanism(scenes.load("humanoid"), base="pelvis").tree.compounds
+    assert {"left_hip_flexion", "left_knee", "left_ankle", "lumbar_bending"} <= {*compounds}
+    assert "left_hip_rotation" not in compounds and len(compounds["left_hip_flexion"]) == 3
+
+
+def test_joints_that_only_follow_have_their_leaders_name(tmp_path):
+    """So has an OpenSim knee whose turn and slides follow its coordinate; a coordinate alone carries nothing."""
+    tree = quietly_read(leg(tmp_path)).tree
+    assert {joint: tree.names[own[-1]] for joint, own in tree.compounds.items()} == {
+        "tx": "pelvis",
+        "hip": "femur",
+        "knee": "tibia",
+    }
