@@ -60,7 +60,7 @@ Values = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Log:
+class TorqueLog:
     """Angles and torques (N, n) at a rate in Hz."""
 
     rate: float
@@ -68,7 +68,7 @@ class Log:
     torque: np.ndarray
 
     @classmethod
-    def of(cls, log: Prepared, part: slice) -> "Log":
+    def of(cls, log: Prepared, part: slice) -> "TorqueLog":
         """Part of a recording."""
         joints = log.mechanism.tree.joints
         q, torque = (log.recording.of_joints(joints, kind)[part] for kind in ("position", "torque"))
@@ -76,7 +76,7 @@ class Log:
 
 
 @dataclass(frozen=True)
-class Task:
+class Given:
     """What another software gets.
 
     Attributes:
@@ -88,8 +88,8 @@ class Task:
 
     path: Path
     equations: Equations
-    logs: Sequence[Log]
-    judged: Log
+    logs: Sequence[TorqueLog]
+    judged: TorqueLog
 
     @property
     def arm(self) -> Mechanism:
@@ -122,8 +122,10 @@ def _of_arms(model: Path, estimate: Estimate, judges: Sequence[Prepared]) -> dic
     if model.suffix != ".urdf" or estimate.channels != arm.tree.joints or first.log.recording.servos:
         return {}
     equations = estimate.fit.equations.with_offsets(estimate.fit.equations.sensed)
-    logs = [Log.of(part.log, part.samples) for part in estimate.logs]
-    judged = Log.of(judges[0], slice(None)) if judges else Log.of(first.log, slice(first.samples.stop, None))
+    logs = [TorqueLog.of(part.log, part.samples) for part in estimate.logs]
+    judged = (
+        TorqueLog.of(judges[0], slice(None)) if judges else TorqueLog.of(first.log, slice(first.samples.stop, None))
+    )
     shapes = r"<(visual|collision|transmission|gazebo)\b(?:[^>]*/>|.*?</\1>)"
     text, out = re.sub(shapes, "", model.read_text(encoding="utf-8"), flags=re.DOTALL), dict[str, Any]()
     # Pinocchio has two coordinates for a joint without limits.
@@ -132,7 +134,7 @@ def _of_arms(model: Path, estimate: Estimate, judges: Sequence[Prepared]) -> dic
         with TemporaryDirectory() as scratch, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             path = Path(scratch) / "model.urdf"
             path.write_text(text, encoding="utf-8")
-            out[name] = _measured(estimate, partial(peer, Task(path, equations, logs, judged)))
+            out[name] = _measured(estimate, partial(peer, Given(path, equations, logs, judged)))
     return out
 
 
@@ -161,7 +163,7 @@ def _plain(estimate: Estimate) -> Values:
     return dict(zip(fit.names, fit.values.tolist(), strict=True))
 
 
-def figaroh(task: Task) -> Answer:
+def figaroh(task: Given) -> Answer:
     """FIGAROH: filtered angles, differences, and least squares of base parameters, from the longest log."""
     with library("peers", "It"):
         base = import_module("figaroh.identification.base_identification").BaseIdentification
@@ -209,7 +211,7 @@ def figaroh(task: Task) -> Answer:
     return task.values(phi, drives), [stated[joint]["nrmse"] for joint in joints]
 
 
-def sysid(task: Task) -> Answer:
+def sysid(task: Given) -> Answer:
     """mujoco.sysid: bodies and drives with which simulations under the recorded torques follow the angles."""
     import mujoco
 
@@ -275,7 +277,7 @@ def _simulated(spec: Any, joints: Sequence[str], rate: float) -> Any:
     return mujoco.MjSpec.from_string(spec.to_xml())
 
 
-def _windows(log: Log) -> list[tuple[Log, np.ndarray]]:
+def _windows(log: TorqueLog) -> list[tuple[TorqueLog, np.ndarray]]:
     """Pieces of a log, and their first velocities (n,)."""
     smooth = sosfiltfilt(butter(4, 2 * SHARE, output="sos"), log.q, axis=0)
     rates, size = np.gradient(smooth, 1 / log.rate, axis=0), round(WINDOW * log.rate)
@@ -283,5 +285,5 @@ def _windows(log: Log) -> list[tuple[Log, np.ndarray]]:
     return [(replace(log, q=log.q[k : k + size], torque=log.torque[k : k + size]), rates[k]) for k in starts]
 
 
-PEERS: dict[str, Callable[[Task], Answer]] = {"FIGAROH": figaroh, "mujoco.sysid": sysid}
+PEERS: dict[str, Callable[[Given], Answer]] = {"FIGAROH": figaroh, "mujoco.sysid": sysid}
 """All of them by name."""
