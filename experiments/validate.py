@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> None:
     out = options.output_of(args)
     with writable(args.out):
         workers = Workers(args.workers or os.cpu_count() or 1, resume=args.resume)
-        results = study(entries, places, args.out, workers)
-    origin = provenance({"names": args.names, "formats": args.formats, **out.choices})
+        results = study(entries, places, args.out, workers, peers=args.peers)
+    origin = provenance({"names": args.names, "peers": args.peers, "formats": args.formats, **out.choices})
     write(validation_report.document(results, origin), out)
 
 
@@ -64,6 +64,11 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("names", nargs="*", metavar="NAME", help="recordings, by default all that are there")
     out.add_argument("--data", type=Path, metavar="FOLDER", help=f"folder of recordings, by default {VARIABLE}")
     out.add_argument("--fetch", action="store_true", help="download what is missing, into the user's cache")
+    out.add_argument(
+        "--peers",
+        action="store_true",
+        help="compare with FIGAROH, mujoco.sysid (extra 'peers') and plain least squares",
+    )
     options.add_local_workers(out, default=None, otherwise=", by default one for each processor")
     out.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
     return out

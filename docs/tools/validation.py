@@ -55,6 +55,7 @@ def page_blocks(study: Study) -> dict[str, str]:
     """Contents of the blocks of docs/validation.md, by name."""
     shown = {
         "truth": tables.table_truth(study),
+        "peers": tables.table_peers(study),
         "recordings": tables.table_recordings(study),
         "held out": tables.table_held_out(study),
         "published": tables.table_published(study),

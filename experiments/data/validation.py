@@ -283,6 +283,7 @@ class Validation:
         cutoff: Chosen cut-off of least squares, Hz; None without one.
         seconds: CPU time of the identification, s.
         unchecked: Names of files that no hash of the registry was compared with.
+        peers: Held-out `ratios` (C,) and CPU `seconds` of other software, or the sentence why there are none, by name.
     """
 
     entry: Entry
@@ -302,6 +303,7 @@ class Validation:
     cutoff: float | None
     seconds: float
     unchecked: tuple[str, ...] = ()
+    peers: Mapping[str, Mapping[str, Any] | str] = field(default_factory=dict)
 
     @property
     def best_other(self) -> np.ndarray:

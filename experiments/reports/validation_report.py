@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import WORSE, Goal, Study, Validation, inside, typical
+from experiments.data.validation import ESTIMATE, WORSE, Goal, Study, Validation, inside, typical
 from experiments.document.document import Document, Plot
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
@@ -38,7 +38,7 @@ def _recording(validation: Validation) -> dict[str, Any]:
     return {
         "values": vars(validation.values),
         "trials": {name: vars(each) for name, each in validation.trials.items()},
-        **{name: getattr(validation, name) for name in (*names, "samples", "cutoff", "seconds", "unchecked")},
+        **{name: getattr(validation, name) for name in (*names, "samples", "cutoff", "seconds", "unchecked", "peers")},
         "published_z": {each.name: validation.published_z(each) for each in validation.entry.published},
     }
 
@@ -107,7 +107,23 @@ def overview_lines(study: Study) -> list[str]:
             f"Of {len(z)} differences between parameters of two recordings of one system, each identified alone, "
             f"{100 * inside(z):.0f} % are inside their 95 % intervals."
         )
-    return out + [_identical(each) for each in study if len(each.alike_z)]
+    return out + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
+
+
+def peer_lines(study: Study) -> list[str]:
+    """Sentences on the channels in which other software predicts better, and on what was not run."""
+    out = list[str]()
+    for name in dict.fromkeys(name for each in study for name in each.peers):
+        pairs = [(each.ratios[ESTIMATE], each.peers[name]) for each in study if name in each.peers]
+        run = [(own, np.array(x["ratios"])) for own, x in pairs if not isinstance(x, str)]
+        if run:
+            better = int(np.concatenate([ratios < own for own, ratios in run]).sum())
+            out.append(
+                f"Beside {name}, the estimate predicts worse in {better} of {sum(len(own) for own, _ in run)} channels "
+                f"of {len(run)} recordings."
+            )
+        out += [f"{name} is not compared with. {x}" for x in dict.fromkeys(x for _, x in pairs if isinstance(x, str))]
+    return out
 
 
 def worse_lines(study: Study) -> list[str]:
@@ -170,6 +186,7 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     """Tables, figures and numbers of the validation."""
     made = {
         "table_truth": tables.table_truth(study),
+        "table_peers": tables.table_peers(study),
         "table_recordings": tables.table_recordings(study),
         "table_worse": tables.table_worse(study),
         "table_outside": tables.table_outside(study),

@@ -40,6 +40,25 @@ def table_truth(study: Study) -> tabular.Table:
     return tabular.Table("Known parameters and estimates", columns, tuple(rows), heads=heads, notes=notes)
 
 
+def table_peers(study: Study) -> tabular.Table:
+    """Held-out residuals of the estimate and of other software: median and largest of the channels, and CPU time."""
+    rows = list[tuple[tabular.Cell, ...]]()
+    for each in study:
+        own: dict[str, Any] = {CANDIDATES[ESTIMATE]: {"ratios": each.ratios[ESTIMATE], "seconds": each.seconds}}
+        for name, answer in ((own | dict(each.peers)) if each.peers else {}).items():
+            if isinstance(answer, str):
+                rows.append((each.entry.title, name, None, None, None, None, answer))
+                continue
+            ratios = np.array(answer["ratios"], float)
+            better = int((ratios < each.ratios[ESTIMATE]).sum())
+            numbers = (float(np.median(ratios)), float(ratios.max()), better if name in each.peers else None)
+            rows.append((each.entry.title, name, *numbers, round(answer["seconds"], 1), None))
+    columns = ("recording", "software", "median", "largest", "better", "seconds", "note")
+    heads = {"better": "channels better than the estimate", "seconds": "CPU s"}
+    title = "Residual of the held-out part over the signal's standard deviation, beside other software"
+    return tabular.Table(title, columns, tuple(rows), heads=heads)
+
+
 def table_recordings(study: Study) -> tabular.Table:
     """A line on each recording: size, verdict, channels, agreement and time."""
     rows = tuple(_recording(each) for each in study)

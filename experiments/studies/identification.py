@@ -37,7 +37,7 @@ def following(result: Estimate) -> Following | None:
     if set(log.recording.servos) != set(mechanism.tree.joints):
         return None
     held = _held_out(result)
-    recording, rates = _part(log.recording, held), log.samples.motion.dq[held.start]
+    recording, rates = part_of(log.recording, held), log.samples.motion.dq[held.start]
     lag = next((each.value for each in result.setup if each.name == "lag"), 0.0)
     phi, drives = result.consistent().phi, result.drives_updated
     try:
@@ -65,7 +65,7 @@ def _held_out(result: Estimate) -> slice:
     return slice(first, min(samples, first + round(LONGEST * rate)))
 
 
-def _part(recording: Recording, part: slice) -> Recording:
+def part_of(recording: Recording, part: slice) -> Recording:
     """Part of a recording at its common times."""
     measured = {name: x[part] for name, x in recording.measured.items()}
     base = None if recording.base is None else recording.base[part]

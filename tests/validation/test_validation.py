@@ -92,6 +92,21 @@ def test_known_parameters_come_first(result):
     np.testing.assert_allclose(again.truths["arm"].z, truth.z, atol=1e-3)
 
 
+def test_other_software_stands_beside_the_estimate(result):
+    (each,) = result
+    answers = {"fast": {"ratios": each.ratios[ESTIMATE] * [0.9, 1.2, 2], "seconds": 1.5}, "absent": "It needs a thing."}
+    beside = replace(result, validations={"arm": replace(each, peers=answers)})
+    shown = report.lines(beside)
+    assert "Beside fast, the estimate predicts worse in 1 of 3 channels of 1 recordings." in shown
+    assert "absent is not compared with. It needs a thing." in shown
+    rows = report.document(beside, {}).tables["table_peers"].rows
+    assert [row[1] for row in rows] == ["trajectory estimate", "fast", "absent"]
+    assert rows[1][4:] == (1, 1.5, None) and rows[2][-1] == "It needs a thing."
+    again = study.study_of(json.loads(json.dumps(numbers(beside))), {"arm": each.entry})
+    assert again.validations["arm"].peers["absent"] == "It needs a thing."
+    assert "table_peers" not in report.document(result, {}).tables
+
+
 def test_each_log_is_identified_alone_and_compared(result):
     (each,) = result
     assert set(each.trials) == {"one", "two"}

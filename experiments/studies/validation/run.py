@@ -12,6 +12,7 @@ import numpy as np
 from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
 from experiments.studies.identification import prepare
 from experiments.studies.validation.files import checked, columns_file, converted
+from experiments.studies.validation.peers import compared
 from experiments.studies.validation.truth import of_bodies, of_estimate
 from ident.errors import InputError
 from ident.estimate import Estimate
@@ -43,13 +44,14 @@ def trials_of(entry: Entry) -> list[tuple[Log, ...]]:
     return [(log,) for log in logs] if len(logs) <= MOST_ALONE else [logs[::2], logs[1::2]]
 
 
-def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None) -> dict[str, Any]:
+def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: bool = False) -> dict[str, Any]:
     """Results of an entry, or the values of one of its trials identified alone.
 
     Args:
         entry: The recording.
         folder: Folder of its files.
         trial: Logs of the trial, which is fitted whole; None for the fitted logs, with those to judge by.
+        peers: True to compare with other software.
 
     Raises:
         InputError: A file is another one than that tried, or the recording cannot be identified.
@@ -65,6 +67,9 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None) -> dict
         estimate, seconds = _identified(entry, paths, entry.fitted, entry.judged)
         _check_parameters(entry, values(estimate)["names"])
         made = results(estimate)
+        if peers:
+            judges = [_prepared(entry, paths, log) for log in entry.judged]
+            made["peers"] = compared(paths[entry.model], estimate, judges)
         known = of_estimate(entry, folder, estimate, made) | {"seconds": seconds}
         return {**made, "seconds": seconds, "unchecked": list(unchecked), "truth": known}
 

@@ -25,11 +25,13 @@ class Task(NamedTuple):
         entry: The recording.
         folder: Folder of its files.
         trial: Logs of the trial to identify alone; None for the recording.
+        peers: True to compare with other software.
     """
 
     entry: Entry
     folder: Path
     trial: tuple[Log, ...] | None = None
+    peers: bool = False
 
 
 def work(task: Task) -> dict[str, Any]:
@@ -40,7 +42,7 @@ def work(task: Task) -> dict[str, Any]:
         return {"refused": str(error)}
 
 
-def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Workers) -> Study:
+def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Workers, *, peers: bool = False) -> Study:
     """Results of recordings.
 
     Args:
@@ -48,6 +50,7 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
         places: Where their files are.
         folder: Folder of the file by which the run can be resumed.
         workers: Workers that share the tasks.
+        peers: True to compare with other software.
 
     Raises:
         InputError: No recording has results; the message says why.
@@ -66,7 +69,9 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
             if places.fetch:
                 print(error, file=sys.stderr)
     tasks = tasks_of([entry for entry in entries if entry.name in folders], folders)
-    kept = Checkpoint("recordings", folder / FILE, {"tasks": [[task.entry.name, task.trial] for task in tasks]})
+    tasks = [task._replace(peers=peers and task.trial is None) for task in tasks]
+    meaning = {"tasks": [[task.entry.name, task.trial, task.peers] for task in tasks]}
+    kept = Checkpoint("recordings", folder / FILE, meaning)
     answers = workers.collected(work, tasks, kept) if tasks else []
     return collected(entries, tasks, answers, refused)
 
@@ -157,4 +162,5 @@ def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Val
         cutoff=answer["cutoff"],
         seconds=answer["seconds"],
         unchecked=tuple(answer["unchecked"]),
+        peers=answer.get("peers", {}),
     )
