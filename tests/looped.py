@@ -110,7 +110,55 @@ WRIST = text(
 )  # fmt: skip
 """The gripper on an arm of three joints."""
 
+
+def _universal(name, pos, mass, inner=""):
+    """A rod on two hinges at right angles."""
+    return body(name, f"{name}_y", pos, mass, f'<joint name="{name}_x" axis="1 0 0"/>{inner}')
+
+
+def _limb(k):
+    """A limb of a Delta: an arm, and a forearm that ends on the platform."""
+    angle = 2 * np.pi * k / 3
+    arm = body(f"arm{k}", f"arm{k}", "0 0 0", 0.4, _universal(f"forearm{k}", "0.2 0 0", 0.2))
+    return f'<body pos="{0.2 * np.cos(angle):.17g} {0.2 * np.sin(angle):.17g} 0" euler="0 0 {angle:.17g}">{arm}</body>'
+
+
+_DOWN = float(np.sqrt(0.5**2 - 0.35**2))
+DELTA = text(
+    "".join(map(_limb, range(3)))
+    + body("platform", "x", f"0 0 {-_DOWN!r}", 0.3, axis="1 0 0", more='type="slide"', inner=(
+        '<joint name="y" type="slide" axis="0 1 0"/><joint name="z" type="slide" axis="0 0 1"/>')),
+    "".join(
+        f'<connect name="tip{k}" body1="forearm{k}" body2="platform" anchor="-0.35 0 {-_DOWN!r}"/>' for k in range(3)
+    ),
+)  # fmt: skip
+"""A Delta, whose platform only shifts, with forearms of single rods."""
+
+# As of Cassie: a rod from the thigh to the heel bends the tarsus with the knee, and a crank on the tarsus the foot.
+LEG = text(
+    body("thigh", "hip", "0 0 0", 1.5, axis="0 1 0", inner=(
+        body("shin", "knee", "0 0 -0.3", 0.8, inner=body("tarsus", "tarsus", "0 0 -0.3", 0.5, inner=(
+            body("crank", "crank", "0 0 -0.05", 0.1, inner=body("link", "link", "-0.05 0 0.01", 0.1))
+            + body("foot", "foot", "0 0 -0.3", 0.3))))
+        + _universal("rod", "-0.05 0.02 -0.05", 0.2))),
+    '<connect name="heel" body1="rod" body2="tarsus" anchor="-0.01 -0.02 -0.53"/>'
+    '<connect name="plantar" body1="link" body2="foot" anchor="0 0 -0.25"/>',
+)  # fmt: skip
+# As of Digit: two cranks pitch and roll a foot by rods.
+_CRANKS = "".join(
+    body(f"crank{k}", f"crank{k}", f"0 {y} -0.1", 0.1, _universal(f"rod{k}", "-0.05 0 0", 0.1))
+    for k, y in enumerate((-0.04, 0.04))
+)
+_FOOT = body("foot", "pitch", "0 0 -0.3", 0.4, '<joint name="roll" axis="1 0 0"/>')
+ANKLE = text(
+    body("shin", "shin", "0 0 0", 1.0, _CRANKS + _FOOT, axis="1 0 0"),
+    "".join(f'<connect name="end{k}" body1="rod{k}" body2="foot" anchor="0 0 -0.2"/>' for k in range(2)),
+)
+
 MODELS = {
+    "delta": (DELTA, ("arm0", "arm1", "arm2")),
+    "leg": (LEG, ("hip", "knee", "crank")),
+    "ankle": (ANKLE, ("shin", "crank0", "crank1")),
     "four-bar": (FOUR_BAR, ("crank",)),
     "five-bar": (FIVE_BAR, ("crank", "right")),
     "welded": (WELDED, ("crank",)),

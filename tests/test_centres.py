@@ -48,6 +48,23 @@ def test_a_link_that_is_15_percent_longer_is_found_though_no_robot_is_so_inexact
     np.testing.assert_allclose(home[:3, 3], [0, 0, 0.425 + finding.value])
 
 
+def test_a_model_written_with_its_joints_displaced_predicts_other_motions(tmp_path):
+    estimate = identified(1.15)
+    states = motion(np.random.default_rng(1), 1.0)
+    tree = PENDULUM.tree
+    home = tree.bodies[2].home.copy()
+    home[:3, 3] *= 1.15
+    true = replace(tree, bodies=(*tree.bodies[:2], replace(tree.bodies[2], home=home)))
+    expected = ident.base_wrench_regressor(true, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    errors = []
+    for displaced in (estimate.displaced, {}):
+        sim.write_model(tmp_path / "new.xml", PENDULUM, estimate.consistent(), displaced=displaced)
+        new = sim.mechanism(tmp_path / "new.xml", base="base")
+        wrench = ident.base_wrench_regressor(new.tree, *states, gravity=new.gravity) @ new.known
+        errors.append(np.linalg.norm(wrench - expected, axis=0)[[1, 2, 3]])
+    assert (errors[0] < 0.3 * errors[1]).all()
+
+
 def test_centres_are_in_the_intervals_though_none_is_found():
     others = dict.fromkeys(PRIORS, 0.0)
     exact, open_, wide = (identified(1.0, **others | {"centre": std}) for std in (0.0, 0.001, {"joint2": 0.01}))

@@ -121,7 +121,7 @@ def test_a_model_s_file_keeps_what_it_states_of_coupled_joints(tmp_path):
     stated = mechanism(damping=(0.5, 0.4, 0.3))
     result = ident.identify(stated, columns(), columns=mapping(), estimator="weighted", cutoff=8.0)
     assert set(result.drives_updated) == {"turn"}
-    _write_updated(result, tmp_path / "model.xml")
+    _write_updated(result, False, tmp_path / "model.xml")
     drives = sim.mechanism(str(tmp_path / "model.xml")).drives
     assert (drives["lift"].viscous, drives["bend"].viscous) == (0.4, 0.3)
     assert drives["turn"].viscous == pytest.approx(0.8, rel=0.1) and isinstance(drives["turn"], Drive)

@@ -29,7 +29,7 @@ from ident.model import closed_form, compiled
 from ident.model.adjoint import Value, gradient
 from ident.model.inverse_dynamics import joint_torques
 from ident.model.regressor import CHUNK
-from ident.model.tape import Program, Signal, Tape
+from ident.model.tape import Program, Signal, Tape, uncollected
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 from ident.setup import Shift
 from ident.tolerances import DRIVE
@@ -213,12 +213,14 @@ class Measurement:
         return other
 
     @cached_property
+    @uncollected()
     def _channels_program(self) -> Program:
         """Program that computes the channels."""
         tape, _, results = self._recorded()
         return Program.of(tape, results)
 
     @cached_property
+    @uncollected()
     def _gradients_program(self) -> tuple[Program, np.ndarray]:
         """Program that computes the channels and then their gradients that are not identically zero, and their mask.
 

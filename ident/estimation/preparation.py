@@ -155,7 +155,7 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    mechanism, of_loops = moving(mechanism, recording)
+    mechanism, recording, of_loops = moving(mechanism, recording)
     tree = mechanism.tree
     if mechanism.prior is None:
         mechanism = replace(mechanism, prior=np.zeros(10 * len(mechanism.bodies)))

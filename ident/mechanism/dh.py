@@ -1,7 +1,7 @@
 """Trees from modified Denavit-Hartenberg tables (Khalil and Kleinfinger, ICRA 1986; Table I)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from ident.annotations import typed
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.constraint import Relation
+from ident.mechanism.loops import Constraints
 from ident.mechanism.tree import Tree
 
 X = np.array([0.0, 0, 0, 1, 0, 0])
@@ -20,7 +22,7 @@ JOINT_TWISTS = {"revolute": Z, "prismatic": ALONG_Z, "fixed": np.zeros(6)}
 """Twist of the joint of each kind of frame, in that frame: about or along z, or none."""
 
 
-@typed("alpha", "d", "theta", "r", "gamma", "b")
+@typed("alpha", "d", "theta", "r", "gamma", "b", "constant")
 @dataclass(frozen=True)
 class Frame:
     """One row of a modified DH table: `T = Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r)` from the parent frame.
@@ -36,6 +38,9 @@ class Frame:
         gamma: Angle about the parent's z before all others, rad; zero in a serial chain.
         b: Distance along that z, m.
         inertia: True if the frame carries a body.
+        follows: Factors of the joints of which this one's coordinate is the sum, by their frames' names; empty for a
+            joint of its own.
+        constant: Constant of that sum, rad or m.
     """
 
     name: str
@@ -48,6 +53,8 @@ class Frame:
     gamma: float = 0.0
     b: float = 0.0
     inertia: bool = True
+    follows: Mapping[str, float] = field(default_factory=dict)
+    constant: float = 0.0
 
     @property
     def home(self) -> np.ndarray:
@@ -71,10 +78,12 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
         frames: The table, parents before their children.
 
     Returns:
-        Bodies named like their frames, joints like the frames that move; q in the order of the table's joints.
+        Bodies named like their frames, joints like the frames that move; q in the order of the table's joints, without
+        those that follow others.
 
     Raises:
-        ModelError: A kind is unknown, a name occurs twice, or a parent does not come before its child.
+        ModelError: A kind is unknown, a name occurs twice, a parent does not come before its child, or a joint follows
+            none that moves, or itself.
     """
     _check(frames)
     by_name = {frame.name: frame for frame in frames}
@@ -98,7 +107,26 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
             twist, joint = se3.Ad(se3.inverse(here)) @ JOINT_TWISTS[row.kind], link
         carrier.setdefault(link, len(bodies))
         bodies.append(Body(frame.name, parent, home, twist, joint, massless=not frame.inertia))
-    return Tree(tuple(bodies))
+    return _following(Tree(tuple(bodies)), by_name)
+
+
+def _following(tree: Tree, by_name: Mapping[str, Frame]) -> Tree:
+    """The tree with those joints dependent that follow others."""
+    owners, rows = {body.joint: body.name for body in tree.bodies}, list[Relation]()
+    dependent = tuple(joint for joint in tree.joints if by_name[joint].follows)
+    for joint in dependent:
+        leads = by_name[joint].follows
+        if unknown := [name for name in leads if name == joint or name not in tree.joints]:
+            others = ", ".join(name for name in tree.joints if name != joint) or "none"
+            raise ModelError(f"Frame '{joint}' needs to follow joints out of {others}, got '{unknown[0]}'.")
+        second = tuple((owners[name], float(factor)) for name, factor in leads.items())
+        rows.append(Relation(joint, ((owners[joint], 1.0),), second, (by_name[joint].constant, 1.0)))
+    if not rows:
+        return tree
+    constraints = Constraints(tuple(rows), {joint: np.zeros(1) for joint in tree.joints})
+    if {*constraints.dependent(tree, dependent)} != {*dependent}:
+        raise ModelError(f"The frames {', '.join(dependent)} follow each other; one of them needs a joint of its own.")
+    return tree.closed(constraints.closure(tree, dependent))
 
 
 def _movers(frames: Sequence[Frame]) -> tuple[dict[str | None, str | None], dict[str | None, np.ndarray]]:

@@ -14,7 +14,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form
 from ident.model.regressor import CHUNK, freedoms, program_inputs
-from ident.model.tape import Program, Tape
+from ident.model.tape import Program, Tape, uncollected
 
 
 def inverse_dynamics(tree: Tree, motion: Motion, phi: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -41,6 +41,7 @@ def inverse_dynamics(tree: Tree, motion: Motion, phi: np.ndarray, gravity: np.nd
 
 
 @lru_cache(maxsize=64)
+@uncollected()
 def _program(tree: Tree, moving: bool) -> Program:
     """Program that computes the wrench and the torques from `program_inputs`, acceleration at rest, and φ."""
     ends = freedoms(tree)

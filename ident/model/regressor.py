@@ -19,7 +19,7 @@ from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
 from ident.model.axes import Axes
-from ident.model.tape import Program, Tape
+from ident.model.tape import Program, Tape, uncollected
 from ident.tolerances import DRIVE, STRIBECK
 
 CHUNK, LEAST_CHUNK = 4096, 1024
@@ -222,6 +222,7 @@ def regressor_program(mechanism: Mechanism, columns: Sequence[int], *, moving: b
 
 
 @lru_cache(maxsize=64)
+@uncollected()
 def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], moving: bool, torques: bool) -> Program:
     tape = Tape(freedoms(tree)[-1] + (9 if moving else 0))
     return Program.of(tape, one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())

@@ -8,13 +8,25 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import Columns, Sum, combined
+from ident.mechanism.closure import Closure
 from ident.mechanism.follower import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
+from ident.recordings.resolution import white_noise
 
 if TYPE_CHECKING:
     from ident.recordings.recording import Recording
+
+EXACT = 1e-12
+"""Least noise of a position, rad or m, so that exact ones have finite weights."""
+
+LOOSE = 3.0
+"""Difference from closed loops over the noise, by their medians, above which a column contradicts them: of normal noise
+the ratio is 0.67, play and wrong places of pins make it larger."""
+
+OUTLYING = 5.0
+"""Difference over the noise above which a sample does not count."""
 
 MOTION = ("position", "velocity", "acceleration")
 """Quantities of a joint that a follower has from its leader."""
@@ -64,8 +76,10 @@ def moved(mapping: ColumnMapping, mechanism: Mechanism) -> Mechanism:
     return mechanism.following(followers).closed(lacking, driven)
 
 
-def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, list[str]]:
-    """The mechanism as it moves in a recording, with its loops closed along it, and sentences on these.
+def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, "Recording", list[str]]:
+    """The mechanism as it moves in a recording, with its loops closed along it, the recording, and sentences on these.
+
+    Of the recording, positions of independent joints are those that measured dependent ones make more certain.
 
     Raises:
         ModelError: As for `Mechanism.closed` and `Closure.along`.
@@ -81,29 +95,64 @@ def moving(mechanism: Mechanism, recording: "Recording") -> tuple[Mechanism, lis
             f"Loops make '{both[0]}' depend on {leads}: its torque or command cannot be used. Log its position in "
             "place of theirs, or take it out of the log or the mapping."
         )
-    tree, notes = _along(mechanism.tree, recording)
+    tree, recording, notes = _along(mechanism.tree, recording)
     mechanism = replace(mechanism, tree=tree)
     if carrier := mechanism.carrier:
         carrier = carrier.closed([joint for joint in carrier.joints if f"{joint}_position" not in measured])
-        tree, more = _along(carrier.tree, recording)
+        tree, recording, more = _along(carrier.tree, recording)
         mechanism, notes = replace(mechanism, carrier=replace(carrier, tree=tree)), more + notes
-    return mechanism, notes
+    return mechanism, recording, notes
 
 
-def _along(tree: Tree, recording: "Recording") -> tuple[Tree, list[str]]:
-    """A tree with its loops closed along a recording, and sentences on them."""
+def _along(tree: Tree, recording: "Recording") -> tuple[Tree, "Recording", list[str]]:
+    """A tree with its loops closed along a recording, the recording as for `moving`, and sentences on them."""
     if (closure := tree.closure) is None:
-        return tree, []
-    x, measured = recording.of_joints(closure.independent, "position"), recording.measured
-    closure = closure.along(x, recording.time)
-    y, names = closure.solved(x), ", ".join(f"'{each.name}'" for each in closure.constraints)
-    leads = ", ".join(closure.independent) or "no joint"
-    notes = [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}."]
-    for k, joint in enumerate(closure.dependent):
-        if (own := measured.get(f"{joint}_position")) is not None:
-            apart = round(float(np.sqrt(np.mean((own - y[:, k]) ** 2))), 12)
-            notes.append(f"The column of '{joint}' is not used; it differs from the closed loops by {apart:.2g} (rms).")
-    return replace(tree, closure=closure), notes
+        return tree, recording, []
+    x = recording.of_joints(closure.independent, "position")
+    closure, leads = closure.along(x, recording.time), ", ".join(closure.independent) or "no joint"
+    names = ", ".join(f"'{each.name}'" for each in closure.constraints)
+    x, notes = _fused(closure, recording, x)
+    fused = dict(zip((f"{joint}_position" for joint in closure.independent), x.T, strict=True)) if notes else {}
+    recording = replace(recording, measured={**recording.measured, **fused}) if fused else recording
+    return (
+        replace(tree, closure=closure),
+        recording,
+        [f"{', '.join(closure.dependent)} depend on {leads}, by the constraints {names}.", *notes],
+    )
+
+
+def _fused(closure: Closure, recording: "Recording", x: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Independent coordinates (N, n) with what columns of dependent joints add, and sentences on these.
+
+    Of the coordinates' errors e, a dependent joint's column shows y - y(x) = e_y - G e but for a constant: its zero.
+    """
+    columns = {k: f"{joint}_position" for k, joint in enumerate(closure.dependent)}
+    columns = {k: name for k, name in columns.items() if name in recording.measured}
+    own = [f"{joint}_position" for joint in closure.independent]
+    if not columns or recording.still or {*columns.values(), *own} & {*recording.streams} or x.shape[1] != len(own):
+        return x, []
+    y, std = closure.solved(x), np.array([_noise(column) for column in x.T])
+    G, notes = closure.slopes(x, y), list[str]()
+    precision, right = np.zeros((len(x), len(own), len(own))) + np.diag(std**-2), np.zeros_like(x)
+    for k, name in columns.items():
+        apart, noise, g = recording[name] - y[:, k], _noise(recording[name]), G[:, k]
+        zero, expected = round(float(np.nanmedian(apart)), 12), np.sqrt(noise**2 + g**2 @ std**2)
+        joint, off = name.removesuffix("_position"), np.nan_to_num(apart - zero, nan=np.inf)
+        if np.median(abs(off)) > LOOSE * np.median(expected):
+            notes.append(
+                f"The column of '{joint}' is not used: it differs from the closed loops by {off.std():.2g} (rms) "
+                f"beside a constant of {zero:.2g}; its noise is {noise:.2g}."
+            )
+            continue
+        weight = np.where(abs(off) < OUTLYING * expected, noise**-2, 0)
+        precision += weight[:, None, None] * g[:, :, None] * g[:, None, :]
+        right += (weight * np.where(weight > 0, off, 0))[:, None] * g
+        notes.append(f"The column of '{joint}' counts too, as loops are closed, but for a constant of {zero:.2g}.")
+    return x + np.linalg.solve(precision, right[..., None])[..., 0], notes
+
+
+def _noise(column: np.ndarray) -> float:
+    return max(white_noise(column, robust=True), EXACT)
 
 
 def follower_notes(followers: Mapping[str, Follower]) -> list[str]:

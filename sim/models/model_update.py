@@ -37,13 +37,16 @@ from sim.models.opensim.update import write_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
 from sim.models.urdf_update import SAME, updated_urdf
-from sim.models.xml_places import digits
+from sim.models.xml_places import digits, with_sections
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
 
 EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 """Elements of MJCF that generate bodies which the file does not list."""
+
+UNCHANGED = ("equality", "tendon")
+"""Sections of MJCF, in which nothing is identified."""
 
 
 NOWHERE_ELSE: Mapping[str, np.ndarray] = MappingProxyType({})
@@ -98,8 +101,8 @@ def write_model(
 
     In a URDF or an OpenSim file only numbers with another value change, missing elements are added, and every other
     byte stays. In an MJCF file only inertias and drives change (and, in another folder, the folders of meshes and
-    textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds
-    numbers other than these to six digits.
+    textures); its `<equality>` and `<tendon>` stay byte for byte. Files with `EXPANDED` elements, specifications, and
+    URDF as MJCF are written by MuJoCo, which rounds numbers other than these to six digits.
 
     Args:
         path: File to write; its folder must exist.
@@ -230,9 +233,11 @@ def _mjcf(
     inertials = _inertials(spec, origin, phi)
     _write_into(spec, inertials)
     _compiled(spec, source)
-    root = ET.fromstring(spec.to_xml()) if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
-    if root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
-        root = ET.fromstring(spec.to_xml())
+    root = None if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
+    if root is None or root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
+        root, source_text = ET.fromstring(spec.to_xml()), b""
+    else:
+        source_text = Path(str(source)).read_bytes()
     named = [(b, body_name(origin.model, b), own) for b, own in _members(origin, phi).items() if own.any()]
     noted = {b: (comments[name], shortened(*com_from_parameters(own))) for b, name, own in named if name in comments}
     _state(root, inertials, noted)
@@ -242,7 +247,8 @@ def _mjcf(
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
         set_asset_folders(root, spec, home, folder)
-    return (ET.tostring(root, encoding="unicode") + "\n").encode()
+    data = (ET.tostring(root, encoding="unicode") + "\n").encode()
+    return with_sections(Path(str(source)), data, source_text, UNCHANGED) if source_text else data
 
 
 def _state(

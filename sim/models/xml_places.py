@@ -1,7 +1,7 @@
 """Positions of elements in the bytes of an XML file, and edits that replace some bytes and keep all others."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -118,6 +118,28 @@ def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
         parts += [data[done:first], text]
         done = last
     return b"".join([*parts, data[done:]])
+
+
+def with_sections(path: Path, data: bytes, other: bytes, tags: Collection[str]) -> bytes:
+    """Bytes of a file in UTF-8 whose elements right below the root are those of another, byte for byte, for some tags.
+
+    They stay as they are if the other is in another encoding, has elements in entities, or not the same ones.
+    """
+    try:
+        other.decode()
+        own, others = ([x for x in root_of(path, each).children if x.tag in tags] for each in (data, other))
+    except (ModelError, UnicodeDecodeError):
+        return data
+    if [x.tag for x in own] != [x.tag for x in others]:
+        return data
+    return edited(
+        data, [Edit(*_span(data, x), other[slice(*_span(other, y))]) for x, y in zip(own, others, strict=True)]
+    )
+
+
+def _span(data: bytes, place: Place) -> tuple[int, int]:
+    """First byte of an element and the first after it."""
+    return place.start, place.end if place.closed else data.index(b">", place.end) + 1
 
 
 def with_comment(data: bytes, element: Place, text: str) -> Edit:

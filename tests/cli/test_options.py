@@ -64,22 +64,6 @@ def test_such_an_error_ends_the_command_with_1():
     assert ASKED in request and request.endswith(f"{COMMAND} --out x")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("error", [None, RuntimeError("cannot release un-acquired lock"), InputError("A worker died.")])
-def test_what_follows_from_a_request_to_end_is_taken_for_it(capsys, number, error):
-    def study(_):
-        try:
-            signal.raise_signal(number)
-        finally:
-            if error is not None:
-                raise error
-
-    before = signal.getsignal(number)
-    assert running.run(study, mechanism.parser, []) == 130
-    assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
-    assert signal.getsignal(number) is before
-
-
 def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
     reached = []
 
@@ -109,18 +93,6 @@ def test_an_interrupt_while_the_page_is_set_is_taken_for_it(capsys, monkeypatch)
     monkeypatch.setattr(running, "page_of", page_of)
     assert running.run(print, mechanism.parser, []) == 130
     assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
-
-
-def test_the_request_to_report_takes_nothing_that_may_be_what_fails(monkeypatch):
-    def page_of(_):
-        raise ImportError("no style")
-
-    monkeypatch.setattr(running, "page_of", page_of)
-    for name in ("experiments.document", "experiments.document.provenance", "matplotlib"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(ImportError, match=r"^no style") as raised:
-        running.run(print, mechanism.parser, [])
-    assert ASKED in raised.value.__notes__[0]
 
 
 def test_an_option_that_is_no_number_is_named():

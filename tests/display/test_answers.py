@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 from test_commands import scaled
 
-from ident.display import html, text
+from ident.display import html
 from ident.display.text import aligned, rounded
 from ident.errors import InputError
 from ident.estimation.units import coefficient_unit
@@ -61,11 +61,6 @@ def test_intervals_are_those_of_normal_errors(level):
     np.testing.assert_allclose(estimate[name].interval(level, setup=False), estimate.interval(level, setup=False)[3])
 
 
-def test_levels_may_be_numbers_of_numpy():
-    np.testing.assert_allclose(quick().interval(np.float32(0.9)), quick().interval(0.9), rtol=1e-5)
-    np.testing.assert_array_equal(quick()["m3rx3"].interval(np.float64(0.9)), quick()["m3rx3"].interval(0.9))
-
-
 def test_an_estimate_is_a_mapping_of_names():
     estimate = quick()
     assert list(estimate) == list(estimate.names) and len(estimate) == estimate.base.rank
@@ -84,13 +79,6 @@ def test_estimated_scales_of_torques_are_parameters():
     assert re.search(r"^scale\(bend\) +bend +[0-9.]+", estimate.summary(), re.MULTILINE)
     assert "drives and scales from" in repr(estimate) and len(repr(estimate).splitlines()) <= SHORT
     assert quick().to_dict()["scales"] == {}
-
-
-def test_a_summary_shows_drives_below_any_number_of_base_parameters(monkeypatch):
-    monkeypatch.setattr(text, "SHOWN", 4)
-    for summary in (quick().summary(), quick()._repr_html_()):
-        assert quick().fit.equations.drives[0] in summary and "estimate.to_frame()" in summary
-        assert quick().names[3] in summary and quick().names[8] not in summary
 
 
 @pytest.mark.parametrize("level", [0, 1, 95, "high"])
@@ -116,14 +104,6 @@ def test_a_parameter_has_its_unit_body_and_model_and_a_drive_is_not_negative():
         estimate[3]
     with pytest.raises(InputError, match=r"The estimate has no parameters of 'Fores'; near that are fore\."):
         estimate.by_body["Fores"]
-
-
-def test_groups_hold_every_parameter_once():
-    estimate = quick()
-    groups = estimate.by_body
-    assert [each.name for group in groups.values() for each in group if each.kind == "base"] == list(estimate.names)
-    assert {"column", "upper", "fore", "turn", "lift", "bend"} == {*groups}
-    assert sum(map(len, groups.values())) == len(estimate.parameters)
 
 
 def test_units_are_those_of_the_quantity():

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import ident
-from ident.display.brief import listed, properties, short
 
 
 @pytest.mark.parametrize(
@@ -25,13 +24,6 @@ def test_a_repr_has_at_most_ten_lines_and_says_the_most_important(thing, parts):
     assert lines[0] == f"<{type(made).__name__}" and lines[-1].endswith(">")
 
 
-def test_long_lists_are_cut_and_empty_properties_left_out():
-    assert listed("abc") == "a, b, c" and listed("abcd", 2) == "a, b and 2 more"
-    assert short("Thing", {"a": "", "b": None, "c": "x" * 200, "d": 0}) == f"<Thing\n  c: {'x' * 94}…\n  d: 0>"
-    assert short("Thing", {"a": "one\ntwo"}) == "<Thing\n  a: one two>"
-    assert "<th>a</th><td>&lt;i&gt;</td>" in properties("Thing", {"a": "<i>", "b": ""})
-
-
 def test_a_recording_is_plotted_with_all_that_it_measures():
     log = driven_arm.log(6.0, 50.0)
     wrenches = {"ground_force": np.ones((300, 3)), "ground_torque": np.zeros((300, 3))}
@@ -47,10 +39,6 @@ def test_a_recording_is_plotted_with_all_that_it_measures():
     }
     line = panels["Joint position\n(rad or m)"]["lift"]
     np.testing.assert_array_equal(line.get_xydata(), np.stack([log.time, log["lift_position"]], axis=1))
-
-
-def test_a_recording_of_nothing_that_is_drawn_has_an_empty_figure():
-    assert ident.Recording(np.arange(3.0), {"temperature": np.zeros(3)}).plot().axes[0].lines[:] == []
 
 
 def test_a_recording_as_a_data_frame_is_read_back(monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from docs.tools import benchmark, peers
-from docs.tools.mechanisms import chain, humanoid, in_general_position, mechanisms
+from docs.tools.mechanisms import mechanisms
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 
@@ -33,20 +33,6 @@ def test_what_differs_is_not_timed():
         benchmark.check_agreement("arms", np.array([1.0, 2.0]), np.array([1.0, 4.0]))
     with pytest.raises(ValueError, match="nan"):
         benchmark.check_agreement("arms", np.array([np.nan]), np.array([1.0]))
-
-
-def test_mechanisms_are_what_their_names_say():
-    assert [(m.name, len(m.tree.bodies)) for m in mechanisms()[::2]] == [
-        ("double pendulum", 3),
-        ("7-link arm", 8),
-        ("30-body tree", 30),
-    ]
-    parents = [body.parent for body in humanoid().bodies]
-    # Depth first: a body follows its parent, or a limb that is finished.
-    assert all(parent == i - 1 or i - 1 not in parents for i, parent in enumerate(parents) if i)
-    assert parents.count(0) == parents.count(15) == 3
-    axes = [body.twist[3:] for body in in_general_position(chain(8)).bodies[1:]]
-    assert (np.abs(axes) > 1e-3).all()
 
 
 @pytest.mark.slow

@@ -14,12 +14,11 @@ from docs.tools.noise import counts
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
 from docs.tools.noise.estimators import Case, identified
 from docs.tools.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
-from docs.tools.noise.truth import drawn_bodies, drives, truth
-from experiments.studies.noise_processes import flicker, quantised, random_walk, student
+from docs.tools.noise.truth import drives, truth
+from experiments.studies.noise_processes import flicker, random_walk
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
-from ident.parameters.prior import body_covariance
 from ident.recordings.servo import model_servo
 from ident.regression.ordinary import least_squares
 from sim.simulation.simulate import simulate
@@ -127,6 +126,7 @@ def test_motions_that_are_drawn_need_what_mujoco_says(name):
             np.testing.assert_allclose(torques, links, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_commands_beside_a_wrench_act_half_a_sample_later_than_they_are_logged():
     """Viscous friction would be larger by kp times that half sample: more than twice of what it is."""
     condition = replace(CONDITIONS["commands_sinusoids_plate"], samples=1000, gain=0.0)
@@ -146,14 +146,6 @@ def test_servos_and_channels_are_misstated_as_their_recordings_say():
     assert 0 < np.abs(ratio[0] - 1).max() < 0.04 and gains.recording.setup == {"gain": 0.01}
 
 
-def test_bodies_are_drawn_as_they_are_known():
-    arm, rng = SUBJECTS["pendulum"].mechanism, np.random.default_rng(0)
-    off = np.array([drawn_bodies(arm, rng) for _ in range(1500)])[:, 20:] - arm.known[20:]
-    C = body_covariance(arm.known[20:])
-    scale = np.sqrt(np.diag(C))
-    np.testing.assert_allclose(off.T @ off / len(off) / np.outer(scale, scale), C / np.outer(scale, scale), atol=0.1)
-
-
 @pytest.mark.parametrize(("process", "power"), [(flicker, -1.0), (random_walk, -2.0)])
 def test_drifts_are_as_large_as_white_noise_and_fall_with_frequency(process, power):
     x = process(np.random.default_rng(0), (4096, 50))
@@ -164,47 +156,10 @@ def test_drifts_are_as_large_as_white_noise_and_fall_with_frequency(process, pow
     assert np.log(high / low) / np.log(512 / 8) == pytest.approx(power, abs=0.15)
 
 
-def test_tails_are_heavy_and_readings_in_steps():
-    x = student(np.random.default_rng(0), (200_000,), 3)
-    assert x.std() == pytest.approx(1, abs=0.15)
-    assert (np.abs(x) > 4).mean() > 20 * 6e-5
-    heavy = noisy_recording(CONDITIONS["student"], 0, 0)
-    assert np.abs(heavy["ground_force"] - heavy.true["ground_force"]).max() > 6 * 0.5
-    np.testing.assert_allclose(quantised(np.array([0.14, 0.16, -0.5]), 0.3), [0, 0.3, -0.6])
-    read = noisy_recording(CONDITIONS["quantised"], 0, 0)
-    steps = read["ground_force"] / 0.3
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-    assert len(np.unique(read["joint1_position"])) < len(read.time) < len(np.unique(read["ground_torque"])) * 20
-
-
 def answer(names, error, std, wide, setup=()):
     """An answer in the form of workers."""
     true = np.full(len(names), 2.0).tolist()
     return {"names": names, "error": error, "std": std, "true": true, "std_setup": wide, "setup": list(setup)}
-
-
-def test_tables_count_what_was_answered():
-    name, names = "rubs_trapezoids_100", ["Izz2", "Fc(turn)"]
-    outcomes = [
-        {"trajectory": answer(names, [0.5, 0.02], [1.0, 0.01], [1.0, 0.04])},
-        {"trajectory": answer(names, [-1.5, -0.04], [1.0, 0.01], [1.0, 0.01], ["delay(ground)"])},
-        {"trajectory": answer(names[:1], [0.0], [1.0], [1.0])},
-        {"trajectory": {"refused": "No."}},
-    ]
-    answers = counts.by_estimator(counts.tasks(4, [name]), outcomes)
-    table = counts.table_coverage(answers)
-    cells, *kinds = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
-    assert (cells["coverage_95"], cells["lowest_coverage_95"], cells["setup_coverage_95"]) == (0.5, 0, 0.75)
-    assert cells["rms_z"] == pytest.approx(np.sqrt((0.5**2 + 1.5**2 + 2**2 + 4**2) / 4))
-    assert cells["error_over_std"] == pytest.approx(cells["rms_z"])
-    assert (cells["setup_reported"], cells["recordings"], cells["refused"]) == (0.5, 2, 2)
-    assert [(x["kind"], x["coverage_95"], x["setup_coverage_95"]) for x in kinds] == [
-        ("base parameter", 1, 1),
-        ("Fc", 0, 0.5),
-    ]
-    drive = counts.table_parameters(answers).rows[1]
-    assert drive[2:6] == ("Fc(turn)", 2.0, pytest.approx(-0.01), pytest.approx(np.sqrt((0.02**2 + 0.04**2) / 2)))
-    assert counts.reported(answers) == {name: {"delay(ground)": 1}}
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.document.tabular import Regrouped, Table, as_stated, columns, decimals_of, lacking, number
+from experiments.document.tabular import Regrouped, Table, columns, decimals_of, number
 
 
 def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():
@@ -36,18 +36,6 @@ def test_an_estimate_ends_with_its_standard_deviation(value, std, shown):
     assert table.csv().splitlines()[1] == f"a,{value},{'' if std is None else std}"
 
 
-def test_numbers_are_aligned_at_their_points():
-    rows = (("a", 2.5187, 0.0312), ("b", -20.3, 12.4), ("c", 1.0, None))
-    lines = Table("t", ("name", "x", "std"), rows, deviations={"x": "std"}).text().splitlines()
-    assert lines[2:] == ["a       2.519   0.031", "b     -20      12", "c       1.000"]
-    assert lacking(["2.00e+06", "1.5", "", "7"]) == ["", "", "", ".0"] and lacking(["3", "40"]) == ["", ""]
-
-
-def test_stated_numbers_keep_the_digits_of_the_longest():
-    assert as_stated([0.32, -1.0, 0.1]) == 2 and as_stated([20.0, 3.0]) == 0 and as_stated([np.nan, 1e-5]) == 5
-    assert as_stated([]) == 0
-
-
 def test_only_sums_of_several_parameters_are_marked_and_noted():
     names, sums = ("m1", "m2rz2"), ("m1 + m2", "m2rz2")
     table = Table("t", *columns(parameter=names, x=(1.0, 2.0)), bodies=("a", "b"), regrouped=Regrouped.of({"": sums}))
@@ -55,10 +43,3 @@ def test_only_sums_of_several_parameters_are_marked_and_noted():
     assert [row[0] for row in table.texts()] == ["m1† of a", "m2rz2 of b"]
     none = Regrouped.of({"": names})
     assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped=none).remarks()
-
-
-def test_sums_that_models_share_are_noted_once():
-    both, other = ("m1 + m2", "Ixx2 + 0.1 m3"), ("m1 + m2", "Ixx2")
-    assert Regrouped.of({"a": both, "b": both}).sentence(["m1"], column=False) == "Regrouped sums: m1 + m2."
-    differ = Regrouped.of({"a": both, "b": other}).sentence(["m1", "Ixx2"], column=False)
-    assert differ == "Regrouped sums, a: m1 + m2, Ixx2 + 0.1 m3; b: m1 + m2."

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.document import drawn_data, figures
-from experiments.document.styles import row_panels
+from experiments.document import drawn_data
 
 
 def rows(figure):
@@ -86,41 +85,10 @@ def test_intervals_bars_and_spans_have_ends():
     }
 
 
-def test_rows_of_parameters_have_their_names():
-    figure, panels = row_panels([r"$m_{2}r_{z,2}$, shank", r"Fv(\$a_b)"], "Estimate")
-    for ax, own in panels:
-        ax.plot([0.5, 0.25], own + 0.15, "o", label="estimate")
-    shown = rows(figure)
-    assert column(shown, "y_category") == ["m2rz2, shank", "Fv($a_b)"]
-    assert {row["x_axis"] for row in shown} == {"Estimate"} and "x_category" not in shown[0]
-
-
-def test_panels_share_the_labels_of_their_axes():
-    wrench = np.random.default_rng(0).normal(size=(50, 6))
-    lines = {"True": (wrench, figures.Line("black")), "Dots": (wrench, figures.Line("C0", style="", first=1))}
-    time = np.arange(50) / 100
-    touching = (time // 0.1) % 2 == 1
-    shown = rows(figures.wrench_panels(time, lines, "Time (s)", shaded={"In contact": touching}))
-    names = ["Fx (N)", "τx (N m)", "Fy (N)", "τy (N m)", "Fz (N)", "τz (N m)"]
-    assert [*dict.fromkeys((row["panel"], row["x_axis"], row["y_axis"]) for row in shown)] == [
-        (str(k), "Time (s)", name) for k, name in enumerate(names, start=1)
-    ]
-    for k, name in enumerate(names):
-        order = (k % 2) * 3 + k // 2
-        np.testing.assert_array_equal(column(shown, "y", curve="True", y_axis=name), wrench[:, order])
-        np.testing.assert_array_equal(column(shown, "x", curve="Dots", y_axis=name), time[1::2])
-        spans = [(row["x_low"], row["x_high"]) for row in shown if row["mark"] == "span" and row["y_axis"] == name]
-        np.testing.assert_array_equal(spans, figures.spans(time, touching))
-
-
 def test_texts_are_no_formulas_of_spreadsheets():
     figure = Figure()
     figure.subplots().plot([1], [2], label="=1+2")
     assert [row["curve"] for row in rows(figure)] == ["'=1+2"]
-
-
-def test_a_figure_without_data_has_a_head_alone():
-    assert drawn_data.csv_text(Figure()) == "panel,x_axis,y_axis,curve,mark,x,y\n"
 
 
 @pytest.mark.parametrize("draw", [lambda ax: ax.imshow(np.eye(2)), lambda ax: ax.fill_between([0, 1, 2], [0, 1, 0])])

@@ -6,15 +6,12 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from commands import refusal
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 import experiments
 from experiments import misaligned
-from experiments.cli.command import COMMANDS
-from experiments.data.paper import FORMATS
 
 CANVASES = {"png": FigureCanvasAgg, "pdf": FigureCanvasPdf, "svg": FigureCanvasSVG}
 ROOT = Path(experiments.__file__).parents[1]
@@ -56,17 +53,6 @@ def test_one_format_costs_one_drawing(tmp_path, drawings, formats):
     assert all(f'<a href="{name}.csv">data of the figure as CSV</a>' in page for name in FIGURES)
 
 
-WITHOUT_FIGURES = {"columns", "derive", "stream", "readme"}
-
-
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_FIGURES))
-def test_every_command_with_figures_offers_their_formats(name, capsys):
-    parser = COMMANDS[name].parser()
-    (option,) = (action for action in parser._actions if action.dest == "formats")
-    own = name in {"angles", "batch", "compare", "excite", "identify", "payload"}
-    assert option.choices == (*FORMATS, "none") and option.default == (["svg"] if own else ["pdf", "png"])
-
-
 def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
     """What it is asked not to draw costs nothing; the page has its pictures and no section of figures."""
     command = "from experiments import identify; identify.main()\nimport sys; assert 'matplotlib' not in sys.modules"
@@ -76,10 +62,3 @@ def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
     page = (tmp_path / "arm" / "report.html").read_text(encoding="utf-8")
     assert not list(tmp_path.glob("arm/figure_*")) and 'id="figures"' not in page
     assert page.count('<svg class="picture"') == 3 and "<img" not in page
-
-
-def test_a_wrong_format_is_refused_with_the_choices(tmp_path, capsys):
-    message = refusal(misaligned.main, ["--formats", "gif", "--out", str(tmp_path / "out")], capsys)
-    sentence = message.strip().splitlines()[-1]
-    assert "--formats: invalid choice: 'gif'" in sentence and all(name in sentence for name in FORMATS)
-    assert not (tmp_path / "out").exists()

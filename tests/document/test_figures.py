@@ -50,14 +50,3 @@ def test_minor_ticks_with_labels_or_lines_stay():
         with mpl.rc_context({"axes.grid.which": "both"}):
             ruled = logarithmic(joined=True).axes[0].yaxis
             assert ruled.get_minorticklocs().size
-
-
-def test_a_layout_is_computed_once_for_all_formats(monkeypatch):
-    with styles.paper_style():
-        figure = logarithmic(joined=True)
-    engine, calls = figure.get_layout_engine(), []
-    execute = engine.execute
-    monkeypatch.setattr(engine, "execute", lambda figure: calls.append(execute(figure)))
-    for extension in ("pdf", "svg", "png"):
-        figures.drawn(figure, extension)
-    assert len(calls) == 1

@@ -1,29 +1,6 @@
 """Kernels of linear algebra in the provenance, with advice where the processor has newer ones."""
 
-import pytest
-
 from experiments.document import provenance
-
-
-@pytest.mark.parametrize(
-    ("chosen", "features", "old"),
-    [
-        (
-            {"numpy": "Haswell", "scipy": "Haswell"},
-            {"avx2", "avx512f"},
-            "numpy and scipy uses its kernels for Haswell,",
-        ),
-        ({"numpy": "SkylakeX", "scipy": "Zen"}, {"avx512f"}, "scipy uses its kernels for Zen,"),
-        ({"numpy": "Haswell", "scipy": "Haswell"}, {"avx2"}, None),
-        ({"numpy": "SkylakeX", "scipy": "Cooperlake"}, {"avx512f"}, None),
-        ({"numpy": "sapphirerapids"}, {"avx512f"}, None),
-        ({}, {"avx512f"}, None),
-    ],
-)
-def test_older_kernels_than_the_processor_s_are_named_with_the_variable(chosen, features, old):
-    text = provenance.advice(chosen, features)
-    assert (text is None) == (old is None)
-    assert old is None or (f"The OpenBLAS of {old}" in text and "OPENBLAS_CORETYPE=SkylakeX in the environment" in text)
 
 
 def test_the_provenance_has_the_kernels_and_the_remark_once(monkeypatch):

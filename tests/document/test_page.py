@@ -89,19 +89,6 @@ def test_tables_are_aligned_marked_and_readable_aloud(tmp_path):
     assert '<p class="note">* Why.' in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-def test_numbers_have_minus_signs_and_align_their_points(tmp_path):
-    table = Table("t", ("name", "x", "std"), (("a", -2.5187, 0.0312), ("b", 12.0, 1.25)), deviations={"x": "std"})
-    (_, *first), (_, *second) = read(table, tmp_path).rows[1:]
-    assert first == [({}, "\N{MINUS SIGN}2.519"), ({}, "0.031")]
-    assert second == [({"data-lack": "00"}, "12.0"), ({"data-lack": "00"}, "1.2")]
-
-
-def test_parameters_are_symbols_beside_the_names_of_their_bodies(tmp_path):
-    table = Table("Title", ("parameter", "x"), (("m2rz2", 1.0), ("offset(Fx)", 2.0)), bodies=("<a>", "b&c"))
-    first = [row[0][1] for row in read(table, tmp_path).rows[1:]]
-    assert first == ["b&c kg m", "m2rz,2", "other ", "offset(Fx)"]
-
-
 def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     """A drive stands beside the body that its joint moves; sums are folded."""
     rows = (("m1", 2.0, "m1 + m2"), ("m2rz2", 1.0, "m2rz2"), ("Fc(a)", 0.5, ""), ("Fc(b)", 0.1, ""))

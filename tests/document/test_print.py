@@ -14,13 +14,10 @@ from truth import use_truth
 from experiments.document import figures, print_table, sheet, styles, tabular
 from experiments.document.document import Document
 from experiments.document.print_table import PACKAGES
-from experiments.document.sheet import WIDTHS
 from experiments.document.tabular import Regrouped
 from experiments.document.writer import Output, write_parts
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
-from ident.estimation.units import offset_unit, unit_of
-from ident.geometry.inertia import body_of_parameter
 
 BODIES = ("base", "left_thigh", "shank & foot")
 NAMES = ("m1", "m2rz2", "Ixy3")
@@ -77,19 +74,6 @@ def test_parameters_have_bodies_units_and_symbols():
     assert not re.search(r"m2rz2|SI units|_\w+simplified", tex)
 
 
-def test_a_row_says_whose_a_parameter_is_in_every_format():
-    assert TABLE.csv().splitlines()[0] == "parameter,body,true_full,error_full,regrouping"
-    assert "\nm2rz2,left_thigh,-12.5,0.25," in TABLE.csv()
-    assert "| m2rz2* of left_thigh | kg m | -12.500 |" in TABLE.markdown()
-    assert "m2rz2* of left_thigh" in TABLE.text() and "kg m" not in TABLE.text()
-    assert (
-        body_of_parameter("offset(Fx)", BODIES) is None
-        and body_of_parameter("m9", BODIES) is None
-        and unit_of("offset(Fx)") is None
-    )
-    assert [offset_unit(name) for name in ("offset(Fx)", "offset(My)", "Fz", "Mz")] == ["N", "N m", "N", "N m"]
-
-
 def test_standard_deviations_have_columns_of_their_own():
     tex = print_table.tex(UNCERTAIN, "t")
     assert r"\unit{\kilo\gram} & 20.9933 & 0.0044 & 0.30 & " in tex
@@ -120,30 +104,6 @@ SUMS = tabular.Table(
     bodies=[f"body{k}" for k in range(1, 61)],
 )
 """A table with cells that break into many lines."""
-
-
-@pytest.mark.parametrize("columns", [1, 2])
-def test_tables_of_long_sums_go_on_before_the_page_ends(columns):
-    with sheet.page(columns):
-        tex = print_table.tex(SUMS, "t")
-    assert tex.count(r"\toprule") >= 5
-    assert [int(k) for k in re.findall(r"^\$m_\{(\d+)\}\$ of", tex, re.MULTILINE)] == list(range(1, 61))
-
-
-def test_a_part_of_the_columns_has_no_rows_that_say_nothing():
-    names = ("a", "b")
-    wide = {f"x{k}": [1.5, np.nan] for k in range(40)}
-    first, *others = print_table.tex(tabular.Table("t", *tabular.columns(name=names, y=[1.0, 2.0], **wide)), "t").split(
-        "toprule"
-    )[1:]
-    assert "\nb & 2.000" in first and others and not any("\nb &" in part for part in others)
-
-
-@pytest.mark.parametrize("columns", [1, 2])
-def test_figures_are_a_column_wide(columns):
-    with sheet.page(columns), styles.paper_style():
-        assert (mpl.rcParams["font.size"], styles.column_width()) == (8, WIDTHS[columns][0])
-        assert mpl.rcParams["font.family"] == ["STIXGeneral"]
 
 
 @pytest.mark.parametrize("extension", ["svg", "png"])

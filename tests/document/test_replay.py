@@ -2,56 +2,25 @@
 
 import json
 import re
-from dataclasses import replace
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from pages import PENDULUM, identified, replayed
+from pages import identified, replayed
 
 import scenes
-from experiments.document import replay as replays
-from experiments.document.document import Document, Plot
-from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
+from experiments.document.replay import ellipsoid
 from experiments.document.symbols import in_words, regrouped_in_words
-from experiments.document.tabular import Table
-from experiments.document.writer import Output, environment, written
-from experiments.reports.identify_page import place
-from ident.estimation.preparation import Part
+from experiments.document.writer import environment
 from ident.geometry.inertia import parameters_from_com
-from ident.judgement.finding import Finding
-from ident.judgement.place import Place
-from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import find_base_parameters
-from ident.recordings.recording import Recording
-from ident.recordings.wrench import Sensor
 from sim.models.mechanism import mechanism
 from sim.models.shapes import shapes
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import simulate
-
-TURNED = "\N{RIGHT-TO-LEFT OVERRIDE}"
-NAMES = [TURNED + "arm", "<script>alert(1)</script>", "$x$", r"\input{a}", "Größe", "</script>", 'a,b"c']
 
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
     return identified(tmp_path_factory.mktemp("identified"))
-
-
-def test_numbers_of_the_page_are_those_of_its_json(out):
-    estimate, page = json.loads((out / "estimate.json").read_text()), replayed(out / "report.html")
-    shown = {each["name"]: (each["value"], each["std"]) for each in page["parameters"]}
-    numbers = zip(estimate["columns"], estimate["values"], estimate["std_setup"], strict=True)
-    assert shown == {name: (value, std) for name, value, std in numbers}
-    assert page["curves"][:2] == ["measured", "predicted"] and page["every"] == 1
-    measured, predicted = (np.array(x)[:, np.array(page["time"]) >= page["spans"][0][0]] for x in page["values"][:2])
-    for (channel, _), y, fit in zip(page["channels"], measured, predicted, strict=True):
-        ratio = np.sqrt(np.mean((y - fit) ** 2)) / y.std()
-        assert ratio == pytest.approx(estimate["held_out"][channel]["ratio"], rel=1e-3)
-    assert (out / "report.html").stat().st_size < 3_000_000
 
 
 def test_findings_are_where_their_data_say(out):
@@ -67,61 +36,11 @@ def test_findings_are_where_their_data_say(out):
     assert all(page["where"] == "" for place, page in places.values() if not place)
 
 
-def test_a_place_is_shown_by_its_data_whatever_the_values_are(tmp_path):
-    arm = mechanism(PENDULUM, "base")
-    spec = scenes.load("double_pendulum", contact="pad")
-    recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
-    recording = recording.with_sensors({"contact": Sensor(*mechanism(spec, "base").site("contact"))})
-    log = SimpleNamespace(mechanism=arm, recording=recording)
-    result = SimpleNamespace(logs=[Part(log, slice(0))], channels=("Fx", "Mz"))
-
-    def shown(**where):
-        entry = place(Finding.of("constant_channels", Place(**where), channels=("Fx",)), result)
-        return entry["where"].removeprefix("The finding is about "), *(entry[k] for k in ("body", "channels", "span"))
-
-    assert shown() == ("", None, [], None)
-    assert shown(joints=("joint2",), channels=("Mz", "Fq")) == ("joint joint2; channels Mz, Fq.", 2, ["Mz"], None)
-    assert shown(wrenches=("contact",), span=(1.0, 2.0)) == ("wrench contact; 1.00 s to 2.00 s.", 2, [], [1.0, 2.0])
-    assert shown(wrenches=("ground",)) == ("wrench ground.", None, [], None)
-    assert shown(bodies=("link1",), span=(1.0, 2.0), log=1) == ("body link1; 1.00 s to 2.00 s of log 2.", 1, [], None)
-
-
 def test_all_files_are_linked_and_nothing_else(out):
     page = (out / "report.html").read_text(encoding="utf-8")
     links = set(re.findall(r'href="([^"#]+)"', page))
     assert links == {path.name for path in out.iterdir()} - {"report.html"}
     assert "default-src 'none'" in page and not re.search(r"https?://", page)
-
-
-def test_names_of_any_kind_do_no_harm(tmp_path):
-    table = Table(NAMES[1], ("what",), tuple((name,) for name in NAMES))
-    shown = Document(
-        NAMES[0],
-        NAMES[1],
-        lines=NAMES,
-        tables={"table": table},
-        figures={"figure": Plot(lambda: Figure(figsize=(1, 1)), NAMES[0])},
-        numbers={"provenance": {"of": NAMES}},
-        replay=named_replay(NAMES),
-    )
-    written(shown, Output(tmp_path, ["png"]))
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert TURNED not in page and page.count("<script") == page.count("</script>") == 2
-    assert [body["name"] for body in replayed(tmp_path / "report.html")["bodies"]] == ["arm", *NAMES[1:]]
-    tex, csv = ((tmp_path / f"table.{end}").read_text(encoding="utf-8") for end in ("tex", "csv"))
-    assert TURNED not in tex and r"\input{" not in tex and "Größe" in tex
-    assert csv.count("\n") == len(NAMES) + 1 and '"a,b""c"' in csv
-
-
-def named_replay(names):
-    """Page data of a mechanism whose bodies have these names."""
-    arm = mechanism(scenes.load("double_pendulum"), "base")
-    tree, body = arm.tree, arm.tree.bodies[0]
-    bodies = tuple(replace(body, name=name) for name in names)
-    arm = replace(arm, tree=replace(tree, bodies=bodies), prior=None, source=None, drives={})
-    still = Motion(*np.zeros((3, 2, 0)))
-    recording = Recording(np.arange(2.0), {"ground_force": np.ones((2, 3)), "ground_torque": np.zeros((2, 3))})
-    return Replay(arm, recording, still, [(names[0], "N")], np.arange(2), {"measured": np.ones((2, 1))})
 
 
 def test_ellipsoids_are_those_of_uniform_bodies():
@@ -185,10 +104,3 @@ def test_how_many_samples_are_drawn_is_said_in_english():
     shown = dict.fromkeys(names, ())
     for every, expected in ((1, False), (2, True)):
         assert ("One sample in 2 is drawn." in template.moving(shown | {"every": every})) == expected
-
-
-def test_samples_are_thinned_evenly():
-    assert evenly(5, 300).tolist() == [0, 1, 2, 3, 4] and evenly(1000, 3).tolist() == [0, 500, 1000 - 1]
-    for N in (1, 10, 5_000, 100_001):
-        drawn = every_nth(N, 24)
-        assert drawn[0] == 0 and len(drawn) * 24 <= replays.CURVE_NUMBERS and len(set(np.diff(drawn))) <= 1

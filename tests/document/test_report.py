@@ -4,16 +4,14 @@ import json
 import subprocess
 import sys
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mechanisms import random_tree
 from scipy import signal
 
 from experiments.document import print_table, provenance, result_folder, tabular
 from experiments.reports import identify_figures
-from ident.files.atomic import PARTIAL, replacing
+from ident.files.atomic import PARTIAL
 
 TABLE = tabular.Table(
     "Errors, kg",
@@ -38,17 +36,6 @@ def test_tex_is_escaped_and_complete():
     assert r"\caption{Errors, kg.}" in tex
     assert r"\begin{tabular}{@{}lS[table-format=1.3]S[table-format=-1.3]@{}}" in tex
     assert tex.count(r"\begin") == tex.count(r"\end") == 3
-
-
-def test_axes_of_joint_torques_have_units():
-    tree = random_tree(np.random.default_rng(0), 12, kinds=("revolute", "prismatic", "ball"))
-    prepared = SimpleNamespace(mechanism=SimpleNamespace(tree=tree))
-    result = SimpleNamespace(prepared=prepared, channels=("Mz", *tree.freedoms))
-    labels = [identify_figures._label(result, k, "/√Hz") for k in range(len(tree.freedoms) + 1)]
-    units = ["N m" if body.twist[3:].any() else "N" for body in tree.bodies for _ in body.motions.T]
-    assert {*units} == {"N", "N m"} and any(name.endswith(".z") for name in tree.freedoms)
-    expected = [f"{name}\n({unit}/√Hz)" for name, unit in zip(tree.freedoms, units, strict=True)]
-    assert labels == ["$M_z$ (N m/√Hz)", *expected]
 
 
 @pytest.mark.parametrize(
@@ -97,21 +84,6 @@ def test_empty_cells_stay_empty():
     assert "| x |  |" in table.markdown()
 
 
-def test_a_failing_block_changes_nothing(tmp_path):
-    out = tmp_path / "out"
-    with result_folder.results_folder(out) as folder:
-        (folder / "a").write_text("first")
-
-    def fail():
-        with result_folder.results_folder(out) as folder:
-            (folder / "a").write_text("second")
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    assert [(file.name, file.read_text()) for file in out.iterdir()] == [("a", "first")]
-
-
 def test_other_files_in_the_folder_are_left_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with result_folder.results_folder(tmp_path) as folder:
@@ -140,30 +112,6 @@ def test_a_folder_in_the_way_changes_nothing(tmp_path, obstacle):
     assert {path.name for path in tmp_path.iterdir()} == {"a", obstacle}
 
 
-def test_a_move_that_fails_midway_is_undone(tmp_path, monkeypatch):
-    for name in "abc":
-        (tmp_path / name).write_text("first")
-    replace = type(tmp_path).replace
-    calls = []
-
-    def failing(path, target):
-        calls.append(path)
-        if len(calls) == 5:
-            raise OSError(28, "No space left on device", str(target))
-        return replace(path, target)
-
-    def run():
-        with result_folder.results_folder(tmp_path, stale=["c"]) as folder:
-            for name in "abd":
-                (folder / name).write_text("second")
-            monkeypatch.setattr(type(tmp_path), "replace", failing)
-
-    with pytest.raises(ValueError, match="could not be moved"):
-        run()
-    monkeypatch.undo()
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys("abc", "first")
-
-
 def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("first")
     replace = type(tmp_path).replace
@@ -188,34 +136,12 @@ def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch)
     assert f"earlier files are in '{kept.parent}'" in str(raised.value)
 
 
-def test_a_folder_that_cannot_be_made_leaves_none(tmp_path, monkeypatch):
-    def full(**_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(result_folder.tempfile, "mkdtemp", full)
-    with pytest.raises(ValueError, match="No space left"), result_folder.results_folder(tmp_path / "a" / "b"):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_provenance_is_of_this_repository_only(monkeypatch, tmp_path):
     monkeypatch.setenv("GIT_DIR", str(tmp_path))
     assert provenance.provenance({}, {})["git_commit"] != ""
     monkeypatch.delenv("GIT_DIR")
     monkeypatch.setattr(provenance, "__file__", str(tmp_path / "experiments" / "document" / "provenance.py"))
     assert provenance.provenance({}, {})["git_commit"] is None
-
-
-def test_an_input_is_neither_replaced_nor_cleared_away(tmp_path):
-    for name in ("a", "table_mine"):
-        (tmp_path / name).write_text("input")
-        with (
-            pytest.raises(ValueError, match=f"would replace '{tmp_path / name}', which is the input"),
-            result_folder.results_folder(tmp_path, stale=["table_*"], inputs=[tmp_path / name]) as folder,
-        ):
-            (folder / "a").write_text("result")
-        assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {name: "input"}
-        (tmp_path / name).unlink()
 
 
 KILLED = """
@@ -273,47 +199,6 @@ def test_what_killed_runs_left_goes_with_the_next_one(tmp_path):
             (folder / "c").write_text("third")
         (out / ".partial-mine").unlink(missing_ok=out != folders[0])
         assert {path.name for path in out.iterdir()} == set("abc")
-
-
-@needs_locks
-def test_what_belongs_to_a_run_that_is_alive_stays(tmp_path):
-    out = tmp_path / "waiting"
-    command = [sys.executable, "-c", KILLED, str(out)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as alive:
-        assert alive.stdout.readline() == b"ready\n"
-        with result_folder.results_folder(out) as folder, replacing(out / "d") as temporary:
-            (folder / "c").write_text("third")
-            temporary.write_text("fourth")
-        assert len(list(out.glob(f"{PARTIAL}*"))) == 1
-        alive.kill()
-    with replacing(out / "d") as temporary:
-        temporary.write_text("fifth")
-    with result_folder.results_folder(out):
-        pass
-    assert {path.name for path in out.iterdir()} == set("cd")
-
-
-def test_columns_without_cells_are_in_the_csv_file_alone():
-    table = tabular.Table("t", *tabular.columns(name=["a", "b"], empty=[None, np.nan], note=["", ""], x=[1.0, 2.0]))
-    assert table.csv().startswith("name,empty,note,x\na,,,1.0\n")
-    assert table.filled().columns == ("name", "x")
-    for shown in (table.markdown(), table.text(), print_table.tex(table)):
-        assert "mpty" not in shown and "2.000" in shown
-
-
-@pytest.mark.parametrize("counts", [[3, 40], np.array([3, 40])])
-def test_counts_have_no_decimals_unless_numbers_stand_beside_them(counts):
-    table = tabular.Table("t", *tabular.columns(name=["a", "b"], count=counts, mixed=[True, 0.5]))
-    assert table.texts() == [["a", "3", "1.000"], ["b", "40", "0.500"]] and table.numeric() == [False, True, True]
-    assert "S[table-format=2.0]S[table-format=1.3]" in print_table.tex(table)
-
-
-def test_first_cells_have_words_for_readers_and_names_in_the_csv_file():
-    table = tabular.Table(
-        "t", ("number", "x"), (("axis_error_deg", 1.0),), names={"axis_error_deg": "axis error (deg)"}
-    )
-    assert table.csv() == "number,x\naxis_error_deg,1.0\n"
-    assert table.texts() == [["axis error (deg)", "1.000"]]
 
 
 @pytest.mark.parametrize("name", ["=1+2", "+x()", "-x|y!A0", "@SUM(A1)", "\t=x"])

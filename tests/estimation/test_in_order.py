@@ -31,24 +31,6 @@ def test_endless_items_are_drawn_only_so_far_ahead(ahead):
     assert next(drawn) == 10 + ahead - 1
 
 
-def test_pending_items_are_cancelled_when_nobody_takes_their_results():
-    busy, go, done = threading.Event(), threading.Event(), []
-
-    def function(k):
-        if k:
-            busy.set()
-            assert go.wait(timeout=60)
-        done.append(k)
-
-    with ThreadPoolExecutor(1) as executor:
-        with closing(in_order(executor, function, range(100), ahead=5)) as results:
-            next(results)
-            assert busy.wait(timeout=60)
-        go.set()
-    # Item 1 was in progress, items 2 to 4 were in the queue.
-    assert done == [0, 1]
-
-
 def test_an_error_comes_at_its_turn_and_cancels_what_follows():
     done = []
 

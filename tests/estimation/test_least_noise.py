@@ -1,19 +1,12 @@
 """Lower bounds on the noise of channels and coordinates: resolution, flat channels, coordinates at rest."""
 
-import os
-import warnings
-from pathlib import Path
-
 import numpy as np
 import pytest
-from coded import coded
-from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
+from recorded_faults import PENDULUM, TRUTH
 from slow_pendulum import recorded
 
 import ident
-from experiments.studies.identification import prepare
 from ident.estimation.channel_scales import LEAST, least_noise
-from sim.models.notes import ModelNote
 
 T = np.arange(1000) / 100
 
@@ -43,51 +36,6 @@ def test_noise_is_no_less_than_that_of_rounding():
     components = [ident.estimation.equations.COMPONENTS.index(name) for name in estimate.channels]
     assert (noise.channels > 0.99 * floor[components]).all()
     assert (noise.states[0] > 0.99 * steps["angles"] / np.sqrt(12)).all()
-
-
-def flat_for_a_while(channel, value=0.0):
-    """A recording with a component that is constant in the fitted part, and then goes on in steps of 0.3."""
-    recording = faulty(1)
-    wrench = wrench_of(recording)
-    wrench[:, channel] = value + 0.3 * ((np.arange(len(wrench)) > 650) & (np.arange(len(wrench)) % 9 == 0))
-    return angles_and_wrench(recording.time, recording.of_joints(PENDULUM.tree.joints, "position"), wrench)
-
-
-@pytest.mark.parametrize("estimator", ["trajectory", "weighted"])
-@pytest.mark.parametrize("value", [0.0, 1.0])
-def test_a_channel_that_is_flat_where_it_is_fitted_is_left_out(estimator, value):
-    estimate = ident.identify(PENDULUM, flat_for_a_while(0, value), estimator=estimator)
-    assert estimate.channels == ("Fy", "Fz", "Mx", "My", "Mz") and not estimate.prepared.stuck
-    assert "Fx never change in what is fitted, nor do they by the model, and are left out." in estimate.prepared.notes
-    assert np.isfinite(estimate.std_setup).all() and np.isfinite(estimate.held_out.residual).all()
-    if estimator == "trajectory":
-        assert (abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
-
-
-def test_one_that_should_change_there_is_called_stuck():
-    estimate = ident.identify(PENDULUM, flat_for_a_while(4))
-    assert estimate.prepared.stuck == (("My", 0.0, True),)
-    (finding,) = coded(estimate, "stuck_channels")
-    assert finding.doubt and "My (0 in what is fitted)" in finding.text
-
-
-def test_what_is_known_of_bodies_is_symmetric():
-    """A plain inverse is asymmetric by more than its smallest eigenvalue if light bodies hang on joints at rest."""
-    precision = ident.identify(PENDULUM, faulty(), known=True).trajectory.fit.prior.precision
-    np.testing.assert_array_equal(precision, precision.T)
-
-
-@pytest.mark.skipif("MULTICONTACT_DATA" not in os.environ, reason="needs the recorded data in MULTICONTACT_DATA")
-def test_a_walkers_forearms_rest():
-    """Forearms rest at the joints' limits, and none of their columns may be left out."""
-    folder = Path(os.environ["MULTICONTACT_DATA"]) / "subject4_walking"
-    log = f"{folder / 'walking1_ik.mot'}+{folder / 'walking1_grf.mot'}"
-    fix = {"mtp_angle_r": (), "mtp_angle_l": ()}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelNote)
-        walker = prepare(folder / "subject4.osim", Path(log), columns=folder / "columns.toml", fix=fix)
-    rests = [note for note in walker.notes if "rests" in note]
-    assert rests == ["'pro_sup_r' rests at 2.09.", "'pro_sup_l' rests at 2.09."]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -81,19 +81,6 @@ def test_torques_are_left_out_by_their_joints(pendulum):
         prepared(arm, both, leave_out=["Fq"])
 
 
-def test_what_contacts_never_read_together_is_left_out():
-    """A force that is zero throughout, as in planar simulations, has unknown noise."""
-    person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(sway=0.0)
-    level = {name: x * [1, 1, 0] if name.endswith("_force") else x for name, x in recording.measured.items()}
-    estimate = ident.identify(person, replace(recording, measured=level))
-    assert estimate.channels == ("Fx", "Fy", "Mx", "My", "Mz")
-    assert "Fz never change, nor do they by the model, and are left out." in estimate.prepared.notes
-    z = (estimate.psi - estimate.base.regroup(person.known)) / estimate.std
-    assert np.sqrt(np.mean(z**2)) < 1.5
-    sideways = {name: x * [0, 1, 1] if name.endswith("_force") else x for name, x in recording.measured.items()}
-    assert prepared(person, replace(recording, measured=sideways), cutoff=10.0).stuck == (("Fx", 0.0, False),)
-
-
 def test_a_mechanism_that_flies_is_told_by_all_components():
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording()
     nothing = {name: x if x.ndim == 1 else 0 * x for name, x in recording.measured.items()}

@@ -3,17 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from measurements import at, random_inputs, random_measurement
-from mechanisms import JOINTS, SCREWS, moved_states, random_pose, random_tree, unhat
+from mechanisms import JOINTS, SCREWS, moved_states, random_tree, unhat
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP
 from ident.estimation.recorded_motion import base_motion, joint_states
-from ident.estimation.setup import setup_parameters
 from ident.geometry.se3 import Ad, coAd, inverse, pose
 from ident.mechanism.body import BASE
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.recordings.wrench import Sensor
 from ident.setup import PRIORS
 from ident.tolerances import STRIBECK
 
@@ -120,19 +118,6 @@ def test_a_plate_in_the_world_is_what_the_body_feels_wherever_it_is(seed):
     felt[:, :, :6] = np.einsum("nij,nkj->nki", to_body, wrenches[:, :, :6])
     expected = m.values(states, felt, theta)
     np.testing.assert_allclose(plate.values(states, wrenches, theta), expected, atol=1e-11 * abs(expected).max())
-
-
-def test_bodies_that_take_turns_on_a_plate_share_where_it_is():
-    rng = np.random.default_rng(2)
-    m = random_measurement(rng, moving=True, contacts=0, torques=False)
-    place, two = random_pose(rng), [str(name) for name in rng.choice(m.tree.names, 2, replace=False)]
-    turns = {f"{body} on plate": Sensor(body, place, frame="world", plate="plate") for body in two}
-    m = replace(m, frame=None, contacts=turns, setup=setup_parameters(m.equations, ["plate"], held=False))
-    states, wrenches, theta = random_inputs(rng, m)
-    other = replace(m, contacts={"plate": Sensor(two[0], place, frame="world")})
-    # Without joint torques the body on the plate does not matter.
-    expected = other.values(states, wrenches[..., :6] + wrenches[..., 6:], theta)
-    np.testing.assert_allclose(m.values(states, wrenches, theta), expected, atol=1e-11 * abs(expected).max())
 
 
 @pytest.mark.parametrize("held", [True, False])

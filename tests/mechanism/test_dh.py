@@ -1,10 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.errors import ModelError
 from ident.mechanism.body import BASE
+from ident.mechanism.constraint import Coincidence
 from ident.mechanism.dh import Frame, tree_from_mdh
+from ident.mechanism.loops import Constraints
 from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.structure import Sensors
 
 
 def rotation(axis, angle):
@@ -90,3 +96,74 @@ def test_a_link_without_inertia_keeps_its_joint():
 def test_tables_that_are_no_trees_are_refused(frames, message):
     with pytest.raises(ModelError, match=message):
         tree_from_mdh(frames)
+
+
+def test_a_parallelogram_of_dependent_joints_keeps_its_last_link_upright():
+    """Khalil and Dombre's table of a parallelogram, opened: the last link turns back by what those before it turned."""
+    rows = [
+        Frame("1", None, "revolute", alpha=0.0),
+        Frame("2", "1", "revolute", alpha=np.pi / 2, d=0.2),
+        Frame("3", "2", "revolute", d=0.5, follows={"2": -1.0}, constant=np.pi / 2),
+        Frame("4", "3", "revolute", d=0.4, follows={"3": 2.0, "1": 0.5}, constant=0.1),
+    ]
+    tree, free = tree_from_mdh(rows), tree_from_mdh([replace(row, follows={}) for row in rows])
+    assert tree.joints == ("1", "2") and tree.dependent == ("3", "4")
+    q = np.random.default_rng(0).normal(size=(5, 2))
+    third = np.pi / 2 - q[:, 1]
+    np.testing.assert_allclose(
+        tree.poses(q), free.poses(np.stack([*q.T, third, 0.1 + 2 * third + 0.5 * q[:, 0]], axis=1)), atol=1e-12
+    )
+    upright = tree.poses(q)[:, 2, :3, 0]
+    np.testing.assert_allclose(upright, np.tile([0, 0, 1.0], (5, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [
+        ({"1": 1.0}, {}, r"Frame '1' needs to follow joints out of 2, got '1'\."),
+        ({"fixed": 1.0}, {}, r"Frame '1' needs to follow joints out of 2, got 'fixed'\."),
+        ({"2": 1.0}, {"1": 1.0}, r"The frames 1, 2 follow each other; one of them needs a joint of its own\."),
+    ],
+)
+def test_a_joint_follows_others_that_move(first, second, message):
+    rows = [
+        Frame("1", None, "revolute", follows=first),
+        Frame("fixed", "1", "fixed"),
+        Frame("2", "fixed", "prismatic", follows=second),
+    ]
+    with pytest.raises(ModelError, match=message):
+        tree_from_mdh(rows)
+
+
+ANTECEDENTS = [None, "1", "2", "3", "4", "5", "1", "7"]
+"""Geometry of Khalil's example of a closed loop, the Acma SR400, as in OpenSYMORO's `sr400.par`, with lengths in m."""
+
+
+def sr400(**follows):
+    """Its opened tree: frames 2, 3, 7 and 8 are a parallelogram."""
+    turn, d2, d3, d4, d8 = np.pi / 2, 0.3, 0.7, 0.1, 0.35
+    rows = zip(ANTECEDENTS, (0, -turn, 0, -turn, turn, -turn, -turn, 0), (0, d2, d3, d4, 0, 0, d2, -d8), strict=True)
+    frames = [
+        Frame(str(k), parent, "revolute", alpha=alpha, d=d, r=0.8 if k == 4 else 0.0)
+        for k, (parent, alpha, d) in enumerate(rows, start=1)
+    ]
+    return tree_from_mdh([replace(frame, **follows.get(f"_{frame.name}", {})) for frame in frames])
+
+
+def test_a_parallelogram_by_its_pin_and_by_its_dependent_angles_are_one():
+    tree = sr400(_3={"follows": {"7": 1.0, "2": -1.0}, "constant": -np.pi / 2}, _8={"follows": {"2": 1.0, "7": -1.0}})
+    pins = [np.eye(4), np.eye(4)]
+    pins[0][0, 3], pins[1][1, 3] = 0.7, -0.35
+    pin = Coincidence("pin", ("8", "3"), tuple(tuple(T.ravel().tolist()) for T in pins))
+    opened = sr400()
+    posture = {name: np.array([-np.pi / 2 if name in "28" else 0.0]) for name in opened.joints}
+    closed = opened.closed(Constraints((pin,), posture).closure(opened, ("3", "8")))
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, (6, 6))
+    q[:, 1] -= np.pi / 2
+    for computed, expected in zip(*(t.dependent_states(q, q, 2 * q) for t in (closed, tree)), strict=True):
+        np.testing.assert_allclose(computed, expected, atol=1e-9)
+    gravity = np.array([0, 0, -9.81])
+    for sensors, rank in ((Sensors(base_wrench=False, joint_torques=True), 39), (Sensors(), 44)):
+        bases = [find_base_parameters(each, gravity=gravity, sensors=sensors) for each in (closed, tree)]
+        assert [base.rank for base in bases] == [rank, rank] and bases[0].kept == bases[1].kept
+        np.testing.assert_allclose(bases[0].beta, bases[1].beta, atol=1e-6)

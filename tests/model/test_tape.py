@@ -1,8 +1,11 @@
+import gc
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.model.tape import Program, Tape
+from ident.model.tape import Program, Tape, uncollected
 
 OPERATIONS = ("+", "-", "*", "negative", "sin", "cos", "-1", "0", "1", "half")
 
@@ -78,3 +81,21 @@ def test_formulas_of_arrays_run_on_signals():
     out = np.zeros((3, 7))
     program.run(x, out)
     np.testing.assert_allclose(out, A @ np.cos(x) / 2 - 1, atol=1e-15)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_collection_of_garbage_goes_on_as_before_a_recording(enabled):
+    def recorded(fails):
+        assert not gc.isenabled()
+        assert not fails
+
+    before = gc.isenabled()
+    try:
+        (gc.enable if enabled else gc.disable)()
+        uncollected()(recorded)(False)
+        assert gc.isenabled() == enabled
+        with pytest.raises(AssertionError):
+            uncollected()(recorded)(True)
+        assert gc.isenabled() == enabled
+    finally:
+        (gc.enable if before else gc.disable)()

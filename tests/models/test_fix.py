@@ -13,7 +13,6 @@ from experiments.studies.identification import prepare
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import STATES, Recording
-from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
 
@@ -31,7 +30,6 @@ ODD = """<robot name="r"><link name="a"><inertial><mass value="1"/>
 AT = 0.03
 """Position of the fingers, m."""
 
-FIX = ["--fix", "finger1", str(AT), "--fix", "finger2", str(AT)]
 TIME = np.arange(300) / 100
 
 
@@ -64,18 +62,6 @@ def test_a_log_without_the_fingers_gives_the_parameters_of_the_whole(files, tmp_
     result = identified(prepared)
     truth = prepared.equations.parameters.regroup(prepared.mechanism.known)
     np.testing.assert_allclose(result.psi, truth, atol=1e-6 * abs(truth).max())
-
-
-@pytest.mark.usefixtures("undrawn", "here")
-def test_identify_and_stream_take_the_fingers_as_fixed(files, tmp_path, capsys):
-    model, log, _ = files
-    arguments = [str(model), str(log), "--base", "base", *FIX, "--out", str(tmp_path / "out")]
-    for command in (identify, stream):
-        assert command.main(arguments) == 0
-        assert "Note: " not in capsys.readouterr().err
-    written = next((tmp_path / "out").rglob("model.xml"))
-    with pytest.warns(ModelNote, match="finger1, finger2"):
-        assert mechanism(written, "base").in_loops == ("finger1", "finger2")
 
 
 @pytest.mark.usefixtures("here")
@@ -111,7 +97,9 @@ def test_a_finger_whose_torque_is_measured_moves_the_other_until_their_coupling_
     Recording(TIME, channels | moving | {"finger2_torque": 0.1 * np.sin(TIME)}).save(log)
     ready = prepare(model, log, base="base")
     assert ready.mechanism.tree.dependent == ("finger1",) and ready.equations.channels[-2:] == ("shoulder", "finger2")
-    assert any("The column of 'finger1' is not used; it differs from the closed loops by 0" in x for x in ready.notes)
+    assert any(
+        "The column of 'finger1' counts too, as loops are closed, but for a constant of 0." in x for x in ready.notes
+    )
     assert prepare(model, log, base="base", ignore=("equality0",)).equations.channels[-2:] == ("shoulder", "finger2")
 
 

@@ -1,8 +1,6 @@
-import os
 import re
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -145,22 +143,6 @@ def test_an_updated_model_simulates_to_the_same_wrenches(tmp_path):
     np.testing.assert_allclose(wrench, expected, atol=1e-9 * abs(expected).max())
 
 
-def test_meshes_are_found_from_another_folder(tmp_path):
-    (tmp_path / "assets").mkdir()
-    (tmp_path / "out").mkdir()
-    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
-    written(tmp_path / "assets", corners, "a.obj")
-    text = MJCF.format(compiler=' meshdir="assets"').replace(
-        "<worldbody>", '<asset><mesh file="a.obj"/></asset><worldbody>'
-    )
-    text = text.replace('<geom size=".1"/>', '<geom type="mesh" mesh="a"/>')
-    path = written(tmp_path, text, "arm.xml")
-    phi = random_phi(np.random.default_rng(0), 3)
-    for source in (path, mujoco.MjSpec.from_file(str(path))):
-        write_model(tmp_path / "out" / "new.xml", mechanism(source, "base"), phi)
-        assert compiled(tmp_path / "out" / "new.xml").nmesh == 1
-
-
 def test_included_bodies_are_updated_as_well(tmp_path):
     written(tmp_path, '<mujoco><body name="arm"><joint/><geom size=".1"/></body></mujoco>', "part.xml")
     text = (
@@ -210,23 +192,6 @@ def test_urdf_in_gives_urdf_or_mjcf_out(tmp_path, urdf, suffix):
     if suffix == ".urdf":
         text = out.read_text(encoding="utf-8")
         assert text.count("package://gone/a.stl") == 3 and "<!-- kept -->" in text and "fusestatic" not in text
-
-
-def test_the_human_of_the_recording_has_three_bodies(tmp_path):
-    data = os.environ.get("MULTICONTACT_DATA")
-    if not data:
-        pytest.skip("MULTICONTACT_DATA does not tell where the recorded data are.")
-    folder = Path(data) / "human_bowing"
-    path = folder / "threeLinkHuman_subject1_sensorExt.urdf"
-    model = model_from_urdf(path).compile()
-    assert [model.body(name).mass[0] for name in ("foot", "leg", "torso")] == [3.0639, 25.5563, 33.0707]
-    expected = parameters_from_model(folder / "three_link_human.xml", "foot")
-    np.testing.assert_allclose(parameters_from_model(model, "foot"), expected, atol=1e-9)
-    phi = random_phi(np.random.default_rng(0), 3)
-    for source in (path, folder / "three_link_human.xml"):
-        write_model(tmp_path / f"new{source.suffix}", mechanism(source, "foot"), phi)
-    for spec in (model_from_urdf(tmp_path / "new.urdf"), tmp_path / "new.xml"):
-        np.testing.assert_allclose(parameters_from_model(spec, "foot"), phi, rtol=1e-9, atol=1e-12)
 
 
 @NO_MESHES

@@ -272,21 +272,6 @@ def test_a_mechanism_without_mass_is_refused():
         parameters_from_model(light, "ghost")
 
 
-@pytest.mark.parametrize(
-    ("path", "text", "message"),
-    [
-        ("missing.xml", None, "file that exists, got '.*missing.xml'"),
-        ("broken.xml", "<mujoco><worldbody>", "broken.xml: .*XML"),
-        ("odd.xml", "<mujoco><worldbody><bone/></worldbody></mujoco>", "odd.xml: .*bone"),
-    ],
-)
-def test_files_that_are_no_models_are_refused(tmp_path, path, text, message):
-    if text is not None:
-        (tmp_path / path).write_text(text, encoding="utf-8")
-    with pytest.raises(ModelError, match=message):
-        tree_from_model(tmp_path / path)
-
-
 @pytest.mark.parametrize("function", [tree_from_model, parameters_from_model, gravity_in_base, state_columns])
 def test_unknown_bases_are_refused(function):
     with pytest.raises(ModelError, match="no body named 'foot'; its bodies are base, arm"):

@@ -5,14 +5,8 @@ import numpy as np
 import pytest
 
 from experiments import excite
-from ident.geometry.inertia import parameter_names
 from ident.recordings.recording import Recording
-from sim.models.mechanism import mechanism
-from sim.models.model_update import write_model
-from sim.models.mujoco_model import rest_coordinates
-from sim.motion.collisions import Collisions
 from sim.motion.excitation import Excitation
-from sim.simulation.contacts import contact_wrenches
 from sim.simulation.simulate import simulate
 
 UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/>
@@ -29,25 +23,6 @@ def path(tmp_path):
     out = tmp_path / "unnamed.xml"
     out.write_text(UNNAMED, encoding="utf-8")
     return out
-
-
-def test_all_that_names_bodies_and_joints_gives_them_the_same_names(path, tmp_path):
-    model = mujoco.MjModel.from_xml_path(str(path))
-    arm = mechanism(path, "body1_")
-    tree = arm.tree
-    assert tree.names == ("body1_", "body1", "body3")
-    assert tree.joints == ("joint1", "joint1_") == tuple(rest_coordinates(model, "body1_"))
-    assert tuple(arm.ranges) == tree.joints
-    assert arm.site("site0")[0] == "body1_"
-    assert ("body1_", "body3") in Collisions(model, tree.joints, 0.01).touching(np.array([[1.7, 1.7], [0, 3.1]]))
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0, np.pi
-    mujoco.mj_forward(model, data)
-    assert contact_wrenches(model, data, "body1_") == {}
-    assert len(arm.known) == len(parameter_names(3))
-    write_model(tmp_path / "new.xml", arm, 2 * arm.known)
-    written = mechanism(tmp_path / "new.xml", "body1_").known
-    np.testing.assert_allclose(written, 2 * arm.known, rtol=1e-9, atol=1e-12)
 
 
 def test_joints_without_names_are_excited(path, tmp_path):

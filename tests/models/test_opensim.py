@@ -256,7 +256,7 @@ def test_merged_welds_keep_the_wrench(tmp_path):
             r'<EllipsoidJoint name="hip">: joints that are read are CustomJoint, WeldJoint',
         ),
         ("SimmSpline", "GCVSpline", "functions of coordinates are Constant, LinearFunction.*got <GCVSpline>"),
-        ("CoordinateCouplerConstraint", "PointConstraint", "--ignore couple_beta_0"),
+        ("CoordinateCouplerConstraint", "RollingOnSurfaceConstraint", "--ignore couple_beta_0"),
         ("<mass>", "<mass>-1 ", r'<Body name="pelvis"> needs a finite number in <mass>, got \'-1'),
         ("<socket_child_frame>thigh_offset", "<socket_child_frame>toe_offset", "'toe_offset' is none"),
         (
@@ -292,6 +292,45 @@ def test_a_loop_is_named(tmp_path):
     joints = [Joint("PinJoint", name, "ground", "a", [coordinate(name)]) for name in ("one", "two")]
     with pytest.raises(ModelError, match=r'<PinJoint name="two"> closes a loop'):
         sim.mechanism(written(tmp_path, document(joints, phi)))
+
+
+def linkage(version, first="rod", second="rocker"):
+    """A parallelogram of pins, closed by a point constraint."""
+    at = lambda *x: (np.array(x), np.zeros(3))  # noqa: E731
+    joints = [
+        Joint("PinJoint", "one", "ground", "crank", [coordinate("crank")]),
+        Joint("PinJoint", "two", "crank", "rod", [coordinate("rod")], at=at(0, 0.3, 0)),
+        Joint("PinJoint", "three", "ground", "rocker", [coordinate("rocker")], at=at(0.4, 0, 0)),
+    ]
+    ends = ((1, first, "0.4 0 0"), (2, second, "0 0.3 0"))
+    held = "".join(
+        (f"<socket_body_{k}>{'/ground' if name == 'ground' else f'/bodyset/{name}'}</socket_body_{k}>"
+         if version == 4 else f"<body_{k}>{name}</body_{k}>") + f"<location_body_{k}>{x}</location_body_{k}>"
+        for k, name, x in ends
+    )  # fmt: skip
+    phi = dict(zip(("crank", "rod", "rocker"), random_phi(np.random.default_rng(0), 3).reshape(3, 10), strict=True))
+    constraint = f'<PointConstraint name="pin"><isEnforced>true</isEnforced>{held}</PointConstraint>'
+    return document(joints, phi, version=version, constraints=constraint)
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_a_point_constraint_closes_a_loop(tmp_path, version):
+    arm = read(written(tmp_path, linkage(version)))
+    assert "joints: crank\n  dependent: rod, rocker" in str(arm)
+    tree = arm.closed(("rod", "rocker")).tree
+    x = np.linspace(-1, 1, 7)[:, None]
+    np.testing.assert_allclose(tree.dependent_states(x)[0], np.hstack([-x, x]), atol=1e-9)
+    sim.write_model(tmp_path / "new.osim", arm, 1.1 * arm.known)
+    element = re.compile("<PointConstraint.*</PointConstraint>")
+    assert element.search((tmp_path / "new.osim").read_text())[0] in linkage(version)
+    assert not read(tmp_path / "model.osim", ignore=["pin"]).constraints.rows
+    assert read(tmp_path / "model.osim", fix={"crank": 0.3}).tree.joints == ()
+
+
+def test_a_point_that_is_held_to_the_ground_is_named(tmp_path):
+    path = written(tmp_path, linkage(4, second="ground"))
+    with pytest.raises(ModelError, match=r'<PointConstraint name="pin"> reaches outside the .* --ignore pin'):
+        read(path)
 
 
 def test_an_entity_is_not_followed(tmp_path):

@@ -9,11 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_com, symmetric
-from ident.model.regressor import base_wrench_regressor
 from sim.models.inertials import is_balanced
 from sim.models.mechanism import mechanism
 from sim.models.model_update import write_model
-from sim.models.mujoco_model import compiled, parameters_from_model, tree_from_model
+from sim.models.mujoco_model import compiled, parameters_from_model
 from sim.models.notes import ModelNote
 
 LINK = """<link name="l{i}"><inertial><mass value="{m!r}"/><origin xyz="{c}" rpy="{rpy}"/>
@@ -84,21 +83,6 @@ STATED = """<robot name="r"><link name="a"><inertial><mass value="1"/><inertia i
 iyz="0"/></inertial></link><link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>
 <link name="c">{}</link><joint name="f" type="fixed"><parent link="b"/><child link="c"/></joint></robot>"""
 MASS = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-
-
-def test_notes_name_bodies_and_say_nothing_of_others(tmp_path):
-    path = tmp_path / "r.urdf"
-    for izz, inertial, message in (
-        ("2.1", MASS.format(1), r"stated for a is taken as it is, but no rigid body has it \(A \+ B < C\)"),
-        ("2", "", "No mass is stated for b, which joints move; it is taken as zero"),
-    ):
-        path.write_text(STATED.format(izz, inertial), encoding="utf-8")
-        with pytest.warns(ModelNote, match=message) as notes:
-            model = compiled(path)
-        assert len(notes) == 1
-        assert base_wrench_regressor(tree_from_model(model), *np.ones((3, 1, 1)), gravity=[0, 0, -9.81]).any()
-    path.write_text(STATED.format("2", MASS.format(1)), encoding="utf-8")
-    assert compiled(path).body("c").mass == 1
 
 
 BODY = '<mujoco><worldbody><body name="a"><joint/><geom size=".1"/></body></worldbody></mujoco>'

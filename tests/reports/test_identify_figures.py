@@ -4,16 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.document import figures, sheet, styles, symbols
-from experiments.document.sheet import HEIGHTS, INKS, WIDTHS
-from experiments.reports import identify_page
+from experiments.document import figures, styles, symbols
+from experiments.document.sheet import WIDTHS
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
-from experiments.reports.identify_page import held_out_caption, parameters_caption, replay
-from ident.estimation.preparation import LeftOut
+from experiments.reports.identify_page import held_out_caption
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +56,6 @@ def test_labels_of_ordinates_are_beside_their_ticks(estimate, draw):
         assert visible and label.x1 <= min(box.x0 for box in visible)
 
 
-def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
-    sentence = f"a knot every {1e3 * min(estimate.trajectory.steps):.3g} ms"
-    assert sentence in held_out_caption(estimate)
-    assert "knot" not in held_out_caption(replace(estimate, trajectory=None))
-
-
 def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     time = estimate.held_out.time
     mask = np.zeros(estimate.held_out.residual.shape, bool)
@@ -81,20 +72,6 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     assert not any(line.get_visible() for line in first.get_xgridlines())
 
 
-def test_the_page_and_the_figures_have_the_same_colours(estimate):
-    shown = replay(estimate).to_page()
-    inks = dict(zip(shown["curves"], (INKS[k] for k in shown["inks"]), strict=True))
-    drawn = {line.get_label().lower(): line.get_color() for line in held_out_figure(estimate).axes[0].lines}
-    assert drawn == {name: inks[name] for name in ("measured", "predicted")}
-    (bars,) = parameters_figure(estimate).axes[0].collections
-    assert to_hex(bars.get_color()[0]) == to_hex(cycle_color(inks["predicted"]))
-
-
-def cycle_color(name):
-    with styles.paper_style():
-        return to_hex(name)
-
-
 def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
     monkeypatch.setattr(styles, "COLUMN_ROWS", 5)
     figure = parameters_figure(estimate)
@@ -104,33 +81,3 @@ def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
     assert labels == named
     heights = {tuple(np.ptp(ax.get_ylim(), keepdims=True).round(9)) for ax in figure.axes}
     assert len(heights) == 1 and figure.axes[1].get_ylim()[1] < figure.axes[1].get_yticks()[0]
-
-
-@pytest.mark.parametrize("columns", [1, 2])
-def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
-    assert "narrowest" not in parameters_caption(estimate)
-    with sheet.page(columns):
-        most = sheet.most_rows()
-        figure, _ = styles.row_panels(["x"] * most, "")
-        assert most > 60 and figure.get_figheight() <= HEIGHTS[columns]
-        # If there are too many parameters, those with the narrowest intervals are shown, and the caption says so.
-        monkeypatch.setattr(identify_page, "most_rows", lambda: 4)
-        (axes,) = parameters_figure(estimate).axes
-        size = np.maximum(abs(estimate.psi), abs(estimate.base.regroup(PENDULUM.known)))
-        best = sorted(np.argsort(estimate.std_setup / size)[:4])
-        labels = [text.get_text() for text in axes.get_yticklabels()]
-        assert labels == [symbols.named_symbol(estimate.base.names[k], PENDULUM.bodies) for k in best]
-        assert "Shown are the 4 of 13 with the narrowest relative intervals" in parameters_caption(estimate)
-
-
-def test_the_page_predicts_nothing_where_samples_were_left_out(estimate):
-    log = estimate.prepared
-    start, end = log.recording.time[[50, 90]]
-    less = replace(log, left_out=(LeftOut(start, end, 0.1),))
-    less = replace(estimate, logs=(estimate.logs[0].of(less), *estimate.logs[1:]))
-    for shown, left in ((replay(estimate), 0), (replay(less), 41)):
-        inside = (log.recording.time >= start) & (log.recording.time <= end)
-        for name, values in shown.curves.items():
-            gone = np.isnan(values).all(axis=1)
-            assert gone.sum() == (0 if name == "measured" else left) and not (gone & ~inside[shown.drawn]).any()
-        assert ("left out" in shown.remark) == bool(left)

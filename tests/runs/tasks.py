@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-from multiprocessing.connection import Connection
 
 
 def size(data, *, plus=0):
@@ -20,15 +19,6 @@ def unpicklable():
 
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
-
-
-def dies_in_the_middle_of_its_result():
-    def send(connection, data):
-        os.write(connection.fileno(), data[: len(data) // 2])
-        die()
-
-    Connection._send = send
-    return bytes(1000)
 
 
 def never_ends(_):

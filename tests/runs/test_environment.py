@@ -1,10 +1,9 @@
-import gc
 import os
 
 import pytest
 
 from experiments.cli import options, running
-from experiments.runs.environment import GARBAGE, THREADS, environment, seldom_collected
+from experiments.runs.environment import THREADS, environment
 
 NAMES = (*THREADS, "MUJOCO_GL")
 
@@ -42,15 +41,3 @@ def test_variables_are_as_before_whatever_happens(monkeypatch):
     with pytest.raises(KeyError), environment({"OMP_NUM_THREADS": "1", "MUJOCO_GL": "egl"}):
         raise KeyError
     assert os.environ["OMP_NUM_THREADS"] == "8" and "MUJOCO_GL" not in os.environ
-
-
-def test_garbage_is_looked_for_as_often_as_before_whatever_happens():
-    before = gc.get_threshold()
-    gc.set_threshold(700, 10, 10)
-    try:
-        with pytest.raises(KeyError), seldom_collected():
-            assert gc.get_threshold()[0] == GARBAGE
-            raise KeyError
-        assert gc.get_threshold()[0] == 700
-    finally:
-        gc.set_threshold(*before)

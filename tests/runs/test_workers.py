@@ -6,7 +6,7 @@ from concurrent.futures import BrokenExecutor
 from itertools import count
 
 import pytest
-from tasks import blocked_signals, die, dies_in_the_middle_of_its_result, never_ends, refuse, size, unpicklable
+from tasks import blocked_signals, die, never_ends, refuse, size, unpicklable
 
 from experiments.runs.workers import Workers, worker_pool
 from ident.estimation.pieces import in_order
@@ -50,11 +50,6 @@ def test_workers_are_deaf_to_requests_to_end():
 def test_a_dead_worker_is_one_sentence_however_large_the_tasks_are():
     with pytest.raises(ValueError, match="A worker process died"), worker_pool(2) as pool:
         list(in_order(pool.executor, die, (LARGE for _ in count()), ahead=8))
-
-
-def test_a_worker_that_dies_in_the_middle_of_a_result_is_one_sentence():
-    with pytest.raises(ValueError, match="A worker process died"), worker_pool(2) as pool:
-        pool.executor.submit(dies_in_the_middle_of_its_result).result()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes to several processes are POSIX")

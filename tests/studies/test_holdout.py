@@ -33,6 +33,7 @@ def test_an_estimate_says_by_what_it_is_judged():
     assert ident.identify(arm, logs[0], held_out=logs[1], holdout=0.0, known=True).held_out.part == "held-out"
 
 
+@pytest.mark.slow
 def test_recordings_that_are_each_predicted_from_the_others_are_held_out():
     arm, logs = driven_arm.mechanism(), [driven_arm.log(3.0, 50.0, seed=seed) for seed in range(3)]
     estimate = ident.identify(arm, logs, setup=dict.fromkeys(("delay", "scale"), 0.0), known=True)

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,7 @@ from same_recording import assert_same_recording
 
 from experiments import misaligned
 from experiments.data import fitting, paper
+from experiments.data.fitting import trajectory_fit
 from experiments.document.sheet import WIDTHS
 from experiments.reports import study_figures
 from experiments.studies import simulated
@@ -262,3 +264,17 @@ def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     assert not {name for name in names if "monte_carlo" in name or name.endswith(".svg")}
     assert (tmp_path / "recording.npz").read_bytes() != first
     assert {"notes.txt", "figure_2.png", "table_3.csv"} <= names
+
+
+def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
+    assert abs(study.trajectory("simplified").error).max() > 0.5
+
+
+def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
+    kept = {name: x for name, x in study.recording.measured.items() if "force" in name or "torque" in name}
+    angles = {name: study.recording[name] for name in ("joint1_position", "joint2_position")}
+    recording = replace(study.recording, measured=kept | angles, true={})
+    known = study.mechanism("full_on_table")
+    trial = trajectory_fit(known, recording, study.fit("full_on_table").base)
+    np.testing.assert_array_equal(trial.psi, study.trajectory("full_on_table").psi)
+    np.testing.assert_array_equal(trial.std, study.trajectory("full_on_table").std)

@@ -13,6 +13,7 @@ import scenes
 from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import fit
+from experiments.data.key_numbers import summary as summary_of
 from experiments.data.simulated import StudyProblem
 from experiments.reports import study_tables
 from experiments.studies.simulated import study
@@ -167,3 +168,16 @@ def test_the_trajectory_estimate_follows_accelerations_that_jump_with_denser_kno
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
     assert message in refusal(multicontact.main, [*arguments, "--out", str(tmp_path)], capsys)
+
+
+def test_two_contacts_touch_at_the_same_time():
+    result = study("multicontact", contact="pad handle")
+    touching, summary = result.recording.true["pad_normal_force"] > 0, summary_of(result)
+    assert 0.25 < summary["fraction_all_touch"] == touching.mean() < 0.8
+    alone = ("contact_pad_fraction_alone", "contact_handle_fraction_alone", "fraction_none_touches")
+    assert [summary[key] for key in alone] == [0, np.mean(~touching), 0]
+    assert summary["contact_handle_episodes"] == summary["contact_handle_fraction"] == 1
+    pad, handle = study_tables.table(result, "table_contacts").rows
+    assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
+    assert pad[2:4] == (touching.mean(), 0)
+    assert summary["tracking_error_rad"] < 0.03

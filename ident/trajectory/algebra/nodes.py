@@ -92,11 +92,6 @@ class Nodes:
         by_interval = self.polynomials @ values.reshape(self.spline.intervals, NODES, -1)
         return self.at.intervals.gathered(by_interval).reshape(-1, *values.shape[1:])
 
-    def adjoint(self, signals: np.ndarray) -> np.ndarray:
-        """Signals at the samples (N, …) times the transposed matrix of `interpolated` (S NODES, …)."""
-        by_interval = self.at.intervals.dealt(signals.reshape(len(signals), -1))
-        return (transposed(self.polynomials) @ by_interval).reshape(-1, *signals.shape[1:])
-
 
 @dataclass(frozen=True, eq=False)
 class NodeRows:

@@ -142,20 +142,13 @@ class Spline:
 
     def penalised(self, coefficients: np.ndarray, jerk: np.ndarray) -> np.ndarray:
         """`λ P c`, half the gradient of that sum, of coefficients c (size n, k)."""
-        return self._unbent(self.bent(coefficients, jerk), jerk)
-
-    def _unbent(self, bent: np.ndarray, jerk: np.ndarray) -> np.ndarray:
-        """`√λ Rᵀ u` of vectors u like `bent` (size n, k)."""
+        bent = self.bent(coefficients, jerk)
         out = np.asarray(self.roots.T @ bent.reshape(self.roots.shape[0], -1)).reshape(self.size, len(jerk), -1)
-        return (out * np.sqrt(jerk)[:, None]).reshape(-1, bent.shape[-1])
+        return (out * np.sqrt(jerk)[:, None]).reshape(coefficients.shape)
 
     def squared_jerk(self, coefficients: np.ndarray) -> np.ndarray:
         """`∫ x⃛² dt` (n,) of splines with coefficients (size, n)."""
         return np.asarray(((self.roots @ coefficients) ** 2).sum(axis=0))
-
-    def penalty_scores(self, rng: np.random.Generator, jerk: np.ndarray, draws: int) -> np.ndarray:
-        """Random gradients of the penalties at motions of the prior, of covariance `λ_j P` (size n, draws)."""
-        return self._unbent(rng.normal(size=(self.roots.shape[0] * len(jerk), draws)), jerk)
 
 
 def sliding(x: np.ndarray, width: int, step: int = 1) -> np.ndarray:

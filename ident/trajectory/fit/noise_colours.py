@@ -2,33 +2,33 @@
 
     Γ = σ² Σ_b a_b Γ_b,        Γ_b: exp(-|t| / τ_b), or white,        a_b ≥ 0
 
-Amplitudes maximise the likelihood of the residuals' spectra (Whittle). The residual that a fit leaves of each Γ_b is
-computed from random draws, so that noise absorbed by the fit is accounted for, as in restricted likelihood; so are
-residuals due to other streams' noise and to random motions of the prior.
+Amplitudes maximise the likelihood of the residuals' spectra (Whittle), in which noise absorbed by the fit is accounted
+for, as in restricted likelihood. With the share h(ω) that the trajectory follows and the share g(ω) that θ explains,
+the residual of noise of spectrum S has the spectrum
+
+    [(1 - h)² - g] S + h (1 - h) σ²
+
+whose last term is the other streams' noise and motions of the prior, which the trajectory confuses with this noise.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
-from ident.estimation.noise import autoregressive
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Predictor
-from ident.trajectory.fit.precision import embedded, inverse_of_precision
-from ident.trajectory.fit.response import Response, Stream, response
+from ident.trajectory.fit.precision import embedded, root_of_inverse
+from ident.trajectory.fit.response import Response, response
 
 SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
 """Shortest correlation time in samples, length of a piece over the longest one, and ratio of neighbouring ones."""
 
-DRAWS = 4
-"""Number of random draws of each kind of noise; their spectra are averaged over bands as well."""
-
 BANDS = 24
 """Number of frequency bands, equally wide on a logarithmic scale, in which spectra are compared."""
 
-ENOUGH = 20_000
+ENOUGH = 8_000
 """Approximate number of samples from which the noise is estimated."""
 
 UPDATES = 100
@@ -44,13 +44,7 @@ LEFT = 0.05
 SHOWN = 0.3
 """Least share of a kind of noise left by the fit with which its amplitude is estimated, relative to white noise."""
 
-AT_FLOOR = 1.01
-"""Noise over its floor up to which it cannot be estimated from the stream's residual."""
-
 TINIEST = 1e-300
-
-SEED = 0
-"""Seed of the random draws, so that estimates are reproducible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +60,7 @@ class NoiseColours:
     amplitudes: Sequence[np.ndarray]
 
 
-def drawn_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Response]:
+def some_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Response]:
     """Linear responses of every k-th piece of a fit by index, as many as suffice to estimate the noise.
 
     Args:
@@ -84,171 +78,101 @@ def response_of(measurement: Predictor, fit: TrajectoryFit, k: int) -> Response:
 
 
 def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> NoiseColours:
-    """Noise spectrum from a fit's residuals, and from its residuals of random draws of noise.
+    """Noise spectrum from a fit's residuals.
 
     Args:
         fit: The fit.
         responses: Linear responses of some of its pieces, by index.
     """
-    draws = _Draws.of(fit, responses)
-    left = draws.left()
-    amplitudes = []
-    for which, stream in enumerate(draws.responses[0].streams):
-        observed, expected, counts = draws.spectra(which, left)
-        own, other = draws.parted(which, expected)
-        each = [_amplitudes(observed[:, s], own[:, s], other[:, s], counts) for s in range(observed.shape[1])]
-        amplitudes.append(np.where(_at_floor(fit, stream), np.eye(len(draws.times))[:, :1], np.array(each).T))
-    return NoiseColours(draws.times, amplitudes)
+    root = embedded(root_of_inverse(fit.precision[np.ix_(fit.free, fit.free)]), fit.free)
+    streams, longest = next(iter(responses.values())).streams, max(np.ptp(fit.pieces[k].time) for k in responses)
+    edges = np.geomspace(0.5 / longest, 0.5 / min(stream.step for stream in streams), BANDS + 1)
+    shortest = SHORTEST * streams[-1].step
+    number = max(int(np.log(longest / LONGEST / shortest) / np.log(FACTOR)) + 1, 1)
+    times = np.append(0.0, shortest * FACTOR ** np.arange(number))
+    spectra: list[np.ndarray] = [np.zeros(())] * len(streams)
+    for k, here in responses.items():
+        followed = here.followed(np.sqrt(edges[1:] * edges[:-1]))
+        for which, rows in enumerate(here.rows):
+            explained = rows @ root[fit.selections[k]]
+            spectra[which] = spectra[which] + _spectra(here, which, explained, followed[which], edges, times)
+    return NoiseColours(times, [np.array([_amplitudes(*each) for each in own]).T for own in spectra])
 
 
-def _at_floor(fit: TrajectoryFit, stream: Stream) -> np.ndarray:
-    """Mask of the coordinates whose noise is at its floor (s,)."""
-    if not isinstance(stream.which, int):
-        return np.zeros(len(stream.std), bool)
-    floors = [noise.floor_states[stream.which] for noise in fit.noises]
-    return np.asarray(stream.std <= AT_FLOOR * np.max(floors, axis=0))
+def _spectra(
+    here: Response, which: int, explained: np.ndarray, followed: np.ndarray, edges: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """Arguments of `_amplitudes` for every coordinate or channel of a stream (s, 3 + b, B).
 
-
-@dataclass(frozen=True, eq=False)
-class _Draws:
-    """Random draws of noise and of motions, for some pieces of a fit.
-
-    Attributes:
-        fit: The fit.
-        chosen: Indices of the pieces.
-        responses: Their linear responses.
+    Args:
+        here: Linear response of a piece.
+        which: Index of the stream.
+        explained: Its rows of θ times a root of the covariance of θ (N, s, q).
+        followed: Share of its noise that the trajectory follows in each band (B, s).
+        edges: Edges of the bands, Hz (B + 1,).
         times: Correlation times, s, zero for white noise (b,).
     """
-
-    fit: TrajectoryFit
-    chosen: Sequence[int]
-    responses: Sequence[Response]
-    times: np.ndarray
-
-    @classmethod
-    def of(cls, fit: TrajectoryFit, responses: Mapping[int, Response]) -> "_Draws":
-        """Draws for the pieces of a fit with these responses."""
-        chosen = list(responses)
-        first = SHORTEST * responses[chosen[0]].streams[-1].step
-        longest = max(float(np.ptp(fit.pieces[k].time)) for k in chosen) / LONGEST
-        number = max(int(np.log(longest / first) / np.log(FACTOR)) + 1, 1)
-        return cls(fit, chosen, list(responses.values()), np.append(0.0, first * FACTOR ** np.arange(number)))
-
-    def left(self) -> list[list[np.ndarray]]:
-        """Residuals of the draws after the fit, for each piece and stream (N, s, draws).
-
-        The draws are the coordinates' noise for each correlation time, the channels' noise, and motions.
-        """
-        fit, rng = self.fit, np.random.default_rng(SEED)
-        number = (2 * len(self.times) + 1) * DRAWS
-        right = np.zeros((len(fit.theta), number))
-        steps, drawn = [], []
-        for k, here in zip(self.chosen, self.responses, strict=True):
-            noise = [self._noise(rng, stream) for stream in here.streams]
-            c, theta = here.adjoint([stream.weights(x) for stream, x in zip(here.streams, noise, strict=True)])
-            right[fit.selections[k]] += theta - here.follows.T @ c
-            c[:, -DRAWS:] -= here.spline.penalty_scores(rng, here.jerk, DRAWS)
-            c = here.solved(c)
-            right[fit.selections[k]] -= here.stiff.T @ c
-            steps.append(c)
-            drawn.append(noise)
-        inverse = embedded(inverse_of_precision(fit.precision[np.ix_(fit.free, fit.free)]), fit.free)
-        step, out = inverse @ right, []
-        for k, here, noise, c in zip(self.chosen, self.responses, drawn, steps, strict=True):
-            own = step[fit.selections[k]]
-            moved = here.signals(c - here.follows @ own, own)
-            out.append([x - y for x, y in zip(noise, moved, strict=True)])
-        return out
-
-    def _noise(self, rng: np.random.Generator, stream: Stream) -> np.ndarray:
-        """Random noise of a stream, zero in the draws of other streams (N, s, draws)."""
-        N, s, b = len(stream.time), len(stream.std), len(self.times)
-        u = rng.normal(size=(b, N, s, DRAWS))
-        for k, time in enumerate(self.times):
-            if time:
-                rho = np.exp(-stream.step / time)
-                u[k, 1:] *= np.sqrt(1 - rho**2)
-                u[k] = autoregressive(u[k], rho)
-        out = np.zeros((N, s, 2, b, DRAWS))
-        out[:, :, _kind(stream)] = u.transpose(1, 2, 0, 3) * stream.std[:, None, None]
-        return np.concatenate([out.reshape(N, s, -1), np.zeros((N, s, DRAWS))], axis=2)
-
-    def spectra(self, which: int, left: Sequence[Sequence[np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Relative power of residuals in bands (B, s), of draws (B, s, draws), and numbers of frequencies (B,)."""
-        streams = [here.streams[which] for here in self.responses]
-        longest = max(float(np.ptp(stream.time)) for stream in streams)
-        edges = np.geomspace(0.5 / longest, 0.5 / streams[0].step, BANDS + 1)
-        counts, powers = np.zeros(BANDS), list[np.ndarray]()
-        for stream, own in zip(streams, left, strict=True):
-            N, clear = len(stream.time), stream.clear[..., None]
-            band = np.searchsorted(edges, np.fft.rfftfreq(N, stream.step), side="right") - 1
-            band = np.clip(band, 0, BANDS - 1)
-            sums = np.zeros((BANDS, len(band)))
-            sums[band, np.arange(len(band))] = 1 / N
-            counts += np.bincount(band, minlength=BANDS)
-            signals = np.concatenate([stream.residual[..., None], own[which]], axis=2) * clear / stream.std[:, None]
-            powers.append(np.tensordot(sums, np.abs(np.fft.rfft(signals, axis=0)) ** 2, axes=1))
-        power = np.sum(powers, axis=0)
-        return power[..., 0], power[..., 1:], counts
-
-    def parted(self, which: int, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual power of a stream's own noise (B, s, b), and of the other kind's white noise and motions (B, s)."""
-        noise = expected[..., :-DRAWS].reshape(*expected.shape[:2], 2, len(self.times), DRAWS).mean(axis=-1)
-        kind = _kind(self.responses[0].streams[which])
-        return noise[:, :, kind], noise[:, :, 1 - kind, 0] + expected[..., -DRAWS:].mean(axis=-1)
+    stream = here.streams[which]
+    N, step, clear = len(stream.time), stream.step, stream.clear
+    frequency, lag = np.fft.rfftfreq(N, step), np.arange(N)[:, None]
+    band = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, BANDS - 1)
+    h = followed[band] * (frequency < 0.5 / here.spline.step)[:, None]
+    g = stream.weight(2 * np.pi * frequency) * _power(explained, clear * stream.weights.scale)
+    left, other = np.maximum((1 - h) ** 2 * clear.mean(axis=0) - g, 0), h * (1 - h) * clear.mean(axis=0)
+    # On a circle of N samples, N - k pairs are k samples apart as in the piece, and k pairs N - k samples.
+    around = (1 - lag / N) * np.exp(-lag * step / times[1:]) + lag / N * np.exp((lag - N) * step / times[1:])
+    kinds = np.column_stack([np.ones(len(band)), np.fft.rfft(around, axis=0).real])
+    observed = _power(stream.residual[..., None], clear / stream.std)
+    every = np.stack([observed, np.ones_like(h), other, *(left * kind[:, None] for kind in kinds.T)])
+    return np.asarray(every.transpose(2, 0, 1) @ (band[:, None] == np.arange(BANDS)))
 
 
-def _kind(stream: Stream) -> int:
-    """0 for coordinates, 1 for channels."""
-    return int(stream.by_row is not None)
+def _power(signals: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Summed spectra of weighted signals (N, s, k), one for white noise of unit variance (F, s)."""
+    spectra = (np.abs(np.fft.rfft(weights * each, axis=0)) ** 2 for each in np.moveaxis(signals, 2, 0))
+    return np.asarray(sum(spectra) / len(signals))
 
 
-def _amplitudes(observed: np.ndarray, own: np.ndarray, other: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Amplitudes a ≥ 0 of greatest likelihood for the observed power (B,) with the model `own a + other` (B, b)."""
+def _amplitudes(observed: np.ndarray, counts: np.ndarray, other: np.ndarray, *kinds: np.ndarray) -> np.ndarray:
+    """Amplitudes a ≥ 0 of greatest likelihood for the model `Σ_b own_b a_b + other` of the power in bands (b,).
+
+    Args:
+        observed: Observed power (B,).
+        counts: Numbers of frequencies (B,).
+        other: Power of the other streams' noise and of motions (B,).
+        kinds: What the fit leaves of each kind of noise (B,) each.
+    """
     # If the fit absorbs nearly all of a kind of noise, its residual is less than that of smoothing the motion.
-    own = own * (own.sum(axis=0) > SHOWN * own[:, 0].sum())
-    left = own[:, 0] / np.maximum(counts, 1)
+    own = np.array([kind * (kind.sum() > SHOWN * kinds[0].sum()) for kind in kinds])
+    left = kinds[0] / np.maximum(counts, 1)
     there = (counts > 0) & (left > LEFT * left.max())
     if not there.any():
-        return np.eye(own.shape[1])[0]
-    bands = _Bands(observed[there], own[there], other[there], counts[there])
-    kept, ((a,), (likelihood,)) = [0], bands.likeliest([[0]])
-    while len(kept) < own.shape[1]:
-        tried = [[*kept, b] for b in range(1, own.shape[1]) if b not in kept and own[:, b].any()]
-        if not tried:
-            break
-        amplitudes, likelihoods = bands.likeliest(tried)
+        return np.eye(len(own))[0]
+    likeliest = partial(_likeliest, observed[there], counts[there], other[there])
+    kept, ((a,), (likelihood,)) = [0], likeliest(own[[[0]]][..., there])
+    while tried := [[*kept, b] for b in np.flatnonzero(own.any(axis=1)).tolist() if b not in kept]:
+        amplitudes, likelihoods = likeliest(own[tried][..., there])
         best = int(np.argmax(likelihoods))
         if likelihoods[best] < likelihood + DOUBTED:
             break
         kept, a, likelihood = tried[best], amplitudes[best], likelihoods[best]
-    out = np.zeros(own.shape[1])
+    out = np.zeros(len(own))
     out[kept] = a
     return out
 
 
-class _Bands(NamedTuple):
-    """Observed power in bands, residual power of each kind of noise and of others, and numbers of frequencies."""
+def _likeliest(
+    observed: np.ndarray, counts: np.ndarray, other: np.ndarray, own: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitudes for several choices of k kinds of noise (t, k), and their log likelihoods (t,).
 
-    observed: np.ndarray
-    own: np.ndarray
-    other: np.ndarray
-    counts: np.ndarray
-
-    def likeliest(self, kinds: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes of several choices of k kinds of noise (t, k), and their log likelihoods (t,).
-
-        The amplitudes follow from multiplicative updates.
-        """
-        own = self.own[:, kinds].swapaxes(0, 1)
-        across, total = own.swapaxes(1, 2), np.maximum(own.sum(axis=(1, 2)), TINIEST)
-        a = np.ones(own.shape[2]) * (self.observed.sum() / total)[:, None]
-        power = np.maximum((own @ a[..., None])[..., 0] + self.other, TINIEST)
-        pulls = np.empty((*power.shape, 2))
-        for _ in range(UPDATES):
-            pulls[..., 1] = self.counts / power
-            pulls[..., 0] = pulls[..., 1] * self.observed / power
-            sums = across @ pulls
-            a *= np.sqrt(sums[..., 0] / np.maximum(sums[..., 1], TINIEST))
-            power = np.maximum((own @ a[..., None])[..., 0] + self.other, TINIEST)
-        return a, -(self.counts * (np.log(power / self.counts) + self.observed / power)).sum(axis=1)
+    The amplitudes follow from multiplicative updates. Arguments are those of `_amplitudes`, `own` that of the kinds of
+    each choice (t, k, B).
+    """
+    a = np.ones(own.shape[:2]) * (observed.sum() / np.maximum(own.sum(axis=(1, 2)), TINIEST))[:, None]
+    for step in range(UPDATES + 1):
+        power = np.maximum((a[:, None] @ own)[:, 0] + other, TINIEST)
+        if step < UPDATES:
+            pull, weight = (own @ x[..., None] for x in (counts / power * (observed / power), counts / power))
+            a *= np.sqrt(pull / np.maximum(weight, TINIEST))[..., 0]
+    return a, -(counts * (np.log(power / counts) + observed / power)).sum(axis=1)

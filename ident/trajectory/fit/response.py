@@ -1,15 +1,19 @@
-"""Linear response of a piece of the trajectory estimate to noise: changes of the estimate, and residuals.
+"""Linear response of a piece of the trajectory estimate to noise: the rows of θ, and what the trajectory follows.
 
-    δc = A⁻¹ (Jᵀ W ε - λP c) - F δθ,         r = ε - J δc - T δθ,        F = A⁻¹ B
+    δθ = P⁻¹ (Rᵀ W ε + Mᵀ λP c),       R = T - J (F + M),       F = A⁻¹ B,       M = A⁻¹ λP F
 
-J and T are the derivatives of all streams by the spline coefficients c and by θ, W the weights, which may be those of
-autocorrelated noise. θ minimises the misfit along the trajectories c(θ):
+minimises the misfit along the trajectories c(θ). J and T are the derivatives of all streams by the spline coefficients
+c and by θ, W the weights, which may be those of autocorrelated noise. R are the rows of θ with the trajectory
+eliminated, and M is what the smoothness takes of the motion c. With the penalty in the cost of θ as well, it would take
+F: the correction is of second order (twicing; Newey, Hsieh and Robins, Econometrica 72, 2004,
+doi:10.1111/j.1468-0262.2004.00518.x).
 
-    δθ = P⁻¹ (Rᵀ W ε + Mᵀ λP c),             R = T - J (F + M),          M = A⁻¹ λP F
+Of noise of frequency ω the trajectory follows the share
 
-R are the rows of θ with the trajectory eliminated, and M is what the smoothness takes of the motion c. With the penalty
-in the cost of θ as well, it would take F: the correction is of second order (twicing; Newey, Hsieh and Robins,
-Econometrica 72, 2004, doi:10.1111/j.1468-0262.2004.00518.x).
+    h = Σ w j I⁻¹ jᴴ,       I = Σ w jᴴ j + λ ω⁶ t,       j = Σ_d (iω)ᵈ ∂f/∂q⁽ᵈ⁾
+
+with derivatives ∂f/∂q⁽ᵈ⁾ of a stream by the coordinates' derivatives, weights w, and the piece's duration t, as if the
+derivatives were constant. Shares by elimination differ from these by a few per cent.
 """
 
 from collections.abc import Sequence
@@ -19,9 +23,9 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ident.trajectory.algebra.arrow import Eliminated, stacked, transposed
+from ident.trajectory.algebra.arrow import Eliminated
 from ident.trajectory.algebra.nodes import Nodes
-from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.algebra.spline import ORDER, Spline
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import normal_equations
@@ -91,14 +95,14 @@ class Stream:
         """Values at the samples (N, …) from those where the channels are evaluated (M, …)."""
         return values if self.nodes is None else self.nodes.interpolated(values)
 
-    def gathered(self, signals: np.ndarray) -> np.ndarray:
-        """Signals at the samples (N, …) times the transposed matrix of `at_samples` (M, …)."""
-        return signals if self.nodes is None else self.nodes.adjoint(signals)
-
     @property
     def step(self) -> float:
         """Time between samples, s."""
         return float(np.median(np.diff(self.time)))
+
+    def weight(self, omega: np.ndarray) -> np.ndarray:
+        """Weights of noise of some frequencies, rad/s (F,), relative to `weights.scale` squared (F, s)."""
+        return np.asarray(np.abs(1 - np.exp(-1j * self.step * omega)[:, None] * self.weights.rho.max(axis=0)) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,14 +129,9 @@ class Response:
         return self.eliminated.by_theta
 
     @cached_property
-    def stiff(self) -> np.ndarray:
-        """λP F (size n, p)."""
-        return self.spline.penalised(self.follows, self.jerk)
-
-    @cached_property
     def smoothed(self) -> np.ndarray:
         """M (size n, p)."""
-        return self.solved(self.stiff)
+        return self.eliminated.solved(self.spline.penalised(self.follows, self.jerk))
 
     @property
     def scatter_of_motion(self) -> np.ndarray:
@@ -140,59 +139,47 @@ class Response:
         bent = self.spline.bent(self.smoothed, self.jerk)
         return bent.T @ bent
 
+    @cached_property
     def rows(self) -> list[np.ndarray]:
         """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""
-        return self.signals(-self.follows - self.smoothed, None)
-
-    def signals(self, coefficients: np.ndarray, theta: np.ndarray | None) -> list[np.ndarray]:
-        """`J c + T θ` of every stream (N, s, k).
-
-        Args:
-            coefficients: Coefficients c (size n, k).
-            theta: Parameters θ (p, k); None for the unit matrix.
-        """
-        n, k = len(self.jerk), coefficients.shape[1]
-        flat, out = coefficients.reshape(-1, n * k), []
+        (n,), p = self.jerk.shape, self.follows.shape[1]
+        moves, out = -(self.follows + self.smoothed).reshape(-1, n * p), []
         for stream in self.streams:
-            moved = [(basis @ flat).reshape(-1, n, k) for basis in stream.bases]
+            moved = [(basis @ moves).reshape(-1, n, p) for basis in stream.bases]
             if stream.by_row is None:
                 out.append(moved[0])
                 continue
-            by_states, by_theta = stream.by_row
-            rows = by_theta.copy() if theta is None else by_theta @ theta
+            by_states, rows = stream.by_row[0], stream.by_row[1].copy()
             for by_kind, own in zip(np.split(by_states, len(moved), axis=2), moved, strict=True):
                 rows += by_kind @ own
             out.append(stream.at_samples(rows))
         for j, at in self.zeros.items():
-            out[0][:, j] += np.eye(k)[at] if theta is None else theta[at]
+            out[0][:, j, at] += 1
         return out
 
-    def adjoint(self, signals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """`Jᵀ y` (size n, k) and `Tᵀ y` (p, k) for signals y (N, s, k) of every stream."""
-        n, k = len(self.jerk), signals[0].shape[2]
-        size = self.spline.size
-        c, theta = np.zeros((size, n * k)), np.zeros((self.follows.shape[1], k))
-        for stream, y in zip(self.streams, signals, strict=True):
-            pulled = y
-            if stream.by_row is not None:
-                by_states, by_theta = stream.by_row
-                own = stream.gathered(y)
-                pulled = transposed(by_states) @ own
-                theta += stacked(by_theta).T @ stacked(own)
-            # Rows of a derivative follow those of the one before it.
-            for basis, own in zip(stream.bases, np.split(pulled, len(stream.bases), axis=1), strict=True):
-                c += basis.T @ own.reshape(len(own), -1)
-        for j, at in self.zeros.items():
-            theta[at] += signals[0][:, j].sum(axis=0)
-        return c.reshape(size * n, k), theta
+    def followed(self, frequency: np.ndarray) -> list[np.ndarray]:
+        """Share h of every stream's noise that a trajectory follows whose knots are dense enough (F, s).
 
-    def weighted(self, signals: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Weighted signals."""
-        return [stream.weights(x) for stream, x in zip(self.streams, signals, strict=True)]
-
-    def solved(self, right: np.ndarray) -> np.ndarray:
-        """`A⁻¹ right` for right sides (size n, k)."""
-        return self.eliminated.solved(right)
+        Args:
+            frequency: Frequencies, Hz (F,).
+        """
+        omega, n = 2 * np.pi * frequency, len(self.jerk)
+        powers, every = (1j * omega[:, None]) ** np.arange(ORDER), []
+        for stream in self.streams:
+            scale = stream.weights.scale
+            if stream.by_row is None:
+                by = np.zeros((*scale.shape, ORDER, n))
+                by[:, range(n), stream.which, range(n)] = 1
+            else:
+                by = stream.at_samples(stream.by_row[0]).reshape(*scale.shape, ORDER, n)
+            by = (by * scale[..., None, None]).transpose(1, 2, 3, 0).reshape(scale.shape[1], ORDER * n, -1)
+            products = (by @ by.swapaxes(1, 2)).reshape(-1, ORDER, n, ORDER, n)
+            own = np.einsum("fd,sdjek,fe->fsjk", powers.conj(), products, powers, optimize=True)
+            every.append(own * stream.weight(omega)[..., None, None])
+        stiff = (self.spline.step * self.spline.intervals * omega ** (2 * ORDER))[:, None, None] * np.diag(self.jerk)
+        inverse = np.linalg.inv(sum((own.sum(axis=1) for own in every), start=stiff))
+        # Several coordinates together can follow more than a stream's own frequency.
+        return [np.minimum(np.einsum("fsjk,fkj->fs", own, inverse).real, 1) for own in every]
 
 
 def response(

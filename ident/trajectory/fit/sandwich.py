@@ -16,7 +16,7 @@ import numpy as np
 from ident.estimation.noise import autoregressive
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.noise_colours import NoiseColours, drawn_responses, noise_colours, response_of
+from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Predictor
 
 
@@ -27,14 +27,14 @@ def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
         measurement: Channels and parameters.
         fit: The fit.
     """
-    responses = drawn_responses(measurement, fit)
+    responses = some_responses(measurement, fit)
     colours, scatters, tails = noise_colours(fit, responses), list[np.ndarray](), _Tails()
     for k, own in enumerate(fit.selections):
         if k and not _goes_on(fit, k):
             tails = _Tails()
         here = responses.pop(k, None) or response_of(measurement, fit, k)
         scatter = here.scatter_of_motion
-        for which, (stream, rows) in enumerate(zip(here.streams, here.rows(), strict=True)):
+        for which, (stream, rows) in enumerate(zip(here.streams, here.rows, strict=True)):
             pulls = stream.weights(rows)
             if stream.slack is not None:
                 loose = stacked(stream.slack[..., None] * pulls)

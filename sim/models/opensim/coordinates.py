@@ -17,6 +17,10 @@ USUAL = (-np.pi, np.pi)
 """Range over which functions are fitted if neither the coordinate nor a table has one."""
 
 
+POINT = "PointConstraint"
+"""Tag of constraints that close loops."""
+
+
 @dataclass(frozen=True)
 class Coordinate:
     """A coordinate of the file.
@@ -70,7 +74,7 @@ def dependences(
         ignore: Names of constraints to leave out.
 
     Raises:
-        ModelError: A constraint is of another kind than between two coordinates, or dependences are circular.
+        ModelError: A constraint is neither of points nor between two coordinates, or dependences are circular.
     """
     couplers = _couplers(model, coordinates, ignore)
     out: dict[str, Dependence] = {}
@@ -93,10 +97,12 @@ def dependences(
     return out
 
 
-def _couplers(
-    model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
-) -> dict[str, tuple[str, Curve]]:
-    """Leaders and functions of the coordinates that constraints make dependent, by name."""
+def enforced(model: ET.Element, ignore: Collection[str]) -> list[ET.Element]:
+    """Constraints of a model that are switched on, of which none is ignored.
+
+    Raises:
+        ModelError: A constraint to ignore does not exist.
+    """
     constraints = [c for c in objects(model, "ConstraintSet") if flag(c, "isEnforced", True)]
     constraints = [c for c in constraints if not flag(c, "isDisabled", False)]
     if unknown := set(ignore) - {c.get("name", "") for c in constraints}:
@@ -104,8 +110,15 @@ def _couplers(
             f"The model has no enforced constraint named {', '.join(sorted(unknown))}; it has "
             f"{', '.join(c.get('name', '') for c in constraints) or 'none'}."
         )
+    return [c for c in constraints if c.get("name", "") not in ignore]
+
+
+def _couplers(
+    model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
+) -> dict[str, tuple[str, Curve]]:
+    """Leaders and functions of the coordinates that constraints make dependent, by name."""
     couplers = {}
-    for element in (c for c in constraints if c.get("name", "") not in ignore):
+    for element in (each for each in enforced(model, ignore) if each.tag != POINT):
         if element.tag != "CoordinateCouplerConstraint":
             raise ModelError(
                 f"The equations of a tree do not hold the forces of {label(element)}; leave it out with --ignore "

@@ -11,6 +11,7 @@ from ident.arguments import checked_coordinates
 from ident.errors import ModelError
 from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.mechanism.body import BASE
+from ident.mechanism.loops import Constraints
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.setup import OF_PEOPLE
@@ -18,6 +19,7 @@ from sim.models.inertials import is_balanced
 from sim.models.notes import note
 from sim.models.opensim.document import label, model_element, number, numbers, text
 from sim.models.opensim.frames import Frames, markers
+from sim.models.opensim.points import point_constraints
 from sim.models.opensim.skeleton import Skeleton
 from sim.models.opensim.springs import drives_of_coordinates
 
@@ -61,8 +63,8 @@ def mechanism_from_opensim(
 
     Coordinates become hinges and slides of their names. Locked ones stay at their default. Joints that are moved by
     functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, become followers.
-    Markers become sites, springs and dampers of coordinates drives. Axes are the file's, with y up in most; muscles,
-    geometry and contacts are left out.
+    `PointConstraint`s close loops. Markers become sites, springs and dampers of coordinates drives. Axes are those of
+    the file, with y up in most; muscles, geometry and contacts are left out.
 
     Args:
         path: The file, of OpenSim 3 or 4.
@@ -117,7 +119,9 @@ def _mechanism(
     sites = {name: (place.body, place.pose) for name, place in markers(model, frames).items() if place.body in bodies}
     stated = drives_of_coordinates(model, skeleton, tree) if drives else {}
     read = Mechanism(tree, gravity, prior if prior.any() else None, sites, ranges, origin, drives=stated)
-    return replace(read, centre_std=OF_PEOPLE)
+    posture = {joint: np.array([skeleton.default(joint)]) for joint in tree.joints}
+    constraints = Constraints(tuple(point_constraints(model, frames, tree, ignore)), posture).within(tree).checked(tree)
+    return replace(read, centre_std=OF_PEOPLE, constraints=constraints).rested()
 
 
 def _without(tree: Tree, beyond: Sequence[str]) -> Tree:

@@ -139,7 +139,7 @@ def test_responses_of_components_are_those_of_all(monkeypatch):
     with split(monkeypatch):
         own, expected = (response(each, piece, c, theta, noise) for each in (m, Dense(m)))
         assert len(own.eliminated.factors) > 1
-        for mine, other in zip(own.rows(), expected.rows(), strict=True):
+        for mine, other in zip(own.rows, expected.rows, strict=True):
             np.testing.assert_allclose(mine, other, atol=1e-9 * abs(other).max())
 
 

@@ -1,4 +1,4 @@
-"""Rank that a fit takes of the noise, against the normal equations of the same piece."""
+"""Rows of θ and what a trajectory follows, against the normal equations of the same piece."""
 
 from functools import cache
 
@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from test_piece import problem
 
-from ident.trajectory.fit.response import response
+from ident.trajectory.algebra.sampling import Sampling
+from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.fit.response import Response, Stream, Weights, response
 
 
 @cache
@@ -21,45 +23,40 @@ def close(a, b):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_rows_and_motion_give_the_right_side_of_theta(seed):
-    """The right side after the trajectory's step, for any residuals and any motion from which the penalty pulls."""
-    p, here, rng = problem(seed), own(seed), np.random.default_rng(seed)
+    """The right side with the trajectory eliminated, from the residuals and the motion that the penalty smooths."""
+    p, here = problem(seed), own(seed)
     penalty, _ = p.penalty
-    noise, motion = [rng.normal(size=stream.residual.shape) for stream in here.streams], rng.normal(size=p.size)
-    of_c, of_theta = here.adjoint(here.weighted([x[..., None] for x in noise]))
-    step = here.solved(of_c - (penalty @ motion)[:, None])
-    # Misfit's gradient along c(θ) at the motion after the step: `dc/dθ = -F`.
-    moved = here.signals(step, np.zeros((len(of_theta), 1)))
-    left = [x[..., None] - y for x, y in zip(noise, moved, strict=True)]
-    c, theta = here.adjoint(here.weighted(left))
-    expected = theta - here.follows.T @ c
-    rows = here.weighted(here.rows())
-    right = sum(np.einsum("ns,nsp->p", x, y) for x, y in zip(noise, rows, strict=True))
-    close(right + here.smoothed.T @ penalty @ motion, expected[:, 0])
+    right = here.smoothed.T @ penalty @ p.coefficients.ravel()
+    for stream, rows in zip(here.streams, here.rows, strict=True):
+        right += np.einsum("ns,nsp->p", stream.residual, stream.weights(rows))
+    close(right, p.linearised.eliminated.gradient)
     close(here.scatter_of_motion, here.smoothed.T @ penalty @ here.smoothed)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_signals_and_their_adjoint_belong_together(seed):
-    here, rng = own(seed), np.random.default_rng(seed)
-    c, theta = rng.normal(size=(len(here.follows), 2)), rng.normal(size=(here.follows.shape[1], 2))
-    forward = here.signals(c, theta)
-    y = [rng.normal(size=x.shape) for x in forward]
-    of_c, of_theta = here.adjoint(y)
-    close(
-        (of_c * c).sum(axis=0) + (of_theta * theta).sum(axis=0),
-        sum((x * z).sum(axis=(0, 1)) for x, z in zip(forward, y, strict=True)),
-    )
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_residuals_pull_as_the_gradient_says(seed):
-    p, here = problem(seed), own(seed)
-    pulls = [stream.weights(stream.residual[..., None]) for stream in here.streams]
-    c, theta = here.adjoint(pulls)
-    penalty, _ = p.penalty
-    right = c[:, 0] - penalty @ p.coefficients.ravel()
-    close(theta[:, 0] - here.follows.T @ right - p.linearised.eliminated.pull, p.linearised.eliminated.gradient)
-    close(here.solved(right[:, None])[:, 0], p.linearised.eliminated.step)
+@pytest.mark.parametrize("inertia", [0.01, 0.1])
+def test_a_trajectory_follows_what_elimination_says(inertia):
+    """An inertia that turns: shares of sinusoids, by dense equations, of the angle and of the torque."""
+    samples, spline, every = 1000, Spline(0.0, 0.1, 100), np.arange(1000) / 100 + 0.005
+    std, jerk, at = np.array([0.01, 0.1]), 1e-7, Sampling(spline, every)
+    angle, torque = at.matrices[0].toarray(), inertia * at.matrices[2].toarray()
+    scales = [np.full((samples, 1), 1 / each) for each in std]
+    by_states = inertia * np.tile([0.0, 0.0, 1.0], (samples, 1, 1))
+    streams = [
+        Stream(which, every, at.matrices[:size], None, Weights(scale, 0 * scale), 0 * scale, scale > 0, *rest)
+        for which, size, scale, rest in (
+            (0, 1, scales[0], (std[:1], None)),
+            (slice(0, 1), 3, scales[1], (std[1:], None, (by_states, np.zeros((samples, 1, 0))))),
+        )
+    ]
+    here = Response(streams, {}, None, spline, np.array([jerk]))
+    penalty = jerk * (spline.roots.T @ spline.roots).toarray()
+    A = angle.T @ angle / std[0] ** 2 + torque.T @ torque / std[1] ** 2 + penalty
+    frequency = np.array([1.0, 1.5, 2.0, 3.0])
+    for rows, size, share in zip((angle, torque), std, here.followed(frequency), strict=True):
+        waves = np.exp(2j * np.pi * every[:, None] * frequency)
+        pulled = rows.T @ waves / size
+        exact = (pulled.conj() * np.linalg.solve(A, pulled)).sum(axis=0).real / samples
+        assert share[:, 0] == pytest.approx(exact, abs=0.03)
 
 
 def test_weights_are_symmetric_and_leave_missing_samples_out():

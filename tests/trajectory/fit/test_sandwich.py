@@ -71,9 +71,9 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
 
     def response(*at):
         own = next(places)
-        return SimpleNamespace(streams=streams, rows=lambda: [own], scatter_of_motion=of_motion.copy())
+        return SimpleNamespace(streams=streams, rows=[own], scatter_of_motion=of_motion.copy())
 
-    monkeypatch.setattr(sandwich, "drawn_responses", lambda measurement, fit: {})
+    monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
     monkeypatch.setattr(sandwich, "response_of", response)
     monkeypatch.setattr(sandwich, "replace", lambda fit, scatters: scatters)
