@@ -19,8 +19,8 @@ from experiments.reports.identify_page import carried, first_screen, held_out_ca
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import ESTIMATE
-from ident.judgement.codes.row import number_of
+from ident.judgement.candidates import ESTIMATE, NEGLIGIBLE, NOTABLY
+from ident.judgement.codes.row import listed, number_of
 from ident.judgement.finding import line_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
@@ -223,19 +223,8 @@ ROWS, FIRST, LINE = 11, 5, 112
 
 def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
-    held, cards = result.held_out, made.findings
-    worst = np.sort(np.argsort(-held.ratio, kind="stable")[:ROWS])
-    shown = {ESTIMATE: held.ratio, **result.rivals}
-    columns = {name.replace(" ", "_"): ratio[worst] for name, ratio in shown.items()}
-    idle = [result.channels[k] in result.verdict().idle for k in worst]
-    best = [
-        "not counted" if still else min(shown, key=lambda name: float(shown[name][k]))
-        for k, still in zip(worst, idle, strict=True)
-    ]
-    of = f", the {ROWS} worst of {len(result.channels)} channels" if len(result.channels) > ROWS else ""
-    title = f"Residual of the {held.part} part over its signal{of}"
-    table = tabular.Table(title, *tabular.columns(channel=[result.channels[k] for k in worst], **columns, best=best))
-    lines = [Headline.of(result.verdict()).line, "", table.text()]
+    cards = made.findings
+    lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS)]
     for card in cards[:FIRST]:
         lines.append(line_of(shorten(f"{card.title}. {card.text}", LINE, placeholder=" …"), card.doubt))
     more = f"{len(cards) - FIRST} more findings and " if len(cards) > FIRST else ""
@@ -257,7 +246,7 @@ def verbose(made: Document, result: Estimate) -> str:
         *made.lines[:3],
         *(_remark(note) for note in notes[:REMARKS]),
         "",
-        *_ratios(result),
+        _ratios(result, CHANNELS),
         *_bodies(result),
         f"The page has {', '.join([*left, 'all details'])}.",
         f"Tables, also as .csv and .tex: {tables}.",
@@ -270,19 +259,21 @@ def _remark(text: str) -> str:
     return line_of(shorten(sentences(text)[0], LONGEST, placeholder=" …"), doubt=False)
 
 
-def _ratios(result: Estimate) -> list[str]:
-    """Table of the residuals of the held-out part over the signal, or a sentence if there are many channels."""
-    held, channels = result.held_out, result.channels
-    if len(channels) > CHANNELS:
-        worst = int(np.argmax(held.ratio))
-        return [
-            f"{held.part.capitalize()} residual over signal: {np.median(held.ratio):.2f} in the median of "
-            f"{len(channels)} channels, largest {held.ratio[worst]:.2f} in {channels[worst]}."
-        ]
-    ratios = {name.replace(" ", "_"): ratio for name, ratio in {ESTIMATE: held.ratio, **result.rivals}.items()}
-    heads = {"model": "model as it came"}
-    title = f"Residual of the {held.part} part over its signal"
-    return [tabular.Table(title, *tabular.columns(channel=channels, **ratios), heads=heads).text()]
+def _ratios(result: Estimate, most: int) -> str:
+    """Table of the residuals over the signal by candidate, of the worst channels if there are more than so many."""
+    held, channels, idle = result.held_out, result.channels, result.verdict().idle
+    every = {ESTIMATE: held.ratio, **result.rivals}
+    shown = np.sort(np.argsort(-held.ratio, kind="stable")[:most])
+    # Those that are about as good as the best are best as well, as for the verdict.
+    sizes = np.maximum([ratio[shown] for ratio in every.values()], NEGLIGIBLE)
+    alike = (sizes <= NOTABLY * sizes.min(axis=0)).T
+    columns = {"channel": [channels[k] for k in shown]} | {name: ratio[shown] for name, ratio in every.items()}
+    columns["best"] = [
+        "not counted" if name in idle else listed(each for each, best in zip(every, own, strict=True) if best)
+        for name, own in zip(columns["channel"], alike, strict=True)
+    ]
+    of = f", the {most} worst of {len(channels)} channels" if len(channels) > most else ""
+    return tabular.Table(f"Residual of the {held.part} part over its signal{of}", *tabular.columns(**columns)).text()
 
 
 def _bodies(result: Estimate) -> list[str]:
