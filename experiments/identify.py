@@ -32,6 +32,8 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.writer import write
     from experiments.reports import identify_report
 
+    if args.write_geometry and args.estimator != "trajectory":
+        raise InputError("--write-geometry needs the trajectory estimate, which locates joints: leave out --estimator.")
     if args.rerun:
         rerun_file.check_installed()
     _, document, out = identified_from(args, own_model.folder(args))

@@ -186,8 +186,9 @@ def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monke
     with pytest.raises(InputError, match="A log states a load on 'tool'"):
         identify(arm, full)
     other = replace(full, loaded="lift")
-    with pytest.raises(InputError, match="recordings state one on lift and tool"):
-        identify_load(arm, [logs[0], full, other])
+    for given in ({"without": [logs[0], full, other]}, {"without": logs[0], "loaded": full, "body": "lift"}):
+        with pytest.raises(InputError, match="recordings state one on lift and tool"):
+            identify_load(arm, **given)
     with pytest.raises(InputError, match=r"load\.body needs one of .*got nose"):
         read_log(tmp_path / "full.npz", arm, {"load": {"body": "nose"}})
 
