@@ -18,9 +18,25 @@ from experiments.mechanism import main
 from experiments.reports import mechanism_report
 from experiments.runs import workers
 from experiments.studies import human, mechanism
+from ident.geometry.se3 import exp
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--trajectory-trials", "2", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human")
+
+
+def test_figure_1_is_drawn_from_the_scene():
+    drawing = mechanism.drawing()
+    q1, q2 = mechanism.DRAWN_AT
+    elbow = np.array([0, -0.425 * np.sin(q1), 1 + 0.425 * np.cos(q1)])
+    np.testing.assert_allclose(drawing.poses[2][:3, 3], elbow, atol=1e-12)
+    end = elbow + 0.4 * np.array([0, -np.sin(q1 + q2), np.cos(q1 + q2)])
+    np.testing.assert_allclose(drawing.end, end, atol=1e-12)
+    arm = exp([0, 0, 0, 1, 0, 0], q1 + q2)[:3, :3] @ [0.1, 0, 0.2]
+    np.testing.assert_allclose(drawing.masses[2], elbow + arm, atol=1e-12)
+    figure = mechanism_report.figure_1(drawing)
+    texts = {text.get_text() for text in figure.axes[0].texts}
+    assert {"$m_1$", "$m_2$", "$m_3$", "$l_1$", r"$\theta_1$", r"$\theta_2$"} <= texts
+    assert {"$g_1$, base", "$g_2$, link 1", "$g_3$, link 2"} <= {text.get_text() for text in figure.axes[1].texts}
 
 
 def test_table_2_is_that_of_the_paper():
