@@ -73,6 +73,8 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
     check_choices(args.estimator, own=args.own, physical=args.physical)
     if args.estimator == "trajectory" and args.cutoff is not None:
         raise InputError(NO_CUTOFF)
+    if args.write_geometry and args.estimator != "trajectory":
+        raise InputError("--write-geometry needs the trajectory estimate, which locates joints: leave out --estimator.")
     if args.estimator != "trajectory" and args.gaps:
         raise InputError(
             "Samples may be missing (--gaps) for the trajectory estimate only: a filter would invent them."

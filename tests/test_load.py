@@ -171,6 +171,9 @@ def test_bad_input_is_one_sentence(arm, logs, given, message):
 def test_the_command_needs_a_sensor_or_loaded_logs(tmp_path, capsys):
     given = [str(MODEL), "a.csv", "--body", "tool", "--out", str(tmp_path)]
     assert "either --sensor NAME, or --loaded LOG" in refusal(payload.main, given, capsys)
+    (tmp_path / "a.csv").write_text("time", encoding="utf-8")
+    twice = [str(MODEL), str(tmp_path / "a.csv"), "--loaded", str(tmp_path / "a.csv"), *given[2:]]
+    assert "can be fitted once only" in refusal(payload.main, twice, capsys)
     assert "--mass is the known mass" in refusal(payload.main, [*given, "--sensor", "s", "--mass", "2"], capsys)
 
 
@@ -186,8 +189,9 @@ def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monke
     with pytest.raises(InputError, match="A log states a load on 'tool'"):
         identify(arm, full)
     other = replace(full, loaded="lift")
-    with pytest.raises(InputError, match="recordings state one on lift and tool"):
-        identify_load(arm, [logs[0], full, other])
+    for given in ({"without": [logs[0], full, other]}, {"without": logs[0], "loaded": full, "body": "lift"}):
+        with pytest.raises(InputError, match="recordings state one on lift and tool"):
+            identify_load(arm, **given)
     with pytest.raises(InputError, match=r"load\.body needs one of .*got nose"):
         read_log(tmp_path / "full.npz", arm, {"load": {"body": "nose"}})
 

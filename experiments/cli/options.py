@@ -46,7 +46,10 @@ class _Distinct(argparse.Action):
         values: str | Sequence[Any] | None,
         option_string: str | None = None,
     ) -> None:
-        setattr(namespace, self.dest, list(dict.fromkeys(values or ())))
+        distinct = list(dict.fromkeys(values or ()))
+        if NONE in distinct and len(distinct) > 1:
+            parser.error(f"argument {option_string}: '{NONE}' stands alone, got {' '.join(distinct)}")
+        setattr(namespace, self.dest, distinct)
 
 
 def plain_parser(name: str, description: str | None) -> argparse.ArgumentParser:

@@ -37,7 +37,7 @@ def log_name(log: Path) -> str:
 
 def check_different(args: argparse.Namespace) -> None:
     """Refuses a log that is given twice, or to be fitted and to judge by."""
-    fitted, judges = ([_resolved(log) for log in several] for several in (args.logs, _judges(args)))
+    fitted, judges = ([_resolved(log) for log in several] for several in (_fitted(args), _judges(args)))
     if set(judges) & set(fitted):
         raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
     if len(set(fitted)) < len(fitted):
@@ -46,8 +46,12 @@ def check_different(args: argparse.Namespace) -> None:
 
 def inputs(args: argparse.Namespace) -> list[Path]:
     """All input files."""
-    logs = [file for log in (*args.logs, *_judges(args)) for file in _files(log)]
+    logs = [file for log in (*_fitted(args), *_judges(args)) for file in _files(log)]
     return [*([args.model] if args.model else []), *logs, *([args.columns] if args.columns else [])]
+
+
+def _fitted(args: argparse.Namespace) -> list[Path]:
+    return [*args.logs, *getattr(args, "loaded", ())]
 
 
 def _files(log: Path) -> tuple[Path, ...]:

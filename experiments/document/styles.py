@@ -1,5 +1,6 @@
 """Style of the paper's figures, and figures with a row for each parameter."""
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -43,7 +44,8 @@ def row_panels(labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[A
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Applies the style of the paper's figures, in the column width of the page, for the duration of a block."""
-    with mpl.rc_context(_papers()):
+    with mpl.rc_context(_papers()), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # of names, drawn as boxes
         mpl.rcParams["figure.figsize"] = [WIDTHS[page_columns()][0], mpl.rcParams["figure.figsize"][1]]
         yield
 

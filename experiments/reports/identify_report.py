@@ -217,8 +217,8 @@ def data_lines(result: Estimate) -> list[str]:
     return [*lines, *prepared.notes]
 
 
-ROWS, FIRST, LINE = 11, 5, 112
-"""Largest numbers of channels and of findings, and of letters of a finding, on a screen of 24 lines."""
+ROWS, FIRST, LINE, NAME = 11, 5, 112, 30
+"""Largest numbers of channels and of findings, and of letters of a finding and a channel, on a screen of 24 lines."""
 
 
 def screen(made: Document, result: Estimate) -> str:
@@ -267,10 +267,12 @@ def _ratios(result: Estimate, most: int) -> str:
     # Those that are about as good as the best are best as well, as for the verdict.
     sizes = np.maximum([ratio[shown] for ratio in every.values()], NEGLIGIBLE)
     alike = (sizes <= NOTABLY * sizes.min(axis=0)).T
-    columns = {"channel": [channels[k] for k in shown]} | {name: ratio[shown] for name, ratio in every.items()}
+    names = [channels[k] for k in shown]
+    cut = [name if len(name) <= NAME else f"{name[: NAME - 1]}…" for name in names]
+    columns = {"channel": cut} | {name: ratio[shown] for name, ratio in every.items()}
     columns["best"] = [
         "not counted" if name in idle else listed(each for each, best in zip(every, own, strict=True) if best)
-        for name, own in zip(columns["channel"], alike, strict=True)
+        for name, own in zip(names, alike, strict=True)
     ]
     of = f", the {most} worst of {len(channels)} channels" if len(channels) > most else ""
     return tabular.Table(f"Residual of the {held.part} part over its signal{of}", *tabular.columns(**columns)).text()

@@ -69,7 +69,8 @@ class BodyValue(NamedTuple):
             return f"{self.estimate:.3g} (as stated)"
         if not (self.determined or self.with_prior):
             return f"not determined ({self.limits})" if self.limits else "not determined"
-        return f"{_number(self.estimate, self.decimals)} ({self.limits}{', of the prior' * (not self.determined)})"
+        notes = ", ".join(filter(None, (self.limits, "of the prior" * (not self.determined)))) or "no interval"
+        return f"{_number(self.estimate, self.decimals)} ({notes})"
 
     @property
     def brief(self) -> str:

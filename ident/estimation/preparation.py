@@ -196,7 +196,7 @@ def prepared(
     if not measured and leave_out and (recording.wrenches or torques is not None):
         raise LogError(f"{name} has nothing to fit: all that it measures is left out, {', '.join(leave_out)}.")
     if not measured and constant:
-        raise LogError(f"Every measured channel of {name} is constant ({', '.join(constant)}); nothing is to fit.")
+        raise LogError(f"{name} is constant in every channel ({', '.join(constant)}); check sensors and columns.")
     if not measured:
         raise LogError(
             f"{name} has neither a wrench nor a joint torque to fit. {suggested_mapping(recording.unused, tree.joints)}"

@@ -165,4 +165,9 @@ def _check(frames: Sequence[Frame]) -> None:
             raise ModelError(
                 f"Row {row} (frame '{frame.name}') needs a parent from a row before it ({known}), got '{frame.parent}'."
             )
+        if (frame.follows and frame.kind == "fixed") or (frame.constant and not frame.follows):
+            raise ModelError(
+                f"Row {row} (frame '{frame.name}') has follows without a joint, or constant without follows; "
+                "state zeros by theta or r."
+            )
         earlier.add(frame.name)

@@ -113,6 +113,8 @@ def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         T = body.home @ body.joint_pose(q)
         return T[:3, :3], T[:3, 3]
     v, K = body.twist[:3], hat(body.twist[3:])
+    if isinstance(q[0], float):  # a joint that constraints hold still, among signals
+        q = q.astype(float)
     sin, cos, angle = np.sin(q), np.cos(q), q[0]
     R = R_home @ (np.eye(3) + K @ K) + R_home @ K * sin - R_home @ K @ K * cos
     p = p_home + R_home @ K @ v + R_home @ (v + K @ K @ v) * angle - R_home @ K @ v * cos - R_home @ K @ K @ v * sin

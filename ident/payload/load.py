@@ -157,10 +157,12 @@ def identify_load(
     stated = [each for logs in several for each in logs if each.loaded]
     if not several[1]:
         several = [[each for each in several[0] if not each.loaded], stated]
-    bodies = sorted({each.loaded for each in stated})
-    if not body and len(bodies) > 1:
-        raise InputError(f"One load is identified at a time, but recordings state one on {' and '.join(bodies)}.")
-    body = body or next(iter(bodies), "")
+    bodies = sorted({body, *(each.loaded for each in stated)} - {""})
+    if len(bodies) > 1:
+        raise InputError(
+            f"One load is identified at a time, but body and recordings state one on {' and '.join(bodies)}."
+        )
+    body = next(iter(bodies), "")
     if body not in robot.bodies:
         raise InputError(
             f"A load needs a body with mass that carries it, got '{body}'; there are {', '.join(robot.bodies)}."

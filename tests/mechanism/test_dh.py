@@ -91,6 +91,11 @@ def test_a_link_without_inertia_keeps_its_joint():
             r"Row 1 .*parent from a row before it \(none but the base",
         ),
         ([Frame("1", None, "fixed"), Frame("2", "9", "fixed")], r"Row 2 .*before it \(1\), got '9'"),
+        (
+            [Frame("1", None, "revolute"), Frame("2", "1", "fixed", follows={"1": 1.0})],
+            r"Row 2 .* has follows without a joint",
+        ),
+        ([Frame("1", None, "revolute", constant=0.3)], r"Row 1 .* constant without follows; state zeros by theta"),
     ],
 )
 def test_tables_that_are_no_trees_are_refused(frames, message):
@@ -106,7 +111,7 @@ def test_a_parallelogram_of_dependent_joints_keeps_its_last_link_upright():
         Frame("3", "2", "revolute", d=0.5, follows={"2": -1.0}, constant=np.pi / 2),
         Frame("4", "3", "revolute", d=0.4, follows={"3": 2.0, "1": 0.5}, constant=0.1),
     ]
-    tree, free = tree_from_mdh(rows), tree_from_mdh([replace(row, follows={}) for row in rows])
+    tree, free = tree_from_mdh(rows), tree_from_mdh([replace(row, follows={}, constant=0.0) for row in rows])
     assert tree.joints == ("1", "2") and tree.dependent == ("3", "4")
     q = np.random.default_rng(0).normal(size=(5, 2))
     third = np.pi / 2 - q[:, 1]

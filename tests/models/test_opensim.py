@@ -333,6 +333,12 @@ def test_a_point_that_is_held_to_the_ground_is_named(tmp_path):
         read(path)
 
 
+def test_a_constraint_that_is_perhaps_enforced_is_refused(tmp_path):
+    text = linkage(4).replace("<isEnforced>true", "<isEnforced>maybe", 1)
+    with pytest.raises(ModelError, match="name=\"pin\"> needs true or false in <isEnforced>, got 'maybe'"):
+        read(written(tmp_path, text))
+
+
 def test_an_entity_is_not_followed(tmp_path):
     secret = written(tmp_path, "0 0 0", "secret.txt")
     text = every_kind(1)[0]

@@ -8,7 +8,7 @@ from bodies import measured, weighed
 from mechanisms import GRAVITY, random_phi, random_tree
 from scipy.optimize import minimize
 
-from ident.display.bodies import QUANTITIES
+from ident.display.bodies import QUANTITIES, BodyValue
 from ident.geometry.inertia import parameter_names, parameters_from_com, with_centers
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
@@ -127,3 +127,16 @@ def test_a_link_without_stated_mass_has_no_prior_of_zero():
     base = find_base_parameters(arm, sensors=TORQUES)
     assert np.linalg.eigvalsh(known_covariance(arm, base))[0] > 0
     assert guessed(arm)[10] == 1.5 and guessed(two_links(0.0, 0.0, 0.0))[::10].tolist() == [0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "determined", "words"),
+    [
+        (0.0, np.inf, False, "0.5 (of the prior)"),
+        (0.0, np.inf, True, "0.5 (no interval)"),
+        (0.3, np.inf, False, "0.5 (more than 0.3, of the prior)"),
+    ],
+)
+def test_values_without_limits_have_no_empty_brackets(lower, upper, determined, words):
+    value = BodyValue("tool", "mass", "kg", 0.5, lower, upper, None, 0.0, determined, with_prior=True, stated=False)
+    assert value.words == words

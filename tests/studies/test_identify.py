@@ -398,7 +398,7 @@ def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     constant = {name: 0 * log.measured[name] + 7 for name in ("ground_force", "ground_torque")}
     with_channels(log, **constant).save(path)
     message = refusal(identify.main, arguments, capsys)
-    assert "Every measured channel of" in message and "is constant (Fx, Fy, Fz, Mx, My, Mz)" in message
+    assert "is constant in every channel (Fx, Fy, Fz, Mx, My, Mz); check sensors and columns." in message
 
 
 def test_a_few_samples_are_enough_to_judge_by(tmp_path):
@@ -429,6 +429,36 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     columns.write_text("\n".join(lines), encoding="utf-8")
     prepared = prepare(PENDULUM, path, base="base", columns=columns)
     np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
+
+
+@pytest.mark.filterwarnings("error:Glyph")
+def test_long_and_foreign_names_keep_the_terminal_short(tmp_path, capsys):
+    """Joints of 80 letters, of markup, and of letters that no font has."""
+    for end in ("xml", "csv"):
+        text = (PENDULUM.parent / f"arm.{end}").read_text(encoding="utf-8").replace("wrist", "w" * 80)
+        text = text.replace("elbow", "&lt;b&gt;&amp;$x_1" if end == "xml" else "<b>&$x_1").replace("turn", "肩 ü")
+        (tmp_path / f"arm.{end}").write_text(text, encoding="utf-8")
+    arguments = [str(tmp_path / "arm.xml"), str(tmp_path / "arm.csv"), "--base", "base", "--out", str(tmp_path)]
+    assert identify.main([*arguments, "--estimator", "weighted", "--name", "x"]) == 0
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
+    assert len(lines) <= 24 and f"{'w' * 29}… " in printed.out and "Glyph" not in printed.err
+    page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
+    assert "<b>&$" not in page and "&lt;b&gt;&amp;$x_1" in page
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["--estimator", "weighted", "--write-geometry"], "--write-geometry needs the trajectory estimate"),
+        (["--formats", "none", "svg"], "argument --formats: 'none' stands alone, got none svg"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(given, message, tmp_path, capsys):
+    recording().save(tmp_path / "log.csv")
+    arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path / "out")]
+    assert message in refusal(identify.main, [*arguments, *given], capsys)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("undrawn")

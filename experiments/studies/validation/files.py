@@ -13,6 +13,7 @@ from zipfile import BadZipFile
 from experiments.data.validation import Entry, SourceFile
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.download import HOST, address, cache, digest, download
+from ident.display.brief import listed
 from ident.errors import InputError
 from ident.files.limits import toml
 from ident.files.schema import made
@@ -124,7 +125,7 @@ def _missing(entry: Entry, places: Iterable[Path]) -> str:
     """Sentence on files that are not there."""
     for place in places:
         if lost := [file.name for file in entry.files if not (place / file.name).is_file()]:
-            return f"'{place}' has no {' and no '.join(lost)}; --fetch downloads what its licence lets."
+            return f"'{place}' has no {listed(lost, 3)}; --fetch downloads what its licence lets."
     return (
         f"Its files are not here: --fetch downloads them, or --data FOLDER (or MULTICONTACT_DATA) names a folder with "
         f"a folder '{entry.folder}'."

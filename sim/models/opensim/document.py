@@ -83,8 +83,15 @@ def number(element: ET.Element, tag: str, default: str | None = None) -> float:
 
 
 def flag(element: ET.Element, tag: str, default: bool) -> bool:
-    """True if a child has the text `true`."""
-    return text(element, tag, str(default)).lower() == "true"
+    """True if a child has the text `true`.
+
+    Raises:
+        ModelError: It has neither that nor `false`.
+    """
+    value = text(element, tag, str(default)).lower()
+    if value not in ("true", "false"):
+        raise ModelError(f"{label(element)} needs true or false in <{tag}>, got '{value[:60]}'.")
+    return value == "true"
 
 
 def named(element: ET.Element) -> str:
