@@ -11,6 +11,8 @@ from commands import refusal
 import scenes
 from docs.tools.noise.recordings import sinusoids
 from experiments import payload
+from experiments.data.person import Laboratory
+from experiments.studies.person_recordings import humanoid, moved, sensed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identify
@@ -105,6 +107,24 @@ def test_a_load_of_known_mass_fixes_the_scale_of_torques(arm):
     assert len(scales) == len(arm.joints)
     for each in scales:
         assert abs(each.value - -0.1) < 3 * each.std < 0.06
+
+
+@pytest.mark.slow
+def test_a_box_in_a_hand_is_weighed_by_plates():
+    """Where the motion does not determine a person's bodies they are a prior, which the hand with the box leaves."""
+    laboratory, time, person = Laboratory(rate=50.0, rail=False), np.arange(0, 3, 0.02), humanoid()
+    box = np.zeros((len(person.bodies), 10))
+    box[person.bodies.index("right_hand")] = parameters_from_com(6.0, [0.05, 0.25, -0.05], 0.06 * np.eye(3))
+    logs = []
+    for seed, who in enumerate((person, replace(person, prior=person.known + box.ravel()))):
+        motion, rng = moved("squats", time, seed, rail=False, who=person), np.random.default_rng(seed)
+        logs.append(replace(sensed(who, time, (motion, motion), laboratory, rng), setup=laboratory.setup))
+    load = identify_load(person, *logs, body="right_hand")
+    body = load.in_frame()
+    assert load.estimate.trajectory.known and load.without.trajectory.known
+    assert (
+        abs(body.values[0] - 6) < 0.3 and (abs(body.values[:4] - [6, 0.05, 0.25, -0.05]) < 2 * body.std_setup[:4]).all()
+    )
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ def results(root: Path) -> dict[str, Any]:
     """
     made, shown = root / "results" / "validate" / "summary.json", root / "docs" / FILE
     numbers = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
-    there = {*numbers["recordings"], *numbers.get("truths", ())}
+    there = {*numbers["recordings"], *(each["entry"] for each in numbers["truths"].values())}
     if missing := [name for name, entry in registry().items() if entry.tried and name not in there]:
         raise InputError(
             f"docs/validation.md shows all recordings, but '{made}' has no {', '.join(missing)}: run it on all."

@@ -385,6 +385,7 @@ class Truth:
 
     Attributes:
         entry: The recording.
+        level: Level of added noise in words; empty for one level.
         names: Their names.
         units: Their units.
         true: What they are (p,).
@@ -396,6 +397,7 @@ class Truth:
     """
 
     entry: Entry
+    level: str
     names: tuple[str, ...]
     units: tuple[str, ...]
     true: np.ndarray
@@ -411,7 +413,12 @@ class Truth:
         arrays = {key: np.array(numbers[key], float) for key in ("true", "tolerance", "values", "std")}
         rivals = {name: np.array(x, float) for name, x in numbers["rivals"].items()}
         names, units = tuple(numbers["names"]), tuple(numbers["units"])
-        return cls(entry, names, units, **arrays, rivals=rivals, seconds=numbers["seconds"])
+        return cls(entry, numbers["level"], names, units, **arrays, rivals=rivals, seconds=numbers["seconds"])
+
+    @property
+    def title(self) -> str:
+        """Title of the recording, with the level of noise."""
+        return ", ".join(filter(None, (self.entry.title, self.level)))
 
     @property
     def z(self) -> np.ndarray:

@@ -25,6 +25,9 @@ ROW, HEAD, FOOT = 0.13, 0.30, 0.75
 NEAR, FAR = -1.0, 3.0
 """Limits of the abscissa of the estimate over the published value; what is beyond is marked by arrows."""
 
+ACROSS, LINE = 3, 0.085
+"""Panels beside each other in the figure of known parameters, and inches of its rows."""
+
 WIDEST = 1.0
 """Largest relative error that is drawn."""
 
@@ -48,9 +51,13 @@ def truth_figure(study: Study) -> Figure:
     Parameters are those whose intervals exclude zero, the narrowest interval on top.
     """
     shown = [each for each in study.truths.values() if each.significant.any()]
+    columns = min(len(shown), ACROSS)
+    rows = -(-len(shown) // columns)
+    most = [max(int(each.significant.sum()) for each in shown[k * columns :][:columns]) for k in range(rows)]
     with styles.paper_style():
-        drawing = Figure(figsize=(styles.text_width(), 2.6))
-        for ax, each in zip(drawing.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+        drawing = Figure(figsize=(styles.text_width(), sum(LINE * count + HEAD for count in most) + FOOT))
+        axes = drawing.subplots(rows, columns, squeeze=False, height_ratios=most).ravel()
+        for ax, each in zip(axes, shown, strict=False):
             mask, holds = each.significant, abs(each.z) <= INTERVAL
             half = INTERVAL * np.hypot(each.std, each.tolerance)[mask] / abs(each.true[mask])
             order, error = np.argsort(half), each.errors(each.values)
@@ -62,9 +69,13 @@ def truth_figure(study: Study) -> Figure:
             ax.axvline(0, color="black", lw=0.8, zorder=0)
             ax.set_xlim(-100 * WIDEST, 100 * WIDEST)
             ax.set_ylim(len(order) - 0.5, -0.5)
-            ax.set_yticks([])
-            ax.set_title(f"{each.entry.title}: {holds.sum()} of {len(holds)} intervals hold", fontsize=8)
-            ax.set_xlabel("Estimate less true value, %", labelpad=2)
+            names = np.array(each.names)[mask][order]
+            ax.set_yticks(range(len(order)), [row_label(name) for name in names], fontsize=5)
+            ax.set_title(f"{each.title}:\n{holds.sum()} of {len(holds)} intervals hold", fontsize=7)
+            ax.set_xlabel("Estimate less true value, %", labelpad=2, fontsize=7)
+            ax.tick_params(length=2, labelsize=5)
+        for ax in axes[len(shown) :]:
+            ax.remove()
         marks: list[Line2D] = [
             Line2D([], [], color="black", lw=0.8, label="true value"),
             Line2D([], [], color="C0", marker="o", ms=3, lw=2.2, label="estimate and its 95 % interval"),
@@ -72,6 +83,14 @@ def truth_figure(study: Study) -> Figure:
         ]
         drawing.legend(handles=marks, loc="outside lower center", ncols=3, fontsize=7)
     return drawing
+
+
+def row_label(name: str) -> str:
+    """Name of a parameter for a row: a symbol with its joint in words, or the name of a body with its quantity."""
+    kind, _, joint = name.removesuffix(")").partition("(")
+    if joint:
+        return f"${kind[0]}_{{{kind[1:]}}}$ of {channel_label(joint)}"
+    return name.replace("_", " ") if " " in name else symbols.parameter_symbol(name)
 
 
 def held_out_figure(study: Study) -> Figure:
@@ -190,9 +209,7 @@ def _compared(ax: Axes, row: int, validation: Validation, published: Published) 
 
 def _parameter(validation: Validation, published: Published) -> str:
     """Name of a published parameter and of its recording."""
-    kind, _, joint = published.name.removesuffix(")").partition("(")
-    name = f"${kind[0]}_{{{kind[1:]}}}$ of {joint}" if joint else symbols.parameter_symbol(published.name)
-    return f"{validation.entry.title}, {name}"
+    return f"{validation.entry.title}, {row_label(published.name)}"
 
 
 def summary_figure(study: Study) -> Figure:

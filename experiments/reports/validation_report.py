@@ -26,7 +26,7 @@ def numbers(study: Study) -> dict[str, Any]:
         "trials_inside_95": None if not len(z) else rounded(inside(z)),
         "known": len(study.truth_z),
         "known_inside_95": rounded(inside(study.truth_z)),
-        "truths": {name: rounded({**vars(each), "entry": name}) for name, each in study.truths.items()},
+        "truths": {name: rounded({**vars(each), "entry": each.entry.name}) for name, each in study.truths.items()},
         "recordings": {name: rounded(_recording(each)) for name, each in study.validations.items()},
         "not_run": dict(study.refused),
     }
@@ -85,9 +85,9 @@ def main_lines(study: Study) -> list[str]:
 def truth_lines(study: Study) -> list[str]:
     """Sentences on known parameters: of all of them, and of each system."""
     every = {"Of ": (study.truth_z, study.truth_errors)} if len(study.truths) > 1 else {}
-    every |= {f"{each.entry.title}: of ": (each.z, each.errors(each.values)) for each in study.truths.values()}
+    every |= {f"{each.title}: of ": (each.z, each.errors(each.values)) for each in study.truths.values()}
     return [
-        f"{of}{len(z)} parameters that are known, {100 * inside(z):.0f} % lie in our 95 % intervals; the median error "
+        f"{of}{len(z)} parameters that are known, {100 * inside(z):.3g} % lie in our 95 % intervals; the median error "
         f"of the {len(errors)} that differ from zero in them is {100 * typical(errors):.1f} %."
         for of, (z, errors) in every.items()
     ]

@@ -31,8 +31,8 @@ def table_truth(study: Study) -> tabular.Table:
     for each in study.truths.values():
         candidates = [each.values, *(each.rivals.get(name, np.full(len(each.true), np.nan)) for name in OTHERS)]
         errors = (_percent(typical(each.errors(x)), ".1f") for x in candidates)
-        counts = (len(each.true), _percent(inside(each.z)), int(each.significant.sum()))
-        rows.append((each.entry.title, *counts, *errors, round(each.seconds)))
+        counts = (len(each.true), _percent(inside(each.z), ".3g"), int(each.significant.sum()))
+        rows.append((each.title, *counts, *errors, round(each.seconds)))
     heads = {"inside": "in our 95 % intervals", "significant": "not zero in them", "estimate": "median error, estimate"}
     heads |= {name: CANDIDATES[name] for name in OTHERS} | {"seconds": "CPU s"}
     columns = ("system", "known", "inside", "significant", "estimate", *OTHERS, "seconds")

@@ -171,16 +171,23 @@ def identify_load(
         raise InputError("A load needs recordings without it and with it, got none of one kind.")
     several = [[replace(each, loaded="") for each in logs] for logs in several]
     fitting: dict[str, Any] = {"offsets": offsets, "holdout": holdout, "setup": setup, "report": report}
-    ready = [[prepared(robot, each, filters=False, drive=None) for each in logs] for logs in several]
-    # The model's bodies are a prior of the robot alone.
-    empty, full = identified(ready[0], **fitting), identified(ready[1], known=False, **fitting)
+    # The model's bodies are a prior of the robot alone: with the load, its body may be any.
+    first = 10 * robot.bodies.index(body)
+    heavier = robot.mass / robot.known[first]
+    open_ = {"mass": heavier, "center": FAR, "inertia": heavier}
+    carrier = replace(robot, prior_known={**robot.prior_known, body: open_})
+    ready = [
+        [prepared(each, log, filters=False, drive=None) for log in logs]
+        for each, logs in zip((robot, carrier), several, strict=True)
+    ]
+    empty = identified(ready[0], **fitting)
+    full = identified(ready[1], known=empty.trajectory is not None and empty.trajectory.known, **fitting)
     if empty.channels != full.channels:
         raise InputError(
             f"Recordings with the load need the channels {', '.join(empty.channels)}; they have "
             f"{', '.join(full.channels)}."
         )
     assert empty.trajectory is not None and full.trajectory is not None
-    first = 10 * robot.bodies.index(body)
     columns = empty.base.regroup(np.eye(10 * len(robot.bodies))[first : first + 10]).T
     prior = robot.mass * np.repeat([1, FAR, FAR**2], [1, 3, 6]), np.zeros(10)
     if mass is not None:

@@ -12,7 +12,7 @@ from ident.errors import InputError
 from ident.files.limits import toml
 
 ALLOWED = dict.fromkeys(("gaps", "offsets", "prior"), bool) | dict.fromkeys(("base", "columns"), str)
-ALLOWED |= {"fix": dict, "ignore": list, "leave_out": list}
+ALLOWED |= {"fix": dict, "ignore": list, "leave_out": list, "noise": dict}
 """Options that the recording's documentation decides. A choice that only the outcome could suggest is none: a cut-off,
 weights, thresholds, knots, priors' sizes, samples to leave out, the estimator or its columns."""
 

@@ -15,6 +15,7 @@ from registered import TEXT, files_of, recorded, written
 
 from experiments import validate
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, Published, Reference, inside
+from experiments.reports import validation_figures as figures
 from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
 from experiments.reports.validation_report import numbers
@@ -328,10 +329,18 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     entry = replace(entry, fitted=entry.fitted[3:4], true_files=entry.true_files[3:4])
     answer = study.work(study.Task(entry, DATA.parent / "tools"))
     made = study.collected([entry], [study.Task(entry, DATA)], [answer])
-    truth = made.truths["tools"]
+    assert list(made.truths) == ["tools 0.05 N", "tools 0.1 N", "tools 0.2 N"]
+    low, truth, high = made.truths.values()
+    assert (low.std < high.std).all() and inside(made.truth_z) > 0.9
     assert truth.names[:2] == ("hammer mass", "hammer x") and inside(truth.z) == 1
     assert abs(truth.errors(truth.values)[0]) < 0.01 and truth.significant[[0, 2]].all()
-    assert report.lines(made)[0].startswith("Eight tools: of 10 parameters that are known, 100 % lie")
+    lines = report.lines(made)
+    assert lines[0].startswith("Of 30 parameters that are known, ")
+    assert lines[2].startswith("Eight tools, 0.1 N: of 10 parameters that are known, 100 % lie")
+    again = study.study_of(json.loads(json.dumps(numbers(made))), {"tools": entry})
+    assert [each.title for each in again.truths.values()] == [each.title for each in made.truths.values()]
+    rows = [label.get_text() for label in figures.truth_figure(made).axes[1].get_yticklabels()]
+    assert "hammer mass" in rows
     assert set(report.document(made, {}).figures) == {"figure_truth"}
 
 

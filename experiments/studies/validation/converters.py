@@ -9,6 +9,7 @@ import struct
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +57,17 @@ NOISE = {
 published levels (Nadeau et al., arXiv:2203.00830), and of poses and persons what cameras and plates have."""
 
 
-def noisy(source: Path, target: Path) -> None:
-    """Adds noise to the exact columns of a simulation, drawn by the file's name and folder."""
+def noisy(source: Path, target: Path, factor: float = 1.0) -> None:
+    """Adds noise to the exact columns of a simulation, drawn by the file's name and folder; a factor is on wrenches."""
     lines = source.read_text(encoding="utf-8").splitlines()
     start = lines.index("endheader") + 1 if "endheader" in lines else 0
     mark = "," if "," in lines[start] else "\t"
     names = lines[start].split(mark)
     table = np.array([line.split(mark) for line in lines[start + 1 :]], float)
     std = [next((x for form, x in NOISE.items() if re.fullmatch(form, name)), 0.0) for name in names]
-    rng = np.random.default_rng(list(f"{source.parent.name}/{source.name}".encode()))
+    std = [x * (factor if re.fullmatch("[fm][xyz]", name) else 1) for x, name in zip(std, names, strict=True)]
+    drawn = f"{source.parent.name}/{source.name}" + f" {factor:g}" * (factor != 1)
+    rng = np.random.default_rng(list(drawn.encode()))
     table += std * rng.standard_normal(table.shape)
     rows = (mark.join(f"{x:.9g}" for x in row) for row in table)
     _write(target, "\n".join([*lines[: start + 1], *rows, ""]))
@@ -190,6 +193,8 @@ CONVERTERS: dict[str, Converter] = {
     "joint_states": joint_states,
     "tensors": tensors,
     "noisy": noisy,
+    "noisy_low": partial(noisy, factor=0.5),
+    "noisy_high": partial(noisy, factor=2.0),
     "wrong_bodies": wrong_bodies,
 }
 """All converters by name."""

@@ -59,9 +59,9 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: 
     unchecked = checked(entry, folder)
     with TemporaryDirectory() as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelNote)
-        paths = converted(entry, folder, Path(scratch))
         if entry.sensor:
-            return {"truth": of_bodies(entry, folder, paths)}
+            return {"truths": of_bodies(entry, folder, Path(scratch))}
+        paths = converted(entry, folder, Path(scratch))
         if trial is not None:
             return {"values": values(_identified(entry, paths, trial, [], holdout=0.0)[0])}
         estimate, seconds = _identified(entry, paths, entry.fitted, entry.judged)
@@ -70,8 +70,9 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: 
         if peers:
             judges = [_prepared(entry, paths, log) for log in entry.judged]
             made["peers"] = compared(paths[entry.model], estimate, judges)
-        known = of_estimate(entry, folder, estimate, made) | {"seconds": seconds}
-        return {**made, "seconds": seconds, "unchecked": list(unchecked), "truth": known}
+        known = of_estimate(entry, folder, estimate, made)
+        known = known and known | {"seconds": seconds}
+        return {**made, "seconds": seconds, "unchecked": list(unchecked), "truths": {"": known} if known else {}}
 
 
 def _check_parameters(entry: Entry, names: Sequence[str]) -> None:

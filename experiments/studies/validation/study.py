@@ -103,8 +103,8 @@ def collected(
             of_trial = "" if task.trial is None else f"{trial_name(task.trial)}: "
             sentences[name] = f"{sentences.get(name, '')} {of_trial}{answer['refused']}".strip()
         elif task.trial is None:
-            if answer.get("truth"):
-                truths[name] = answer["truth"]
+            for level, known in answer.get("truths", {}).items():
+                truths[f"{name} {level}".strip()] = {**known, "entry": name, "level": level}
             if not task.entry.sensor:
                 made[name] = answer
         else:
@@ -122,8 +122,8 @@ def collected(
 
 
 def _truths(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> dict[str, Truth]:
-    """Known parameters from their JSON form, in the order of the entries."""
-    return {name: Truth.of(entry, numbers[name]) for name, entry in entries.items() if name in numbers}
+    """Known parameters from their JSON form."""
+    return {name: Truth.of(entries[each["entry"]], each) for name, each in numbers.items()}
 
 
 def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:

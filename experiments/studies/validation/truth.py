@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.data.validation import Entry
 from experiments.studies.identification import read_mechanism
-from experiments.studies.validation.files import columns_file
+from experiments.studies.validation.files import columns_file, convert
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.geometry.inertia import parameters_from_com
@@ -51,18 +51,24 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
     }
 
 
-def of_bodies(entry: Entry, folder: Path, paths: Mapping[str, Path]) -> dict[str, Any]:
-    """Known mass, centre and inertia of bodies, each alone on a wrench sensor in a log.
+def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
+    """Known mass, centre and inertia of bodies, each alone on a wrench sensor in a log, by level of added noise.
 
     Args:
         entry: The recording.
         folder: Folder of its files.
-        paths: Paths of the files to read, by name.
+        scratch: Folder for files with noise.
     """
+    return {level: _at_level(entry, folder, scratch, name) for level, name in entry.options["noise"].items()}
+
+
+def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict[str, Any]:
+    """Known parameters of bodies, with the noise of a converter."""
     start, out = time.process_time(), dict[str, list[Any]]()
     for (log,), file in zip(entry.fitted, entry.true_files, strict=True):
         alone = Mechanism.lone_body(BODY)
-        recording = read_log(paths[log], alone, columns_file(entry.options["columns"]))
+        convert(converter, folder / log, scratch / log)
+        recording = read_log(scratch / log, alone, columns_file(entry.options["columns"]))
         offsets = entry.options.get("offsets", True)
         body = identify_payload(alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets).in_frame()
         true = _body(folder / file)
