@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.document.writer import environment
+from ident.judgement.candidates import NEGLIGIBLE, NOTABLY
 from ident.tolerances import POOR
 
 HEAD, HEIGHT, HIGHEST, LOWEST = 34, 200, 40, 6
@@ -51,7 +52,7 @@ class Interval:
 
 
 def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: Collection[str] = ()) -> str:
-    """A row for each channel, with a mark for the residual over the signal of each candidate; the best has a ring.
+    """A row for each channel, with a mark for the residual over the signal of each candidate; the best have rings.
 
     Args:
         channels: Names of the C channels.
@@ -69,7 +70,9 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: 
         words = ", ".join(f"{each} {x:.2g}" for each, x in zip(ratios, own, strict=True))
         marks = [(j, share(own[j])) for j in reversed(range(len(own)))]
         own_words = {"name": name, "words": f"{name}: {words}", "idle": name in idle}
-        shown.append(own_words | {"marks": marks, "best": share(np.nanmin(own))})
+        # As in the table, those that are about as good as the best are best as well.
+        alike = np.maximum(own, NEGLIGIBLE) <= NOTABLY * max(np.nanmin(own), NEGLIGIBLE)
+        shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[alike]]})
     ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
     return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(len(channels)))
 
