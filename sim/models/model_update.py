@@ -291,7 +291,8 @@ def _displace(root: ET.Element, spec: mujoco.MjSpec, shifts: Mapping[int, np.nda
     for b, shift in shifts.items():
         own = spec.bodies[b]
         stated = own.pos.copy()
-        if own.frame is not None:
+        # MuJoCo 3.3 does not tell whether a body has a frame.
+        if getattr(own, "frame", own) is not None:
             # Steps along the axes in which the file states the place, as MuJoCo turns them into the parent's.
             places = []
             for step in (*np.eye(3), np.zeros(3)):
