@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from experiments.document.writer import environment
-from ident.judgement.candidates import NEGLIGIBLE, NOTABLY
+from ident.judgement.candidates import about_best
+from ident.judgement.verdict import PRECISIONS
 from ident.tolerances import POOR
 
 HEAD, HEIGHT, HIGHEST, LOWEST = 34, 200, 40, 6
@@ -21,9 +22,6 @@ LEAST = 0.01
 
 WIDE, HIGH, POINTS = 344, 78, 300
 """Width and height of the curves, and their largest number of points, about one for each pixel."""
-
-SHADES = 0.1, 0.2, 0.5
-"""Relative standard deviations up to which parameters have each shade, the darkest first."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Interval:
             "words": f"{self.name} {self.value:.3g} ± {self.half:.2g}{known}",
             "column": self.column,
             "half": min(self.half / size, 1.0),
-            "shade": int(np.searchsorted(SHADES, self.std / size)),
+            "shade": int(np.searchsorted(PRECISIONS, self.std / size)),
             "model": None if off is None else float(np.clip(off, -1, 1)),
         }
 
@@ -66,13 +64,11 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: 
         return float(np.log10(np.clip(np.nan_to_num(ratio, nan=np.inf), LEAST, LEAST * 10**decades) / LEAST) / decades)
 
     shown = []
-    for name, own in zip(channels, values.T, strict=True):
+    for name, own, best in zip(channels, values.T, about_best(values).T, strict=True):
         words = ", ".join(f"{each} {x:.2g}" for each, x in zip(ratios, own, strict=True))
         marks = [(j, share(own[j])) for j in reversed(range(len(own)))]
         own_words = {"name": name, "words": f"{name}: {words}", "idle": name in idle}
-        # As in the table, those that are about as good as the best are best as well.
-        alike = np.maximum(own, NEGLIGIBLE) <= NOTABLY * max(np.nanmin(own), NEGLIGIBLE)
-        shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[alike]]})
+        shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[best]]})
     ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
     return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(len(channels)))
 
@@ -85,7 +81,7 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
 
     Args:
         bodies: Parameters by body.
-        known: Numbers of base parameters known within each of `SHADES`.
+        known: Numbers of base parameters known within each of `PRECISIONS`.
         total: Number of base parameters.
     """
     shown = {name: [each.to_page() for each in own] for name, own in bodies.items()}

@@ -19,7 +19,7 @@ from experiments.reports.identify_page import carried, first_screen, held_out_ca
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import ESTIMATE, NEGLIGIBLE, NOTABLY
+from ident.judgement.candidates import ESTIMATE, about_best
 from ident.judgement.codes.row import listed, number_of
 from ident.judgement.finding import line_of
 from ident.judgement.verdict import IDLE
@@ -264,9 +264,7 @@ def _ratios(result: Estimate, most: int) -> str:
     held, channels, idle = result.held_out, result.channels, result.verdict().idle
     every = {ESTIMATE: held.ratio, **result.rivals}
     shown = np.sort(np.argsort(-held.ratio, kind="stable")[:most])
-    # Those that are about as good as the best are best as well, as for the verdict.
-    sizes = np.maximum([ratio[shown] for ratio in every.values()], NEGLIGIBLE)
-    alike = (sizes <= NOTABLY * sizes.min(axis=0)).T
+    alike = about_best(np.array([ratio[shown] for ratio in every.values()])).T
     names = [channels[k] for k in shown]
     cut = [name if len(name) <= NAME else f"{name[: NAME - 1]}…" for name in names]
     columns = {"channel": cut} | {name: ratio[shown] for name, ratio in every.items()}

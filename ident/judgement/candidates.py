@@ -28,6 +28,12 @@ NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""
 
 
+def about_best(ratios: np.ndarray) -> np.ndarray:
+    """Mask of the candidates that predict a channel about as well as the best one, by their residuals (k, C)."""
+    sizes = np.maximum(ratios, NEGLIGIBLE)
+    return np.asarray(sizes <= NOTABLY * np.fmin.reduce(sizes, axis=0))
+
+
 @dataclass(frozen=True, eq=False)
 class Candidates:
     """Residuals of the candidates in the channels that one of them explains.
