@@ -518,9 +518,7 @@ class Estimate:
         """Measured and predicted channels on the held-out part, as a matplotlib figure."""
         from ident.display.plots import fit_plot
 
-        held, measured = self.held_out, self.held_out.samples.measured
-        lines = map(held.interrupted, (held.time, measured, measured - held.residual))
-        return fit_plot(self.fit.equations, *lines)
+        return fit_plot(self.fit.equations, *self.held_out.curves)
 
     def plot_spectra(self) -> "Figure":
         """Spectra of the channels and of their residuals, as a matplotlib figure."""

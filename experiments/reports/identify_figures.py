@@ -31,8 +31,7 @@ UNCERTAIN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Low
 def held_out_figure(result: Estimate) -> Figure:
     """Measured and predicted channels on the held-out part."""
     held = result.held_out
-    measured = held.samples.measured
-    time, measured, predicted = map(held.interrupted, (held.time, measured, measured - held.residual))
+    time, measured, predicted = held.curves
     slow = held.interrupted(~held.moving, by=False)
     with styles.paper_style():
         figure, axes = _panels(result)

@@ -1,4 +1,4 @@
-"""What the page of an identification shows beside its tables: pictures, captions of figures, and a replay."""
+"""Pictures, captions of figures and the replay of an identification's page."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -35,8 +35,7 @@ def prediction(result: Estimate) -> Iterator[str]:
     held, verdict = result.held_out, result.verdict()
     yield pictures.candidates(result.channels, {ESTIMATE: held.ratio, **result.rivals}, verdict.idle)
     ranked = sorted(verdict.counted or verdict.ratios, key=verdict.ratios.__getitem__)
-    measured = held.samples.measured
-    time, measured, predicted = map(held.interrupted, (held.time, measured, measured - held.residual))
+    time, measured, predicted = held.curves
     panels = {}
     for word, channel in dict(worst=ranked[-1], best=ranked[0]).items():
         k, unit = result.channels.index(channel), channel_unit(channel, result.prepared.mechanism.tree)

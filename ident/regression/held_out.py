@@ -105,6 +105,13 @@ class HeldOut:
         return np.insert(x, self.starts[1:], by, axis=0)
 
     @property
+    def curves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times (M,), and measured and predicted channels (M, C), all `interrupted`."""
+        measured = self.samples.measured
+        time, measured, predicted = map(self.interrupted, (self.time, measured, measured - self.residual))
+        return time, measured, predicted
+
+    @property
     def relative_rms(self) -> np.ndarray:
         """RMS residual over the RMS of the signal, mean included, as often published (C,)."""
         return self.rms / np.maximum(_rms(self.samples.measured, self.moving), 1e-300)
