@@ -199,7 +199,7 @@ class Closure:
 
     @property
     def apart(self) -> float:
-        """What stays open in the model's posture, rad or lengths of the mechanism."""
+        """Gap left between the loops' ends in the model's posture, rad or lengths of the mechanism."""
         return float(self._defects(self._posed)[0][0])
 
     def in_posture(self) -> "Closure":

@@ -54,7 +54,7 @@ def test_one_format_costs_one_drawing(tmp_path, drawings, formats):
 
 
 def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
-    """What it is asked not to draw costs nothing; the page has its pictures and no section of figures."""
+    """Figures that are not asked for cost nothing; the page has its pictures and no section of figures."""
     command = "from experiments import identify; identify.main()\nimport sys; assert 'matplotlib' not in sys.modules"
     log = ["scenes/arm.xml", "scenes/arm.csv", "--estimator", "ordinary", "--name", "arm"]
     options = [*log, "--formats", "none", "--out", str(tmp_path)]

@@ -77,7 +77,7 @@ class TorqueLog:
 
 @dataclass(frozen=True)
 class Given:
-    """What another software gets.
+    """Input for another software.
 
     Attributes:
         path: URDF file without shapes.

@@ -177,7 +177,7 @@ class _Bands(NamedTuple):
 
 
 class _Absorbed(NamedTuple):
-    """What θ absorbs of a stream's noise of every kind, in a piece.
+    """Noise of every kind of a stream that θ absorbs, in a piece.
 
     Attributes:
         explained: Products of R, times a root of C, with itself in every band, relative to the noise (s, B, q, q).
