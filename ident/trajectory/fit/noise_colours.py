@@ -180,12 +180,14 @@ class _Absorbed(NamedTuple):
     """Noise of every kind of a stream that θ absorbs, in a piece.
 
     Attributes:
-        explained: Products of R, times a root of C, with itself in every band, relative to the noise (s, B, q, q).
+        explained: Real and imaginary parts of the spectra of R, times a root of C, relative to the noise (2, F, s, q).
+        bands: The frequencies by bands.
         taken: Diagonal of `R C Rᵀ W Γ` (b, B, s).
         pulls: `Rᵀ W Γ W R`, times the root on either side (b, q, q).
     """
 
     explained: np.ndarray
+    bands: _Bands
     taken: np.ndarray
     pulls: np.ndarray
 
@@ -194,22 +196,21 @@ class _Absorbed(NamedTuple):
         """That of rows of θ times the root (N, s, q)."""
         N, _, q = explained.shape
         signals = explained * (stream.clear / stream.std)[..., None], stream.weights(explained) * stream.std[:, None]
-        rows, pulls = (np.fft.rfft(x, axis=0).swapaxes(0, 1) / np.sqrt(N) for x in signals)
+        rows, pulls = (np.fft.rfft(x, axis=0) / np.sqrt(N) for x in signals)
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
-        products, sums = np.empty((len(rows), BANDS, q, q)), np.zeros((len(bands.kinds), q, q))
-        for band in range(BANDS):
+        sums = np.zeros((len(bands.kinds), q, q))
+        for band in np.unique(bands.band):
             own = np.flatnonzero(bands.band == band)
-            here, pull = rows[:, own], stacked(pulls[:, own] * np.sqrt(twice[own])[:, None])
-            products[:, band] = (here.conj().swapaxes(1, 2) @ here).real
-            if len(own):
-                sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.conj().T @ pull).real
-        taken = (rows.conj() * pulls).real.sum(axis=2).T
-        return cls(products, bands.matrix @ (bands.kinds[..., None] * taken), sums)
+            pull = stacked(pulls[own] * np.sqrt(twice[own])[:, None, None])
+            sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.conj().T @ pull).real
+        taken = bands.matrix @ (bands.kinds[..., None] * (rows.conj() * pulls).real.sum(axis=2))
+        return cls(np.stack([rows.real, rows.imag]), bands, taken, sums)
 
     def effect(self, of_theta: np.ndarray) -> np.ndarray:
         """Power of effects of θ in the bands, with covariances over the root (b, q, q): (b, B, s)."""
-        return np.einsum("skij,bij->bks", self.explained, of_theta, optimize=True)
+        x = self.explained
+        return np.array([self.bands.matrix @ np.einsum("kfsq,kfsq->fs", x @ each, x) for each in of_theta])
 
 
 def _amplitudes(observed: np.ndarray, counts: np.ndarray, other: np.ndarray, *kinds: np.ndarray) -> np.ndarray:
