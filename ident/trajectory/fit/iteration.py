@@ -56,11 +56,6 @@ COLOURED = 3
 """Round after which noise that was white at the start may be correlated, earlier if θ has nearly converged: while the
 fit is poor, all residuals are correlated."""
 
-LONGER, LONGEST, FURTHEST = 1.5, 4.0, 0.7
-"""Growth of the step of a noise's logarithm with every round in which it keeps its sign, the largest factor on it, and
-the largest addition. Where the trajectory absorbs most of a stream, one update leaves some 95 % of the distance: a fit
-of walks takes 24 rounds instead of 49, and ends nearer."""
-
 SMOOTHEST = 1e7
 """Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
 reverse steps of resting coordinates."""
@@ -146,7 +141,6 @@ class _Iteration:
         self._explore, self._settled = explore, settled
         self._was_coloured, self._now_coloured = False, any(noise.channels_rho.any() for noise in start.noises)
         self._stalled = 0
-        self._steps = dict[tuple[int, str], tuple[np.ndarray, np.ndarray]]()
 
     def ended(self, rounds: int, report: Report | None) -> str:
         """Iterates to the end, and returns the `TrajectoryFit.status`."""
@@ -192,22 +186,9 @@ class _Iteration:
         for log, old in enumerate(before):
             own = [k for k, piece in enumerate(self._problem.pieces) if piece.log == log]
             new = renewed(old, [parts[k] for k in own], [misfits[k] for k in own], coloured=self._now_coloured)
-            new = new if self._explore else self._lengthened(new, old, log)
             new = replace(new, jerk=np.minimum(new.jerk, self._problem.smoothest(new, log)))
             out.append(replace(new, **{name: getattr(old, name) for name in self._kept}))
         return out
-
-    def _lengthened(self, new: Noise, old: Noise, log: int) -> Noise:
-        """Noise of a recording after longer steps where they keep their sign."""
-        out = dict[str, Any]()
-        for name in ("states", "channels", "jerk"):
-            step = np.log(getattr(new, name) / getattr(old, name))
-            before, factor = self._steps.get((log, name), (0 * step, np.ones(step.shape)))
-            factor = np.where(step * before > 0, np.minimum(LONGER * factor, LONGEST), 1.0)
-            self._steps[log, name] = step, factor
-            more = np.clip((factor - 1) * step, -FURTHEST, FURTHEST)
-            out[name] = getattr(new, name) * np.exp(more)
-        return replace(new, **out)
 
 
 class _Sent:

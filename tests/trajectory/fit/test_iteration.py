@@ -84,18 +84,6 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
     assert deviations[0] == pytest.approx(deviations[1], rel=0.1)
 
 
-def test_steps_of_the_noise_grow_while_they_keep_their_sign():
-    iterated = object.__new__(iteration._Iteration)
-    iterated._steps = {}
-    noise, sizes = estimate().fit.noises[0], []
-    for step in (0.01, 0.01, 0.01, 0.01, 0.01, 0.01, -0.01, -0.01, 1.0, 1.0):
-        channels = noise.channels * np.exp(step)
-        after = iterated._lengthened(replace(noise, channels=channels), noise, 0)
-        np.testing.assert_array_equal(after.jerk, noise.jerk)
-        sizes.append(float(np.log(after.channels / noise.channels)[0] / step))
-    assert sizes == pytest.approx([1, 1.5, 2.25, 3.375, 4, 4, 1, 1.5, 1, 1.5])
-
-
 @pytest.mark.parametrize(("step", "gains", "legs"), [(0.5, False, [8]), (0.5, True, [8, 12]), (5.0, False, [8, 12])])
 def test_correlated_noise_is_given_up_once_it_settles_without_predicting_better(monkeypatch, step, gains, legs):
     rounds = []
