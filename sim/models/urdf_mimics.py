@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 
 from ident.errors import ModelError
+from sim.models.notes import note
 
 SINGLE = ("revolute", "continuous", "prismatic")
 """Types of joints with one coordinate, which alone mimic and are mimicked."""
@@ -19,11 +20,15 @@ Mimics = dict[str, tuple[str, float, float]]
 def taken_mimics(path: Path, root: ET.Element) -> Mimics:
     """Mimic joints of a file, whose elements are taken out of it; those of fixed joints have no effect.
 
+    Warns:
+        ModelNote: Some name joints that the file does not have, and have no effect either.
+
     Raises:
         ModelError: One names no joint with one coordinate, itself, or another mimic joint, or a number is not finite.
     """
     mimics, joints = Mimics(), root.findall("joint")
     single = [joint.get("name", "") for joint in joints if joint.get("type") in SINGLE]
+    names, astray = {joint.get("name", "") for joint in joints}, dict[str, str]()
     for joint in joints:
         name, own = joint.get("name", ""), joint.findall("mimic")
         for element in own:
@@ -31,12 +36,18 @@ def taken_mimics(path: Path, root: ET.Element) -> Mimics:
         leads = [element.get("joint", "") for element in own]
         if not own or name not in single:
             continue
+        if len(own) == 1 and leads[0] and leads[0] not in names:
+            astray[name] = leads[0]
+            continue
         if len(own) > 1 or leads[0] == name or leads[0] not in single:
             raise ModelError(
                 f"{path}: joint '{name}' has to mimic one other joint out of "
                 f"{', '.join(each for each in single if each != name) or 'none'}, not {' and '.join(map(repr, leads))}."
             )
         mimics[name] = leads[0], _number(path, name, own[0], "multiplier"), _number(path, name, own[0], "offset")
+    if astray:
+        each = ", ".join(f"'{name}' ('{lead}')" for name, lead in astray.items())
+        note(f"{path} has no joint of the name that these mimic, so that they move by themselves: {each}.")
     for name in mimics:
         if mimics[name][0] in mimics:
             raise ModelError(f"{path}: {_chained(mimics, name)}")

@@ -11,6 +11,7 @@ from ident.mechanism.follower import Follower
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 from sim.models.model_update import write_model
+from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -76,7 +77,6 @@ def test_a_leader_that_is_fixed_holds_its_mimic(tmp_path):
             "joint 'left' mimics 'right', which follows from 'left' in turn; leave one <mimic> out",
         ),
         ((joint("left", '<mimic joint="left"/>'), joint("tip")), "'left' has to mimic one other .* of tip, not 'left'"),
-        ((joint("left", '<mimic joint="nail"/>'),), "has to mimic one other joint out of none, not 'nail'"),
         ((joint("left", "<mimic/>"), joint("tip")), "has to mimic one other joint out of tip, not ''"),
         ((joint("left", kind="fixed"), RIGHT), "'right' has to mimic one other joint out of none, not 'left'"),
         (
@@ -92,11 +92,19 @@ def test_a_leader_that_is_fixed_holds_its_mimic(tmp_path):
             "the mimic of joint 'right' needs a finite offset, got 'inf'",
         ),
     ],
-    ids=["chain", "ring", "itself", "unknown", "nameless", "fixed", "two", "multiplier", "offset"],
+    ids=["chain", "ring", "itself", "nameless", "fixed", "two", "multiplier", "offset"],
 )
 def test_wrong_mimics_are_one_sentence(tmp_path, joints, message):
     with pytest.raises(ModelError, match=message):
         read(tmp_path, *joints)
+
+
+@pytest.mark.filterwarnings("default::sim.models.notes.ModelNote")
+def test_a_mimic_of_a_joint_that_the_file_lacks_moves_by_itself(tmp_path):
+    """As in models whose hands were renamed, but not what their joints mimic."""
+    with pytest.warns(ModelNote, match=r"has no joint of the name .* move by themselves: 'left' \('nail'\)"):
+        arm = read(tmp_path, joint("left", '<mimic joint="nail"/>'))
+    assert not arm.mimics and arm.joints == ("left",)
 
 
 def test_friction_and_rotor_of_a_mimic_act_on_its_leader(tmp_path):
