@@ -19,16 +19,17 @@ def write_index(out: Path, results: Mapping[str, Document], formats: Iterable[st
         results: Documents of the studies of `python -m experiments`, by folder name.
         formats: Formats of the figures.
     """
-    shown = {
-        folder: replace(
-            study,
-            tables={name: compared(table) for name, table in study.tables.items()}
-            | {f"{name}_printed": printed(table) for name, table in study.tables.items()},
-        )
-        for folder, study in results.items()
-    }
+    shown = dict[str, Document]()
+    for folder, study in results.items():
+        own = {f"{name}_printed": printed(study.tables[name]) for name in PRINTED.get(folder, ())}
+        tables = {name: compared(table) for name, table in study.tables.items()}
+        shown[folder] = replace(study, tables=tables | own)
     with replacing(out / "index.html") as temporary:
         temporary.write_text(page("index.html", out, shown, formats, paper=paper), encoding="utf-8")
+
+
+PRINTED = {"misaligned": ("table_3",), "multicontact": ("table_4",)}
+"""The paper's tables of parameters, by the folder of their study."""
 
 
 def printed(table: Table) -> Table:
