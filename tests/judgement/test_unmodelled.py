@@ -11,6 +11,7 @@ import sim
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement.unmodelled import HypothesisFit, unmodelled
+from ident.judgement.verdict import Outcome
 from ident.mechanism.motion import Motion
 
 
@@ -33,10 +34,19 @@ def test_a_cable_that_pulls_is_a_doubt(seed, wrench):
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "seed"), [(1 / 1.15, 1), (1 / 0.85, 2)])
 def test_a_link_of_another_length_is_a_doubt(share, seed):
-    """Where joints are stated to lie where they are, also if other errors of the set-up were found in its place."""
+    """Its cause is named if joints lie as stated, also where other errors of the set-up were found in its place."""
     estimate = ident.identify(shorter(share), faulty(seed), setup={"centre": 0.0})
     (finding,) = coded(estimate, "unmodelled")
     assert finding.doubt and {"kind": "length", "body": "link2"} in finding.values["causes"]
+
+
+@pytest.mark.slow
+def test_causes_that_a_displaced_joint_explains_are_doubted_too():
+    cable = ident.identify(PENDULUM, with_torques(1, pull=10, wrench=False))
+    lengths = [ident.identify(shorter(share), faulty(seed)) for share, seed in ((1 / 1.15, 1), (1 / 0.85, 2))]
+    for estimate in (cable, *lengths):
+        assert "centre_z(joint2)" in {each.name for each in estimate.setup}
+        assert estimate.verdict().outcome is Outcome.NOT
 
 
 @pytest.mark.parametrize("fault", [{}, {"gravity": 2}, {"zero": (3, 0)}, {"delay": 0.03, "origin": (0, 0.05, 0)}])
