@@ -8,10 +8,10 @@ from experiments.cli import options, running
 
 def run(args: argparse.Namespace) -> None:
     """Compares results, and writes and prints the differences."""
+    from experiments.data.comparison import read_results
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import compare_report
-    from experiments.studies.result_files import read_results
     from ident.errors import InputError
 
     compared, out = read_results(args.results), options.output_of(args)

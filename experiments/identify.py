@@ -95,8 +95,8 @@ def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[E
     else:
         from experiments.runs.workers import worker_pool
 
-        with worker_pool(number) as pool:
-            yield pool.executor
+        with worker_pool(number) as executor:
+            yield executor
 
 
 def _person(args: argparse.Namespace) -> Any:
@@ -129,7 +129,9 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     out.add_argument("--verbose", action="store_true", help="print more than a screen: remarks, notes and bodies")
     add_options(out)
-    options.add_rerun(out)
+    out.add_argument(
+        "--rerun", action="store_true", help="write the replay for Rerun's viewer too, replay.rrd (extra 'rerun')"
+    )
     otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
     return out
@@ -138,7 +140,10 @@ def parser() -> argparse.ArgumentParser:
 def add_options(out: argparse.ArgumentParser) -> None:
     """Adds the options of an identification."""
     options.add_mechanism(out)
-    options.add_fit(out, several=True)
+    out.add_argument(
+        "--held-out", type=Path, nargs="+", default=[], help="another log to judge by, which is not fitted"
+    )
+    options.add_reading(out)
     out.add_argument(
         "--cutoff",
         help="of least squares: cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if any",

@@ -189,13 +189,6 @@ def add_local_workers(group: argparse._ActionsContainer, *, default: int | None,
     group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=text)
 
 
-def add_rerun(parser: argparse.ArgumentParser) -> None:
-    """Adds the choice of a file of the page's replay for Rerun's viewer."""
-    parser.add_argument(
-        "--rerun", action="store_true", help="write the replay for Rerun's viewer too, replay.rrd (extra 'rerun')"
-    )
-
-
 def add_mechanism(parser: argparse._ActionsContainer) -> None:
     """Adds the options of a user's model; `of_model` returns them."""
     parser.add_argument("--base", help="body that is the base, by default the world")
@@ -278,19 +271,6 @@ def drives(given: Sequence[str]) -> tuple[str, ...] | None:
     return None if list(given) == ["auto"] else tuple(kind for kind in given if kind != "none")
 
 
-def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Adds how a user's recordings are read, fitted and judged; `size_limit` returns `--max-size` in bytes.
-
-    Args:
-        parser: The parser to add to.
-        several: True if several logs can be held out.
-    """
-    held_out = parser.add_argument("--held-out", type=Path, help="another log to judge by, which is not fitted")
-    if several:
-        held_out.nargs, held_out.default = "+", []
-    add_reading(parser)
-
-
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Adds how a user's recordings are read, and the choice to fit offsets."""
     parser.add_argument(
@@ -313,9 +293,13 @@ def add_size(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def as_text(args: argparse.Namespace) -> dict[str, Any]:
-    """All options by name, paths as text."""
-    return {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+def as_text(value: Any) -> Any:
+    """An option as JSON, or all of them by name."""
+    if isinstance(value, argparse.Namespace):
+        return {name: as_text(each) for name, each in vars(value).items()}
+    if isinstance(value, list):
+        return [as_text(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def size_limit(args: argparse.Namespace) -> int:

@@ -8,8 +8,7 @@ from experiments.guesses.belief import BASE, Belief, ColumnGroup, TableEntry
 from experiments.guesses.checks import check_positions, check_wrenches_and_torques, set_orientation
 from experiments.guesses.log_contents import check_same_columns, log_contents
 from experiments.guesses.model import ComparedModel
-from experiments.guesses.names import add_commands, add_named
-from experiments.guesses.orientations import add_orientations
+from experiments.guesses.names import add_commands, add_named, add_orientations
 from experiments.guesses.places import ask_place, place_wrenches
 from experiments.guesses.series import add_any, add_measured, add_series
 from experiments.guesses.units import doubt_units, set_rates, set_units

@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.data.errors import TRAJECTORY, Distribution
-from experiments.data.fitting import ESTIMATORS
+from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated import SimulatedStudy
 from experiments.document import styles, symbols, tabular

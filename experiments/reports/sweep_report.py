@@ -7,29 +7,16 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.data.outcomes import Sweep
+from experiments.data.outcomes import Swept
 from experiments.document import figures, styles, symbols, tabular
 from experiments.document.document import Document, Plot
 from ident.errors import InputError
 
-CHARTED = {
-    "misaligned": {
-        "condition_number_simplified": "Condition number, simplified model",
-        "epsilon_simplified": "Residual ε, simplified model (N, N m)",
-        "condition_number_full": "Condition number, full model on its own columns",
-        "axis_error_deg": "Error of the recovered axes (deg)",
-    },
-    "multicontact": {
-        "condition_number": "Condition number",
-        "largest_error": "Largest error (kg, kg m, kg m²)",
-        "largest_error_ignoring": "Largest error, contact ignored (kg, kg m, kg m²)",
-        "contact_peak_force_N": "Peak contact force (N)",
-    },
-}
-"""Numbers of a study's summary that the chart shows by default, and their titles."""
+CHARTED = ("condition_number", "largest_error", "axis_error_deg", "contact_peak_force_N")
+"""First parts of the names of a summary's numbers that the chart shows by default."""
 
 
-def table(sweep: Sweep, names: Sequence[str]) -> tabular.Table:
+def table(sweep: Swept, names: Sequence[str]) -> tabular.Table:
     """Means and standard deviations over the seeds, a row for each number and value."""
     rows = [
         (name, str(value), *_statistics(column))
@@ -42,7 +29,7 @@ def table(sweep: Sweep, names: Sequence[str]) -> tabular.Table:
     return tabular.Table(title, columns, tuple(rows), decimals=4, deviations={"mean": "std"}, names=words)
 
 
-def chart(sweep: Sweep, titles: Mapping[str, str]) -> Figure:
+def chart(sweep: Swept, titles: Mapping[str, str]) -> Figure:
     """Chart of some numbers over the option, a panel for each: all seeds as dots, and their mean as a line."""
     numeric = not isinstance(sweep.values[0], str)
     x = np.array(sweep.values) if numeric else np.arange(len(sweep.values))
@@ -83,35 +70,26 @@ def _label(name: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def document(sweep: Sweep, study: str, title: str, numbers: Sequence[str], provenance: dict[str, Any]) -> Document:
+def document(sweep: Swept, title: str, numbers: Sequence[str], provenance: dict[str, Any]) -> Document:
     """Table, chart and numbers of a sweep.
 
     Args:
         sweep: The sweep.
-        study: Name of the study.
-        title: Its title.
-        numbers: Names of the numbers that the chart shows, by default `CHARTED`.
+        title: Title of the study.
+        numbers: Names of the numbers that the chart shows; empty for those of `CHARTED`.
         provenance: Provenance of the results.
 
     Raises:
         InputError: There is no number of one of these names.
     """
-    titles = CHARTED[study]
-    charted = {name: titles.get(name, _label(name)) for name in numbers or titles}
+    charted = {name: _label(name) for name in numbers or sweep.names if numbers or name.startswith(CHARTED)}
     for name in charted:
         if name not in sweep.names:
-            raise InputError(f"--numbers needs names of {', '.join(sweep.names)}, got '{name}'.")
-    seeds = len(sweep.runs) // len(sweep.values)
-    option = tabular.heading(sweep.option)
-    caption = f"Numbers over {option}: of each seed, and their means."
+            raise InputError(f"sweep.numbers needs names of {', '.join(sweep.names)}, got '{name}'.")
+    caption = f"{title} over {tabular.heading(sweep.option)}: numbers of each seed, and their means."
     return Document(
-        f"{title} over {option}",
-        f"The study '{study}' over its option {sweep.option}, with {f'{seeds} seeds' if seeds > 1 else 'one seed'} of "
-        "each value.",
-        lines=[run["refused"] for run in sweep.runs if "refused" in run],
-        heading="Refused",
         tables={"table_sweep": table(sweep, sweep.names)},
         figures={"figure_sweep": Plot(partial(chart, sweep, charted), caption)},
-        numbers={"sweep": {"runs": sweep.runs, "provenance": provenance}, "provenance": provenance},
+        numbers={"sweep": {"runs": sweep.runs, "provenance": provenance}},
         screen=table(sweep, list(charted)).text(),
     )

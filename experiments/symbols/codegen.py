@@ -1,7 +1,9 @@
-"""A symbolic model as text: LaTeX, a Python function and a C function."""
+"""Symbolic model of a mechanism, its files in LaTeX, Python and C, and a table of its base parameters."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import sympy
@@ -9,8 +11,16 @@ from sympy.printing.c import C99CodePrinter
 from sympy.printing.pycode import PythonCodePrinter
 from sympy.simplify.fu import TR8
 
+from experiments.document import tabular
 from experiments.document.symbols import parameter_symbol
+from experiments.document.terminal import wrapped
+from experiments.symbols import symbolic
 from experiments.symbols.symbolic import SymbolicModel, decimals
+from ident.errors import InputError, ModelError
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.parameters.base_parameters import STANDARD_GRAVITY, separating_sensors
+from sim.models.mechanism import mechanism
 
 READABLE = 250
 """Largest number of operations, shared ones counted once, at which LaTeX is expanded in sines of sums of angles."""
@@ -210,3 +220,88 @@ def _broken(row: str) -> str:
 def _width(tex: str) -> float:
     """Width of a piece of an equation, in letters; signs have room on both sides."""
     return len(re.sub(r"\\(?!sin|cos)[a-z]+|[{}_^ ]", "", tex)) + 1.5 * len(re.findall(r" [+-] ", tex))
+
+
+TABLES = ("table_1", "table_2")
+
+
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """A mechanism's symbolic model.
+
+    Attributes:
+        name: Name of the mechanism, for files and titles.
+        model: The model.
+        gained: Parameters that more sensors would make identifiable separately, by sensors.
+    """
+
+    name: str
+    model: symbolic.SymbolicModel
+    gained: Mapping[str, Sequence[str]]
+
+
+def derivation(given: str, base: str | None, ignore: Sequence[str]) -> Derivation:
+    """Symbolic model of a mechanism.
+
+    Args:
+        given: Model file, or one of `TABLES`.
+        base: Body whose frame is {0}, by default the world.
+        ignore: Equality constraints and tendons to leave out.
+
+    Raises:
+        InputError: The model cannot be read, or a table is given options.
+    """
+    name = plain(Path(given).stem)
+    if given not in TABLES:
+        tree, lengths = symbolic.exact_tree(_tree(given, base, ignore))
+    elif base is None and not ignore:
+        tree, lengths = getattr(symbolic, given)()
+    else:
+        raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{given}'.")
+    gained = separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY))
+    return Derivation(name if name.strip(". ") else "model", symbolic.derive(tree, lengths), gained)
+
+
+def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
+    """The mechanism of a model file, which must have mass."""
+    arm = mechanism(path, base, ignore=ignore)
+    if arm.prior is None:
+        raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")
+    return arm.tree
+
+
+DIGITS, DIGITS_OF_DECIMALS = 12, 6
+"""Digits of numbers in the table, with exact coefficients and with decimal ones."""
+
+
+def table(derived: Derivation) -> tabular.Table:
+    """Base parameters in symbols."""
+    model, digits = derived.model, DIGITS if derived.model.exact else DIGITS_OF_DECIMALS
+    rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())
+    title = f"Base parameters of {derived.name}: {model.regrouping.rank}"
+    return tabular.Table(title, ("parameter", "expression"), rows)
+
+
+def sources(derived: Derivation) -> dict[str, str]:
+    """Contents of the files by name."""
+    model, name = derived.model, derived.name
+    return {
+        "dim.tex": latex_source(model, name),
+        "regressor.py": python_source(model, name),
+        "regressor.c": c_source(model, name),
+        "base_parameters.csv": table(derived).csv(),
+    }
+
+
+def text(derived: Derivation) -> str:
+    """Text for the terminal."""
+    model = derived.model
+    lines = [table(derived).text()]
+    if not model.exact:
+        lines.append(f"The coefficients are decimals, because {model.reason}.")
+    lines.append(wrapped(f"Without effect on the wrench: {', '.join(model.regrouping.unseen) or 'nothing'}."))
+    if model.regrouping.remark:
+        lines.append(wrapped(model.regrouping.remark))
+    for sensors, gained in derived.gained.items():
+        lines.append(wrapped(f"Separately identifiable {sensors}: {', '.join(gained) or 'nothing'}."))
+    return "\n".join(lines)

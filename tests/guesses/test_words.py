@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.guesses.clock import clock_of
-from experiments.guesses.families import families
-from experiments.guesses.words import LIKE, likeness, words
+from experiments.guesses.log_contents import clock_of
+from experiments.guesses.words import LIKE, families, likeness, words
 from ident.errors import LogError
 from ident.recordings.wrench_names import wrench_groups
 

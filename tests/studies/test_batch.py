@@ -16,8 +16,8 @@ from fuzz.here import Here
 from experiments import batch, identify
 from experiments.data.batch import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
-from experiments.runs import checkpoint
-from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
+from experiments.runs import workers
+from experiments.runs.workers import DeadWorkerError
 from ident.errors import InputError
 from ident.files.atomic import PARTIAL, unwritten
 
@@ -41,10 +41,10 @@ def here(monkeypatch):
     """Tasks of a batch run in this process, one after the other."""
 
     @contextmanager
-    def pool(self, tasks):
-        yield WorkerPool(Here(), 1)
+    def pool(number):
+        yield Here()
 
-    monkeypatch.setattr(Workers, "pool", pool)
+    monkeypatch.setattr(workers, "worker_pool", pool)
 
 
 def logs():
@@ -185,7 +185,7 @@ def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsy
 
     with monkeypatch.context() as patched:
         patched.setattr(batch, "outcome_of", full)
-        patched.setattr(checkpoint, "save_arrays", unsaved)
+        patched.setattr(workers, "save_arrays", unsaved)
         assert batch.main(command) == 2
     assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
     assert batch.main([*command, "--resume"]) == 0

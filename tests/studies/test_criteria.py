@@ -94,11 +94,11 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
 def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
     limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
     # As many as the command has.
-    starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 24, seed=1)
+    starts = criteria.start_motions(limits, np.zeros(2), TIME[-1], 5, 24, seed=1)
     deviations = {}
     for criterion in ("deviations", "condition"):
         value = criteria.cost(pendulum, criterion, len(TIME))
-        designed = excitation.best(value, limits, starts, None, 50, seed=1)
+        designed = criteria.best(value, limits, starts, None, 50, seed=1)
         motion = Motion(*designed.states(TIME))
         deviations[criterion] = geometric_mean(criteria.predicted_deviations(pendulum, motion))
     assert deviations["deviations"] < 0.85 * deviations["condition"]

@@ -13,8 +13,8 @@ import scenes
 from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import fit
-from experiments.data.key_numbers import summary as summary_of
 from experiments.data.simulated import StudyProblem
+from experiments.data.simulated import summary as summary_of
 from experiments.reports import study_tables
 from experiments.studies.simulated import study
 from experiments.studies.study_entries import packaged

@@ -5,8 +5,7 @@ import json
 import pytest
 from registered import TEXT, files_of, recorded, written
 
-from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.workers import Workers
+from experiments.runs.workers import Checkpoint, Workers
 from experiments.studies.validation import files, study
 from ident.errors import InputError
 

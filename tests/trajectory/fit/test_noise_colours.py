@@ -7,7 +7,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.studies.noise_processes import autoregressive
+from experiments.studies.person_recordings import autoregressive
 from ident.trajectory.fit.noise_colours import _amplitudes, noise_colours, some_responses
 from ident.trajectory.fit.sandwich import with_scatter
 
