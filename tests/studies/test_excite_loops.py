@@ -89,11 +89,6 @@ def test_a_dependent_joint_is_no_excitation(tmp_path, capsys, text, joints, mess
     assert message in " ".join(said.split())
 
 
-def test_joints_that_are_not_named_rest():
-    design = problem(read(FIVE_BAR), ["crank"], sensors="wrench")
-    assert design.joints == ("crank",) and design.mechanism.tree.still == ("right",)
-
-
 def test_ranges_are_those_in_which_loops_close():
     tree = read(MODELS["slider"][0]).closed(("rod", "piston"), ("crank",)).tree
     low, high = reachable(tree, {"piston": (-0.05, 0.05)}, np.zeros(1), np.array([-3.0]), np.array([3.0]))

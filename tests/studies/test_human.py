@@ -122,20 +122,6 @@ def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured(
     np.testing.assert_allclose(variances, np.diag(study._covariance([1.2, 1.2])), rtol=1e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seconds", [1e-6, 0.02, 0.05])
-def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
-    study = persons.at_a_rail()
-    known, variances = (np.diag(study._covariance([each] * 2)) for each in (0.0, seconds))
-    assert (variances <= known * (1 + 1e-6)).all()
-
-
-@pytest.mark.slow
-def test_a_piece_that_begins_later_tells_nothing():
-    share = persons.at_a_rail()._share(0, -1.0)
-    assert share.shape == (len(share), len(share)) and not share.any()
-
-
 def test_recordings_are_saved_as_they_were_simulated(tmp_path):
     study = persons.at_a_rail()
     for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), start=1):

@@ -4,7 +4,6 @@ import csv
 import json
 import re
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -105,16 +104,6 @@ def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(monkeypatch
     study_of("misaligned", seed=0).trajectory("simplified")
     (estimate,) = estimates
     assert estimate.trajectory.fit.status == "converged"
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_an_interrupt_within_a_fit_ends_the_study(tmp_path, monkeypatch, capsys):
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(fitting, "identified", partial(identified, report=stop))
-    assert misaligned.main(["--out", str(tmp_path / "new"), "--samples", "120", "--formats", "png"]) == 130
-    assert "interrupted" in capsys.readouterr().err and not (tmp_path / "new" / "report.html").exists()
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -1,5 +1,4 @@
 import csv
-import json
 import os
 import signal
 from functools import partial
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
-from experiments import misaligned, multicontact
+from experiments import multicontact
 from experiments.data import paper
 from experiments.data.errors import Distribution
 from experiments.data.simulated import StudyProblem
@@ -137,28 +136,6 @@ def test_statistics():
         "paper_error": "9.0",
         "paper_percentile": "100 to 100",
     }
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "no_trajectory")
-def test_a_study_runs_trials_from_the_command_line(tmp_path, capsys):
-    options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--trajectory-trials", "2"]
-    options_ += ["--redraw", "sensors", "--samples", "200"]
-    assert misaligned.main(options_) == 0
-    models = "simplified", "full", "full_trajectory"
-    for model in models:
-        rows = list(csv.DictReader((tmp_path / f"monte_carlo_{model}.csv").read_text().splitlines()))
-        assert len(rows) == 13
-    assert (tmp_path / "figure_monte_carlo.png").exists()
-    assert json.loads((tmp_path / "monte_carlo.json").read_text())["trials"] == 6
-    assert json.loads((tmp_path / "monte_carlo.json").read_text())["trajectory_trials"] == 2
-    assert "over 2 trials" in (tmp_path / f"monte_carlo_{models[-1]}.md").read_text()
-    captured = capsys.readouterr()
-    assert "(errors in variables)" in captured.out
-    assert "6/6" in captured.err and "2/2" in captured.err
-    before = (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes()
-    assert misaligned.main([*options_, "--resume"]) == 0
-    assert (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes() == before
 
 
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")

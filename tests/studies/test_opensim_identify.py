@@ -12,7 +12,6 @@ from experiments import identify
 from ident.errors import LogError
 from ident.geometry.inertia import parameters_from_com
 from ident.model.regressor import base_wrench_regressor
-from ident.parameters.anthropometry import TABLES
 from ident.recordings.columns.entries import read_segments
 from sim.models.notes import ModelNote
 
@@ -98,10 +97,6 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     assert max(error[[0, 1, 5]] / size[[0, 1, 5]]) < 0.05
     stated = np.sqrt(np.mean((Y @ (arm.prior - phi)) ** 2, axis=0))
     assert min(stated[[0, 1, 5]] / error[[0, 1, 5]]) > 3
-
-
-def test_every_table_is_a_prior():
-    assert set(identify.PRIOR) == {"auto", "on", "off", *TABLES}
 
 
 @pytest.mark.parametrize(

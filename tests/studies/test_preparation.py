@@ -190,13 +190,3 @@ def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
     write(log, columns | still)
     with pytest.raises(ValueError, match=rf"In Fx, Fz, My the recorded motion excites \d+ of {rank} parameters"):
         identified(prepare(path, log, base="plate", columns=mapping), known=False)
-
-
-def test_a_base_that_turns_round_and_round_turns_steadily():
-    """Its quaternions change their sign once a turn, and are then made continuous."""
-    angle = 1.3 * TIME
-    T = np.tile(np.eye(4), (len(TIME), 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(np.outer(angle, [0.6, 0, 0.8])).as_matrix()
-    motion = base_motion_from_poses(T, RATE, 20.0)
-    inner = slice(100, -100)
-    np.testing.assert_allclose(motion.V[inner], np.tile([0, 0, 0, 0.78, 0, 1.04], (len(TIME) - 200, 1)), atol=2e-3)
