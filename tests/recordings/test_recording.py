@@ -79,12 +79,6 @@ def test_channels_by_role():
     np.testing.assert_array_equal(RECORDING.joint_noise(["elbow"])[1], [0.0])
 
 
-def test_noise_free_swaps_the_truth_in():
-    np.testing.assert_array_equal(RECORDING.noise_free["imu"], CHANNELS["imu"] + 1)
-    with pytest.raises(LogError, match="no true values"):
-        _ = Recording(RECORDING.time, CHANNELS).noise_free
-
-
 def test_missing_channels_are_named_with_those_there_are():
     with pytest.raises(LogError, match="'knee_position'; it has arm_orientation, arm_position"):
         RECORDING.joint_states(["knee"])
@@ -140,13 +134,6 @@ def test_files_that_are_no_recordings(tmp_path):
             Recording.load(tmp_path / name)
     with pytest.raises(InputError, match=r"as .npz or .csv, got 'r.mat'"):
         RECORDING.save(tmp_path / "r.mat")
-
-
-def test_components_are_read_by_name(tmp_path):
-    (tmp_path / "r.csv").write_text("\ufefftime,q.x,q.y,q.z,q.w,f.z,f.y,f.x\n0,1,2,3,4,5,6,7\n", encoding="utf-8")
-    recording = Recording.load(tmp_path / "r.csv")
-    np.testing.assert_array_equal(recording["q"], [[4, 1, 2, 3]])
-    np.testing.assert_array_equal(recording["f"], [[7, 6, 5]])
 
 
 @pytest.mark.parametrize("name", ["time", "a,b", "a.b", "true:a", "base:a", "#a", " a", "a\n", "", "12"])

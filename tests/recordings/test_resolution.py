@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.recordings.resolution import at_rest, quantum
+from ident.recordings.resolution import quantum
 
 T = np.arange(1000) / 100
 SIGNAL = np.sin(2 * T) + 0.3 * np.sin(5.1 * T)
@@ -39,20 +39,3 @@ def test_steps_survive_other_units_decimals_and_missing_samples():
 )
 def test_a_signal_on_no_lattice_has_no_steps(x):
     assert quantum(x) < 1e-6
-
-
-@pytest.mark.parametrize("seed", range(50))
-def test_few_samples_make_no_lattice_by_chance(seed):
-    rng = np.random.default_rng(seed)
-    x = rng.normal(size=rng.integers(20, 200))
-    assert quantum(x) == quantum(np.cumsum(x)) == 0
-
-
-def test_rests():
-    rng = np.random.default_rng(2)
-    white = rng.normal(size=len(T))
-    flicker = np.where(rng.uniform(size=len(T)) < 0.3, ENCODER, 0)
-    for x in (np.full(1000, 2.09), 2.09 + 1e-5 * SIGNAL, 0.003 * white, flicker):
-        assert at_rest(x, largest=1.0)
-    for x in (SIGNAL, 0.01 * SIGNAL + 0.003 * white, rounded(0.01 * SIGNAL, ENCODER)):
-        assert not at_rest(x, largest=1.0)

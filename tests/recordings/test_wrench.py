@@ -148,12 +148,6 @@ def test_what_rests_in_the_world_reaches_the_base_without_any_posture(rng):
         np.testing.assert_allclose(own.covariance, expected.covariance, rtol=1e-9, atol=1e-9)
 
 
-def test_in_free_flight_the_total_wrench_is_known_to_be_zero():
-    total = total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [])
-    np.testing.assert_array_equal(total.values, np.zeros((4, 6)))
-    np.testing.assert_array_equal(total.covariance, np.zeros((4, 6, 6)))
-
-
 TREE = random_tree(np.random.default_rng(0), 3)
 WRENCH = np.zeros((4, 6))
 
@@ -201,14 +195,3 @@ def test_contacts_that_do_not_fit_are_refused(contact, message):
 def test_ground_wrenches_must_fit(ground, message):
     with pytest.raises(ValueError, match=message):
         total_wrench(TREE, np.zeros((4, len(TREE.moving))), Wrench(**{"values": WRENCH, **ground}), [])
-
-
-@pytest.mark.parametrize("ground", [Wrench(WRENCH), None])
-def test_joint_states_must_be_finite(ground):
-    with pytest.raises(ValueError, match="total wrench needs finite joint states"):
-        total_wrench(TREE, np.full((4, len(TREE.moving)), np.nan), ground, [])
-
-
-def test_poses_of_the_base_must_fit():
-    with pytest.raises(ValueError, match=r"4 joint states need poses of a moving base, got shape \(3, 4, 4\)"):
-        total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [], base=np.tile(np.eye(4), (3, 1, 1)))
