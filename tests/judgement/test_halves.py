@@ -4,13 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_faults import PENDULUM, faulty, shortened
 
-import ident
-from ident.estimators import trajectory as estimator
 from ident.judgement.fit_findings import halves_findings
-from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements, widening
-from ident.setup import PRIORS
+from ident.judgement.halves import disagreement, widening
 
 
 def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
@@ -66,21 +62,6 @@ def test_halves_of_one_recording_are_compared_with_half_of_what_is_known_each(kn
     assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
 
 
-def test_a_half_that_tells_nothing_disagrees_with_nobody():
-    assert disagreement(joint([1.0, 0.0], [10, 0])) is None
-    assert disagreement(joint([1.0, 0.0], [10, 0], known=1.0)) is not None
-
-
-def test_what_adds_nothing_does_not_differ_by_rounding():
-    """A recording counts as adding at least a hundredth of the variance."""
-    estimates, precision = [1.0, 1.1, 0.9], [10.0, 20, 1e-9]
-    whole = joint(estimates, precision, counts=(1, 1, 1))
-    other = np.average(estimates[:2], weights=precision[:2])
-    moved = abs(other - whole.fit.theta[0])
-    assert disagreements(whole)[2] == pytest.approx(moved / np.sqrt(LEAST_ADDED / np.sum(precision)))
-    assert LEAST_ADDED < 0.02
-
-
 @pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])
 def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, doubts):
     result = SimpleNamespace(disagreement=None, disagreements=(0.5, z, 0.7), in_logs=())
@@ -121,20 +102,6 @@ def test_halves_that_differ_by_two_deviations_are_a_remark():
     (finding,) = halves_findings(SimpleNamespace(disagreement=2.3, disagreements=(), in_logs=()))
     assert not finding.doubt and finding.code == "halves_disagree" and finding.values == {"rms_z": 2.3}
     assert not list(halves_findings(SimpleNamespace(disagreement=1.9, disagreements=(), in_logs=())))
-
-
-@pytest.mark.parametrize(("z", "wider"), [(None, 1), (0.9, 1), (2.1, 2.1)])
-def test_intervals_are_as_much_wider_as_halves_differ(monkeypatch, z, wider):
-    monkeypatch.setattr(estimator, "disagreement", lambda joint: z)
-    estimate = ident.identify(PENDULUM, shortened(faulty(), 150), setup=dict.fromkeys(PRIORS, 0.0))
-    assert (estimate.widening, estimate.disagreement) == (wider, z)
-    number = len(estimate.fit.covariance)
-    np.testing.assert_allclose(estimate.fit.covariance, wider**2 * estimate.trajectory.fit.covariance[:number, :number])
-
-
-def test_the_widening_is_continuous():
-    z = np.linspace(0, 6, 60_001)
-    assert np.abs(np.diff([widening(each) for each in z])).max() < 1.001e-4
 
 
 @pytest.mark.parametrize(

@@ -3,19 +3,14 @@
 import re
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
-import wrist
 from coded import coded
 from recorded_faults import PENDULUM, angles_and_wrench
-from test_torque_checks import NO_HAND, log
 
 import ident
-import sim
 from ident.judgement.candidates import NOTABLY
 from ident.judgement.finding import Finding
-from ident.judgement.torque_findings import bound_findings
 from ident.judgement.verdict import Outcome, Verdict, decided
 
 
@@ -93,14 +88,6 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
         "model": {"Fy", "Mx"},
     }
     assert doubt.values["take"] == "model"
-
-
-def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estimate):
-    other = replace(with_ratios(estimate, squares=[0.5, 0.9, 0.6, 1, 1]), singular_values=np.array([1, 1e-5]))
-    worse = other.verdict().worse
-    assert (
-        worse.values["take"] is None and worse.text.endswith("Move the joints further.") and "as a prior" in worse.text
-    )
 
 
 def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):
@@ -195,18 +182,6 @@ def test_a_candidate_that_is_better_in_the_median_channel_is_the_first_sentence(
     assert one.worse is None and one.best == "estimate"
 
 
-def test_drives_at_their_bound_are_at_most_so_much(estimate):
-    assert estimate.to_dict()["bounded"] == {} and not list(bound_findings(estimate.evidence))
-    one = replace(estimate, bounded={"Fc(joint1)": (0.131, 0.08)})
-    (finding,) = bound_findings(one.evidence)
-    assert finding.values == {"at_most": {"Fc(joint1)": 0.131}, "units": {"Fc(joint1)": "N m"}}
-    assert not finding.doubt and finding.place.joints == ("joint1",) and finding in one.findings
-    assert one.to_dict()["bounded"] == {"Fc(joint1)": {"at_most": 0.131, "std_free": 0.08}}
-    two = replace(one, bounded={"Fc(joint1)": (0.131, 0.08), "Ia(joint2)": (0.02, 0.01)})
-    (finding,) = bound_findings(two.evidence)
-    assert "Fc(joint1), Ia(joint2) are at their bound of zero: at most 0.13 N m, 0.02 kg m² (95 %)" in finding.text
-
-
 def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
     assert not coded(estimate, "heavier_last_link")
     light = PENDULUM.known.copy()
@@ -216,13 +191,3 @@ def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
     assert not finding.doubt and finding.place.bodies == ("link2",) and finding.values["body"] == "link2"
     more, std = finding.values["mass"], finding.values["std"]
     assert std < more / 2 and abs(more - 0.4 * PENDULUM.known[-10]) < 3 * std
-
-
-@pytest.mark.slow
-def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
-    """A hand that the model lacks moves first moments of its arm, and the masses could drift with them."""
-    bare = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=NO_HAND)))
-    estimate = ident.identify(bare, log(seconds=5))
-    full = estimate.consistent()
-    assert full.attainable and (abs(np.log(full.phi[::10] / bare.known[::10]))[:7] < np.log(1.35)).all()
-    assert not any(finding.doubt for finding in coded(estimate, "masses_shown", "masses_hardly_shown"))
