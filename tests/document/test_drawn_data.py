@@ -85,12 +85,6 @@ def test_intervals_bars_and_spans_have_ends():
     }
 
 
-def test_texts_are_no_formulas_of_spreadsheets():
-    figure = Figure()
-    figure.subplots().plot([1], [2], label="=1+2")
-    assert [row["curve"] for row in rows(figure)] == ["'=1+2"]
-
-
 @pytest.mark.parametrize("draw", [lambda ax: ax.imshow(np.eye(2)), lambda ax: ax.fill_between([0, 1, 2], [0, 1, 0])])
 def test_artists_that_cannot_be_read_are_named(draw):
     figure = Figure()

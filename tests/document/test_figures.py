@@ -40,13 +40,3 @@ def test_minor_ticks_that_are_joined_look_the_same(style):
         np.testing.assert_array_equal(picture(joined), picture(apart))
         assert not any(axis.get_minorticklocs().size for ax in joined.axes for axis in (ax.xaxis, ax.yaxis))
         assert all(ax.yaxis.get_minorticklocs().size for ax in apart.axes)
-
-
-def test_minor_ticks_with_labels_or_lines_stay():
-    with styles.paper_style():
-        # Over less than a decade, only minor ticks have labels.
-        labelled = logarithmic(joined=True, span=0.3).axes[0].yaxis
-        assert any(text.get_text() for text in labelled.get_ticklabels(minor=True))
-        with mpl.rc_context({"axes.grid.which": "both"}):
-            ruled = logarithmic(joined=True).axes[0].yaxis
-            assert ruled.get_minorticklocs().size

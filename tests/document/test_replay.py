@@ -11,7 +11,6 @@ from pages import identified, replayed
 import scenes
 from experiments.document.replay import ellipsoid
 from experiments.document.symbols import in_words, regrouped_in_words
-from experiments.document.writer import environment
 from ident.geometry.inertia import parameters_from_com
 from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mechanism import mechanism
@@ -96,11 +95,3 @@ def test_parameters_in_words():
     assert regrouped_in_words(base, 0, arm) == (
         "mass of base, which also includes: the mass of link1; the mass of link2"
     )
-
-
-def test_how_many_samples_are_drawn_is_said_in_english():
-    template = environment().get_template("replay.html").make_module({"prose": str})
-    names = "frames", "arrows", "axes", "estimated", "curves", "channels", "spans", "parameters", "remark"
-    shown = dict.fromkeys(names, ())
-    for every, expected in ((1, False), (2, True)):
-        assert ("One sample in 2 is drawn." in template.moving(shown | {"every": every})) == expected

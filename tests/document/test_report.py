@@ -1,6 +1,5 @@
 import csv
 import io
-import json
 import subprocess
 import sys
 from itertools import product
@@ -60,40 +59,11 @@ def test_headings_are_words_but_in_csv(name, words):
     assert r"\_" not in print_table.tex(table) and "$m_{1}r_{x,1}$ & 1.000" in print_table.tex(table)
 
 
-def test_long_headings_break_into_lines_in_tex():
-    table = tabular.Table("t", ("std_wrench_noise", "peak_force_N"), ((1.0, 2.0),))
-    stack = r"{\shortstack[c]{\rule{0pt}{2.3ex}"
-    assert rf"{stack}S.d.\\(wrench\\noise)}}}} & {stack}Peak force\\(\unit{{\newton}})}}}} \\" in print_table.tex(table)
-
-
-def test_huge_numbers_are_powers_of_ten():
-    table = tabular.Table("t", ("a",), ((232976553.0,), (-1e6,), (999999.0,)))
-    assert table.text().split()[2:] == ["2.33e+08", "-1.00e+06", "999999.000"]
-    assert "232976553.0" in table.csv()
-
-
-def test_text_is_aligned():
-    assert TABLE.text() == (
-        "Errors, kg\nparameter  error   paper\nm_1        0.000   0.500\nIxx2       0.333  -2.000\n"
-    )
-
-
-def test_empty_cells_stay_empty():
-    table = tabular.Table("t", ("a", "b"), (("x", None), ("y", 2.0)))
-    assert table.csv() == "a,b\nx,\ny,2.0\n"
-    assert "| x |  |" in table.markdown()
-
-
 def test_other_files_in_the_folder_are_left_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with result_folder.results_folder(tmp_path) as folder:
         (folder / "a").write_text("new")
     assert {file.name for file in tmp_path.iterdir()} == {"notes.txt", "a"}
-
-
-def test_provenance_is_json(tmp_path):
-    result_folder.write_json(tmp_path / "p.json", provenance.provenance({"seed": 1}, {"scene": "s"}))
-    assert json.loads((tmp_path / "p.json").read_text())["options"] == {"seed": 1}
 
 
 @pytest.mark.parametrize("obstacle", ["b", "summary"])
