@@ -3,7 +3,6 @@ from pathlib import Path
 
 import pytest
 
-from ident.errors import InputError
 from ident.files.atomic import replacing, unwritten
 
 FULL = Path("/dev/full")
@@ -27,12 +26,6 @@ def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
         temporary.symlink_to(FULL)
         temporary.write_text("second")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.csv", "first")]
-
-
-def test_a_missing_folder_is_one_sentence(tmp_path):
-    sentence = r"below/a\.csv' cannot be written: the folder '.*below' does not exist; make it first\.$"
-    with pytest.raises(InputError, match=sentence):
-        write(tmp_path / "below" / "a.csv", "text")
 
 
 def test_of_nested_blocks_the_outermost_names_the_place_and_the_innermost_the_reason():
