@@ -1,14 +1,10 @@
 """Scales of channels: a flat one has that of its kind, wherever channels are weighted by their signals."""
 
-from dataclasses import replace
-
 import numpy as np
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
 
-import ident
 from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.excitation import excited
 from ident.estimation.preparation import Part, prepared
 from ident.regression.filtered import filtered_least_squares
 from ident.trajectory.late_start import unexplained
@@ -48,23 +44,6 @@ def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():
     ]
     assert every[1].cutoffs == every[0].cutoffs
     np.testing.assert_allclose(every[1].values[0][1:13], every[0].values[0][1:13], rtol=0.2, atol=0.05)
-
-
-def test_flat_channels_are_weighted_finitely_where_excitation_is_judged():
-    log = prepared(PENDULUM, faulty(1))
-    samples = log.samples
-    flat = replace(samples, measured=samples.measured * [1, 0, 1, 1, 1, 1])
-    (usual, _), (values, poor) = (excited(log.equations, each) for each in (samples, flat))
-    assert poor is None
-    np.testing.assert_allclose(values, usual, rtol=0.5)
-
-
-def test_ratios_of_flat_channels_are_those_of_their_kind():
-    held = ident.identify(PENDULUM, faulty(1), estimator="weighted").held_out
-    measured = held.samples.measured * [0, 1, 1, 1, 1, 1]
-    versions = tuple(replace(each, measured=measured) for each in held.versions)
-    held = replace(held, versions=versions, residual=np.ones_like(measured))
-    np.testing.assert_allclose(held.ratio[0], held.ratio[:3].min())
 
 
 def test_a_channel_that_angles_explain_exactly_leaves_weight_to_the_others():

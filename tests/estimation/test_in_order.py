@@ -45,20 +45,3 @@ def test_an_error_comes_at_its_turn_and_cancels_what_follows():
             next(results)
     assert done in ([0, 1, 2, 3], [0, 1, 2, 3, 4])
     assert list(results) == []
-
-
-def test_an_error_among_the_items_cancels_what_is_pending():
-    def items():
-        yield 1
-        raise OSError("unreadable")
-
-    with ThreadPoolExecutor(1) as executor, pytest.raises(OSError, match="unreadable"):
-        list(in_order(executor, str, items()))
-
-
-def test_nothing_ahead_is_refused():
-    with (
-        ThreadPoolExecutor(1) as executor,
-        pytest.raises(ValueError, match="submitted ahead, got 0"),
-    ):
-        list(in_order(executor, str, [1], ahead=0))

@@ -21,23 +21,6 @@ def test_floors_are_those_of_spread_resolution_and_kind():
     np.testing.assert_allclose(floor, [of_fine, of_fine, 0.3 / np.sqrt(12), of_fine, of_fine], rtol=1e-6)
 
 
-def test_the_torque_of_a_finger_is_not_flat_beside_that_of_a_hip():
-    rng = np.random.default_rng(0)
-    torques = rng.normal(size=(1000, 3)) * [100.0, 0.05, 1e-5]
-    floor = least_noise([torques], ("hip", "finger", "unplugged"))
-    np.testing.assert_allclose(floor, LEAST * torques.std(axis=0)[[0, 1, 0]])
-
-
-def test_noise_is_no_less_than_that_of_rounding():
-    """For slow motions in coarse steps, the fit's residuals are far smaller than the steps."""
-    steps = {"forces": 0.3, "moments": 0.03, "angles": 2 * np.pi / 4096}
-    estimate = ident.identify(PENDULUM, recorded(speed=0.1, jitter=0, **steps))
-    noise, floor = estimate.trajectory.fit.noises[0], np.array([0.3, 0.3, 0.3, 0.03, 0.03, 0.03]) / np.sqrt(12)
-    components = [ident.estimation.equations.COMPONENTS.index(name) for name in estimate.channels]
-    assert (noise.channels > 0.99 * floor[components]).all()
-    assert (noise.states[0] > 0.99 * steps["angles"] / np.sqrt(12)).all()
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_a_joint_at_rest_is_held_where_it_is(seed):
     """The angle of a joint at rest is one number, without noise."""

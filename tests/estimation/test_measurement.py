@@ -88,14 +88,6 @@ def test_where_nothing_holds_the_base_wrenches_are_in_the_worlds_axes():
     np.testing.assert_allclose(free, turned, atol=1e-12 * abs(turned).max())
 
 
-def test_where_nothing_holds_the_base_what_is_left_of_a_wrench_is_in_the_bases_axes():
-    rng = np.random.default_rng(0)
-    m = random_measurement(rng, moving=True, setup=False, contacts=1, components=(0, 1, 5))
-    states, wrenches, theta = random_inputs(rng, m)
-    held, free = (replace(m, frame=frame).values(states, wrenches, theta) for frame in (np.eye(4), None))
-    np.testing.assert_allclose(free, held, atol=1e-12 * abs(held).max())
-
-
 def with_plate(m):
     """The measurement with its first contact at rest in the world."""
     name, hand = next(iter(m.contacts.items()))
@@ -259,17 +251,6 @@ def _turned(body, turn):
     v, w = body.twist[:3], body.twist[3:]
     pitch, point = v @ w, np.cross(w, v)
     return replace(body, twist=np.concatenate([np.cross(point, turn @ w) + pitch * (turn @ w), turn @ w]))
-
-
-def test_zeros_stand_by_their_hinges_coordinates():
-    rng = np.random.default_rng(1)
-    m = random_measurement(rng, 6, ("ball", "revolute", "prismatic"), moving=True)
-    coordinate, expected = 7, {}
-    for body in m.tree.bodies:
-        if body.turns:
-            expected[coordinate] = at(m, f"zero({body.joint})")
-        coordinate += body.coordinates
-    assert expected and m.zeros == expected and coordinate == m.coordinates
 
 
 @pytest.mark.parametrize("seed", range(5))

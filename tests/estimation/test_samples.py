@@ -31,13 +31,6 @@ def refusal(*source):
     return str(caught.value)
 
 
-def test_parts_take_everything_along():
-    covariance = np.tile(np.eye(6), (90, 1, 1))
-    part = with_arrays(base=MOTION, covariance=covariance)[10:30]
-    assert len(part) == len(part.motion) == len(part.motion.base.T) == len(part.covariance) == 20
-    assert with_arrays(covariance=np.eye(6))[:3].covariance.shape == (6, 6)
-
-
 @pytest.mark.parametrize("size", [1, 7, 30, 90, 200])
 def test_even_pieces_are_the_same_samples(size):
     rng = np.random.default_rng(0)
@@ -97,12 +90,3 @@ def test_bad_pieces_are_named():
     assert "'q' needs a row for each of 0 samples" in refusal(WHOLE[:0])
     with pytest.raises(ValueError, match="The samples: 'ddq' needs a row for each of 90 samples and 2 columns"):
         fitted(TREE, with_arrays(ddq=STATES[2][:80]), gravity=GRAVITY)
-
-
-def test_errors_of_the_iterator_pass_through():
-    def failing():
-        yield WHOLE
-        raise OSError("the disk is gone")
-
-    with pytest.raises(OSError, match="the disk is gone"):
-        fitted(TREE, failing(), gravity=GRAVITY)

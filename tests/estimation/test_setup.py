@@ -15,10 +15,6 @@ from ident.parameters.base_parameters import find_base_parameters
 from ident.setup import PRIORS
 
 
-def names(m, contacts=(), **priors):
-    return [each.name for each in setup_parameters(m.equations, contacts, priors)]
-
-
 def test_all_that_a_laboratory_leaves_open():
     m = random_measurement(np.random.default_rng(0), 4, ("revolute",), contacts=0)
     own = setup_parameters(m.equations, ["hand"])
@@ -55,14 +51,6 @@ def test_where_nothing_holds_the_base_contacts_have_one_delay_and_one_clock():
         assert not {"delay", "clock"} & kinds and "origin" in kinds
 
 
-def test_a_kind_is_left_out_or_given_another_prior():
-    m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
-    kinds = {each.kind: each.std for each in setup_parameters(m.equations, [], {"gain": 0.0, "delay": 0.01})}
-    assert kinds == {kind: std for kind, std in PRIORS.items() if kind not in ("gain", "lag", "scale")} | {
-        "delay": 0.01
-    }
-
-
 def test_commands_share_a_lag_and_torques_have_scales_as_uncertain_as_stated():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
     first, second, *_ = m.equations.channels
@@ -76,11 +64,6 @@ def test_commands_share_a_lag_and_torques_have_scales_as_uncertain_as_stated():
     assert "lag" not in own and own[f"gain({second})"] == PRIORS["gain"]
     exact = setup_parameters(some, [], {"scale": 0.0})
     assert not any(each.kind == "scale" for each in exact)
-
-
-def test_what_does_not_turn_has_neither_zero_nor_axis_and_torques_no_frame():
-    m = random_measurement(np.random.default_rng(0), 5, ("ball", "prismatic", "free"), wrench=False, contacts=0)
-    assert {name.partition("_")[0].partition("(")[0] for name in names(m)} == {"gain", "gravity", "centre"}
 
 
 def test_joints_are_displaced_as_a_whole_where_something_shows_it():
