@@ -15,7 +15,6 @@ from ident.parameters.prior import (
     conditioned,
     known_covariance,
     known_covariances,
-    known_deviations,
     updated,
 )
 
@@ -52,22 +51,6 @@ def test_bodies_that_are_drawn_deviate_as_is_known(body, known):
     products = off[:, :, None] * off[:, None, :]
     error = products.std(axis=0) / np.sqrt(count)
     assert (abs(products.mean(axis=0) - body_covariance(phi, known)) <= 5 * error + 1e-12).all()
-
-
-def test_moments_of_inertia_are_known_to_their_share_about_every_axis_of_the_centre():
-    exact = {"mass": 0.0, "center": 0.0, "inertia": 0.3}
-    C = body_covariance(BODIES["far from its frame"], exact)[4:, 4:]
-    for n in np.random.default_rng(0).normal(size=(5, 3)):
-        weights = np.array([*n**2, 2 * n[0] * n[1], 2 * n[0] * n[2], 2 * n[1] * n[2]])
-        assert np.sqrt(weights @ C @ weights) == pytest.approx(0.3 * n @ CENTRAL @ n)
-    assert not body_covariance(BODIES["a point"], exact).any()
-
-
-def test_deviations_are_those_of_each_body_by_hand():
-    arm = sim.mechanism(scenes.load("double_pendulum"), base="base")
-    std, phi = known_deviations(arm).reshape(-1, 10), arm.known.reshape(-1, 10)
-    np.testing.assert_allclose(std[:, 0], 0.2 * phi[:, 0])
-    np.testing.assert_allclose(std[:, 1:4], np.sqrt(0.2**2 * phi[:, 1:4] ** 2 + 1.04 * (0.05 * phi[:, :1]) ** 2))
 
 
 def test_intervals_hold_bodies_that_are_drawn():
