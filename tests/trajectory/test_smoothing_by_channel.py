@@ -55,11 +55,6 @@ def test_a_pendulum_is_judged_by_a_motion_as_good_as_its_angles(angle, rate, mon
     check(*pendulum(angle, rate, monkeypatch), range(6))
 
 
-@pytest.mark.slow
-def test_somebody_who_lifts_is_judged_by_a_motion_as_good_as_her_angles():
-    check(*lifter(), [0, 2, 4])
-
-
 def check(estimate, arm, recording, when, motion, noise, channels):
     """Compares residuals of the true parameters with the noise, and with residuals for other smoothing constants."""
     rms = np.sqrt((estimate.held_out.residual_with(estimate.base.regroup(arm.known)) ** 2).mean(axis=0)) / noise

@@ -27,10 +27,6 @@ def test_slow_residuals_tell_less_than_a_fit_takes_them_for():
     assert (np.abs(estimate.psi - true) < 1.96 * estimate.std).mean() > 0.9
 
 
-def test_beside_white_noise_it_counts_once():
-    assert estimated("arm_drawn")[0].trajectory.fit.prior.weight == 1
-
-
 def test_a_prior_has_what_is_known_and_how_it_counts():
     prior = Prior(np.zeros(2), np.diag([4.0, 9.0]))
     np.testing.assert_array_equal(prior.known, prior.precision)

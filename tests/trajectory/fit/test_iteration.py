@@ -11,7 +11,7 @@ from ident.estimation.preparation import Part, prepared
 from ident.trajectory import stages
 from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.fit import iteration
-from ident.trajectory.fit.iteration import NEAR, SETTLED, Tolerance
+from ident.trajectory.fit.iteration import SETTLED
 from ident.trajectory.fit.sandwich import with_scatter
 
 
@@ -41,18 +41,6 @@ def refitted(settled, away=3.0):
         coloured=False,
         settled=settled,
     )
-
-
-def test_the_tighter_the_tolerance_the_more_rounds():
-    fits = [refitted(settled) for settled in (NEAR, SETTLED, Tolerance(1e-4, 1e-3))]
-    assert [fit.status for fit in fits] == ["near", "converged", "converged"]
-    rounds = [len(fit.trace) for fit in fits]
-    assert rounds[0] < rounds[1] < rounds[2]
-    for fit, settled in zip(fits, (NEAR, SETTLED, Tolerance(1e-4, 1e-3)), strict=True):
-        assert fit.trace[-1] < settled.theta
-    std = np.sqrt(np.diag(fits[2].covariance))
-    for fit, settled in zip(fits[:2], (NEAR, SETTLED), strict=True):
-        assert (np.abs(fit.theta - fits[2].theta) <= settled.theta * std).all()
 
 
 def test_an_estimate_has_converged_and_counts_its_rounds():
