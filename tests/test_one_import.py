@@ -10,7 +10,6 @@ import ident
 import multicontact as mc
 import scenes
 import sim
-from experiments.cli.command import COMMANDS
 from ident.display.html import PAGES
 from ident.errors import InputError
 
@@ -39,22 +38,6 @@ def folder(tmp_path):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(content, encoding="utf-8")
     return tmp_path
-
-
-def test_everything_works_in_a_folder_with_experiments_of_its_own(folder):
-    code = (
-        "import multicontact as mc\narm = mc.mechanism(mc.scenes.load('double_pendulum'), base='base')\n"
-        "print(mc.find_base_parameters(arm).rank)\n"
-        "from types import SimpleNamespace\n"
-        "try: mc.report(None, 'out')\nexcept mc.InputError as error: print(error)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True)
-    rank, sentence = run.stdout.splitlines()
-    assert rank == "13" and str(folder / "experiments") in sentence and "`multicontact identify`" in sentence
-    run = subprocess.run(
-        [sys.executable, "-m", "multicontact", "--help"], cwd=folder, capture_output=True, text=True, check=True
-    )
-    assert all(name in run.stdout for name in COMMANDS)
 
 
 def test_a_report_is_the_page_of_the_command_and_the_notebook_links_it(tmp_path):

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import traceback
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -54,16 +54,6 @@ def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
     assert f"version {version('multicontact')} and the command: {COMMAND} --out 'a folder'\n" in request
 
 
-def test_such_an_error_ends_the_command_with_1():
-    script = "from experiments import mechanism; from experiments.cli import running; "
-    script += "running.run(lambda args: float('x'), mechanism.parser)"
-    ended = subprocess.run([sys.executable, "-c", script, "--out", "x"], capture_output=True, text=True)
-    assert ended.returncode == 1
-    *_, message, request = ended.stderr.splitlines()
-    assert message == "ValueError: could not convert string to float: 'x'"
-    assert ASKED in request and request.endswith(f"{COMMAND} --out x")
-
-
 def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
     reached = []
 
@@ -77,29 +67,6 @@ def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
         reached.append("the third one later is not")
 
     assert running.run(study, mechanism.parser, []) == 130 and len(reached) == 1
-
-
-def test_an_interrupt_while_the_page_is_set_is_taken_for_it(capsys, monkeypatch):
-    """An import that is interrupted may turn the interrupt into another error."""
-
-    @contextmanager
-    def page_of(_):
-        try:
-            signal.raise_signal(signal.SIGINT)
-        except KeyboardInterrupt:
-            raise ImportError("partially initialized module") from None
-        yield
-
-    monkeypatch.setattr(running, "page_of", page_of)
-    assert running.run(print, mechanism.parser, []) == 130
-    assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
-
-
-def test_an_option_that_is_no_number_is_named():
-    with pytest.raises(InputError, match="--fix takes a joint and where it stands, got knee high"):
-        options.fixed([["knee", "high"]])
-    with pytest.raises(argparse.ArgumentTypeError, match="needs a whole number of at least 1, got 'x'"):
-        options.whole_number(1)("x")
 
 
 IGNORES = """

@@ -5,11 +5,9 @@ from dataclasses import replace
 import driven_arm
 import numpy as np
 import pytest
-from coded import coded
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.reports.identify_report import quality_table
 from ident.estimators import predictions, trajectory
 from ident.regression.filtered import FilteredLeastSquares
 from ident.setup import PRIORS
@@ -94,17 +92,6 @@ def test_torques_of_joints_that_rub_are_judged_where_they_move(crept):
     # All candidates alike: least squares have the same friction, and the same excess at rest.
     assert crept.rivals["least squares"][2] < 0.15 < 0.5 < held.ratio_at_rest(held.rivals["least squares"])[2]
     assert crept.verdict().usable and crept.verdict().best == "estimate"
-
-
-def test_what_is_at_rest_is_a_line_of_its_own(crept):
-    at_rest = crept.held_out.ratio_at_rest(crept.held_out.residual)
-    lines = {row[0]: row for row in quality_table(crept).rows}
-    line = lines["bend, at rest"]
-    assert line[3] == pytest.approx(at_rest[2]) and line[3] > 5 * lines["bend"][3]
-    assert line[2] == pytest.approx(line[3] * line[1]) and line[-1].startswith("not judged")
-    (finding,) = coded(crept, "breakaway_friction")
-    assert finding.values["at_rest"]["bend"] == pytest.approx(at_rest[2])
-    assert crept.to_dict()["held_out"]["bend"]["ratio_at_rest"] == pytest.approx(at_rest[2])
 
 
 @pytest.mark.slow

@@ -15,11 +15,6 @@ def rng(request):
     return np.random.default_rng(request.param)
 
 
-def test_hat_of_a_vector_is_the_cross_product(rng):
-    x, y = rng.normal(size=(2, 3))
-    np.testing.assert_allclose(se3.hat(x) @ y, np.cross(x, y), atol=1e-15)
-
-
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "helical", "welded"])
 @pytest.mark.parametrize("theta", [0.0, 1e-12, 1e-6, 1e-3, 1.0, np.pi, -7.0])
 def test_exp_is_the_matrix_exponential(kind, theta):

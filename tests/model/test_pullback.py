@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from mechanisms import random_states, random_tree
 
-from ident.errors import InputError
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
@@ -33,15 +32,3 @@ def test_derivatives_by_a_motion_are_differences_of_the_regressor(seed, torques)
     expected = np.sum(adjoints * (up - down), axis=(1, 2)) / (2 * STEP)
     along = sum(np.sum(own * d, axis=1) for own, d in zip(derivatives, direction, strict=True))
     np.testing.assert_allclose(along, expected, rtol=1e-6, atol=1e-6 * max(1, abs(expected).max()))
-
-
-def test_what_does_not_fit_is_refused():
-    rng = np.random.default_rng(0)
-    tree = random_tree(rng, 3)
-    states = random_states(rng, tree, 5)
-    mechanism = Mechanism(tree, np.zeros(3))
-    with pytest.raises(InputError, match=r"adjoints of shape \(5, 6, 2\) are needed, got \(5, 6, 3\)"):
-        pulled_back(mechanism, Motion(*states), [0, 1], np.zeros((5, 6, 3)))
-    base = BaseMotion.from_free_joint(rng.normal(size=(5, 7)), *rng.normal(size=(2, 5, 6)))
-    with pytest.raises(InputError, match="A base at rest"):
-        pulled_back(mechanism, Motion(*states, base), [0], np.zeros((5, 6, 1)))

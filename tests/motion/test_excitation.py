@@ -14,13 +14,6 @@ def test_motion_stays_within_a_ur5s_speed_and_the_scenes_limits():
     assert 2.2 < abs(dq).max() < 2.3
 
 
-def test_velocity_and_position_are_integrals():
-    fine = np.arange(0, 2, 1e-4)
-    q, dq, ddq = DOUBLE_PENDULUM.trajectory(fine)
-    np.testing.assert_allclose(np.gradient(q, fine, axis=0)[1:-1], dq[1:-1], atol=1e-6)
-    np.testing.assert_allclose(np.gradient(dq, fine, axis=0)[1:-1], ddq[1:-1], atol=1e-6)
-
-
 def test_noise_is_held_and_integrated_exactly():
     rng_state = np.random.default_rng(3)
     excitation = replace(DOUBLE_PENDULUM, noise=0.5)

@@ -32,13 +32,6 @@ def test_the_columns_span_all_series_that_rest():
         np.testing.assert_allclose(B[:-1].T @ B[:-1], 99 / 2 * np.eye(B.shape[1]), atol=1e-10)
 
 
-def test_the_closest_series_to_a_series_is_itself():
-    trajectory, time = random_trajectory(), np.linspace(0, 7.3, 300)
-    again = FourierTrajectory.closest(7.3, trajectory.harmonics, time, trajectory.states(time)[0])
-    np.testing.assert_allclose(again.center, trajectory.center, atol=1e-12)
-    np.testing.assert_allclose(again.coefficients, trajectory.coefficients, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -53,8 +46,3 @@ def test_the_closest_series_to_a_series_is_itself():
 def test_bad_series_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         FourierTrajectory(**({"duration": 1.0, "center": [0.0], "coefficients": [[1.0, 2.0]]} | change))
-
-
-def test_one_harmonic_cannot_rest():
-    with pytest.raises(ValueError, match="at least 2 harmonics, got 1"):
-        basis(1.0, 1, np.zeros(1))

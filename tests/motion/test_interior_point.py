@@ -47,13 +47,3 @@ def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
     # The barrier's last weight bounds its cost, and this is its remainder.
     assert -1e-9 < function(x)[0] - theirs.fun < 0.004
     assert abs(limits @ x[:, :, None]).max() > 0.99
-
-
-def test_the_best_point_visited_is_kept_where_the_function_has_no_end():
-    """Steps into values that are not numbers are rejected."""
-
-    def function(x):
-        return (float(-x.sum()), -np.ones_like(x)) if x.sum() < 0.5 else (np.nan, np.full_like(x, np.nan))
-
-    x = minimum(function, np.zeros((1, 2)), np.eye(2)[None], 50)
-    assert 0 < x.sum() < 0.5

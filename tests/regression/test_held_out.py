@@ -38,9 +38,3 @@ def test_a_residual_at_rest_is_no_part_of_the_ratio_of_any_candidate():
     assert judged.relative_rms[1] == pytest.approx(judged.rms[1] / np.sqrt((MEASURED[moving, 1] ** 2).mean()))
     assert judged.ratio_at_rest(wrong)[1] == pytest.approx(9 / signal)
     assert np.isnan(judged.ratio_at_rest(wrong)[[0, 2]]).all()
-
-
-def test_parts_of_the_samples_are_judged_alone():
-    judged = held(rests(0, 30, 0))
-    part = judged.ratio_of(RESIDUAL, slice(50, None))
-    assert part == pytest.approx(np.sqrt((RESIDUAL[50:] ** 2).mean(axis=0)) / MEASURED[50:].std(axis=0))
