@@ -81,7 +81,7 @@ def test_without_noise_nothing_is_wrong():
 
 
 def test_the_structure_of_poses_is_that_of_sampled_ones():
-    for seed in range(12):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         any_arm = Mechanism(random_tree(rng, bodies=4), 5 * rng.normal(size=3))
         for wrench, torques, moving in ((1, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)):

@@ -75,16 +75,16 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
     """One pass knows each component's own noise, two passes and a covariance also its correlation and changes."""
     rng, root = np.random.default_rng(0), np.linalg.cholesky(noise)
     trials = []
-    for _ in range(200):
+    for _ in range(100):
         wrench = Y @ PHI + (root @ rng.normal(size=(200, 6, 1)))[..., 0]
         trials.append([*both_passes(sampled(*STATES, wrench)), identified(wrench, covariance=noise, parameters=BASE)])
     for way, estimates in zip(("one pass", "two passes", "weighted"), zip(*trials, strict=True), strict=True):
         spread = np.std([estimate.psi for estimate in estimates], axis=0)
-        # 200 trials determine a standard deviation to 5 %; 13 of them stay within 4 standard errors.
-        off = 0.6 if (way, noise is MOVING) == ("one pass", True) else 0.2
+        # 100 trials determine a standard deviation to 7 %.
+        off = 0.6 if (way, noise is MOVING) == ("one pass", True) else 0.25
         np.testing.assert_allclose(np.mean([estimate.std for estimate in estimates], axis=0), spread, rtol=off)
         bias = np.mean([estimate.psi for estimate in estimates], axis=0) - BASE.regroup(PHI)
-        assert (abs(bias) < 4.5 * spread / np.sqrt(200)).all()
+        assert (abs(bias) < 4.5 * spread / np.sqrt(100)).all()
 
 
 def test_a_moving_base_has_more_base_parameters():

@@ -44,9 +44,12 @@ def study():
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    out = tmp_path_factory.mktemp("results") / "new" / "folder"
-    assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
+def results(tmp_path_factory, study):
+    """Files of the command, with the trajectory estimates of `study`."""
+    out, trajectory = tmp_path_factory.mktemp("results") / "new" / "folder", study.trajectory
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(simulated.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
+        assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
     return out
 
 

@@ -144,23 +144,23 @@ def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     monkeypatch.setattr(
         simulated, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
-    command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "20"]
+    command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "8"]
     work, calls = workers.in_order, []
 
     def interrupted(*args, **more):
         calls.append(args)
         for k, outcomes in enumerate(work(*args, **more)):
             # Each run of trials asks for those to do again, and for the rest.
-            if len(calls) == 4 and k == 5:
+            if len(calls) == 4 and k == 3:
                 raise KeyboardInterrupt
             yield outcomes
 
     with monkeypatch.context() as patched:
         patched.setattr(workers, "in_order", interrupted)
-        assert multicontact.main([*command, "--trajectory-trials", "15"]) == 130
+        assert multicontact.main([*command, "--trajectory-trials", "6"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
-    assert multicontact.main([*command, "--trajectory-trials", "15", "--resume"]) == 0
-    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:15])
+    assert multicontact.main([*command, "--trajectory-trials", "6", "--resume"]) == 0
+    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:6])
     # A run that ends before its trajectory trials does not leave those of the previous run to be resumed.
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "0"]) == 0
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "3", "--resume"]) == 0

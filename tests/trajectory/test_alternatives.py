@@ -36,8 +36,8 @@ def second(share, offset):
     return replace(log, measured={**log.measured, **torques})
 
 
-@pytest.mark.parametrize(("share", "offset"), [(1.5, 0.0), (1.0, 0.3)])
-def test_friction_and_offsets_that_differ_are_each_logs_own(share, offset):
+def test_friction_and_offsets_that_differ_are_each_logs_own():
+    share, offset = 1.5, 0.3
     estimate = ident.identify(driven_arm.mechanism(), [driven_arm.log(), second(share, offset)])
     first, other = (estimate.trajectory.parameters_of(k) for k in (0, 1))
     at = [estimate.fit.names.index(f"Fc({joint})") for joint in JOINTS]
