@@ -187,3 +187,19 @@ def test_spectra_are_welchs(samples):
     expected = signal.welch(x, 50.0, nperseg=min(samples, 512))
     np.testing.assert_array_equal(frequency, expected[0])
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
+
+
+def test_the_provenance_has_the_kernels_and_the_remark_once(monkeypatch):
+    own = provenance.provenance({})["linear_algebra"]
+    assert own["openblas_kernels"] == provenance.kernels()
+    monkeypatch.setattr("experiments.document.provenance.kernels", lambda: {"scipy": "Haswell"})
+    monkeypatch.setattr("experiments.document.provenance.features", lambda: {"avx512f"})
+    made = provenance.provenance({})
+    assert made["linear_algebra"]["remark"].startswith("The OpenBLAS of scipy uses its kernels for Haswell")
+
+
+def test_without_openblas_or_a_list_of_features_nothing_is_said(monkeypatch, tmp_path):
+    monkeypatch.setattr(provenance.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
+    assert provenance.kernels() == {}
+    monkeypatch.setattr(provenance.Path, "read_text", lambda *_, **__: "processor: 0")
+    assert provenance.features() == set() and provenance.advice(provenance.kernels(), provenance.features()) is None

@@ -1,12 +1,19 @@
-from itertools import pairwise
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import replace
+from itertools import count, islice, pairwise
 
+import driven_arm
 import numpy as np
 import pytest
 from fits import equations, fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_states
+from recorded_faults import PENDULUM, faulty, shortened
 
+import ident
 import scenes
-from ident.estimation.pieces import pieces
+from ident.estimation.pieces import in_order, pieces
 from ident.estimation.samples import arrays_of, even
 from ident.mechanism.motion import BaseMotion
 from ident.recordings.recording import Recording
@@ -90,3 +97,80 @@ def test_bad_pieces_are_named():
     assert "'q' needs a row for each of 0 samples" in refusal(WHOLE[:0])
     with pytest.raises(ValueError, match="The samples: 'ddq' needs a row for each of 90 samples and 2 columns"):
         fitted(TREE, with_arrays(ddq=STATES[2][:80]), gravity=GRAVITY)
+
+
+def test_it_is_map_whoever_finishes_first():
+    released = {k: threading.Event() for k in range(8)}
+    released[7].set()
+
+    def function(k):
+        # Each item waits for the next one.
+        assert released[k].wait(timeout=60)
+        released.get(k - 1, threading.Event()).set()
+        return k**2
+
+    with ThreadPoolExecutor(8) as executor:
+        assert list(in_order(executor, function, range(8), ahead=8)) == list(map(lambda k: k**2, range(8)))
+        assert list(in_order(executor, function, [])) == []
+
+
+@pytest.mark.parametrize("ahead", [1, 3, 16])
+def test_endless_items_are_drawn_only_so_far_ahead(ahead):
+    drawn = count()
+    with ThreadPoolExecutor(2) as executor, closing(in_order(executor, str, drawn, ahead=ahead)) as results:
+        assert list(islice(results, 10)) == [str(k) for k in range(10)]
+    assert next(drawn) == 10 + ahead - 1
+
+
+def test_an_error_comes_at_its_turn_and_cancels_what_follows():
+    done = []
+
+    def function(k):
+        done.append(k)
+        return 1 / (3 - k)
+
+    with ThreadPoolExecutor(1) as executor:
+        results = in_order(executor, function, count(), ahead=2)
+        assert list(islice(results, 3)) == [1 / 3, 1 / 2, 1]
+        with pytest.raises(ZeroDivisionError):
+            next(results)
+    assert done in ([0, 1, 2, 3], [0, 1, 2, 3, 4])
+    assert list(results) == []
+
+
+RECORDINGS = {
+    "wrench": (PENDULUM, shortened(faulty(0), 120), ("_force", "ground_torque")),
+    "torques": (driven_arm.mechanism(), driven_arm.log(4.0, 50.0), ("_torque",)),
+}
+
+
+def scaled(recording, ends, factor):
+    """The recording with some of its channels times a factor."""
+    measured = {name: x * factor if name.endswith(ends) else x for name, x in recording.measured.items()}
+    return replace(recording, measured=measured, true={}, noise={}, streams={})
+
+
+@pytest.mark.parametrize("estimator", ["weighted", "trajectory"])
+@pytest.mark.parametrize("of", RECORDINGS)
+def test_numbers_that_no_sensor_reads_are_one_sentence(of, estimator):
+    arm, recording, ends = RECORDINGS[of]
+    options = {"estimator": estimator} | ({"cutoff": 8.0} if estimator == "weighted" else {})
+    for factor in (1e-310, 1e-200, 1e-154, 1e-153, 1e-120):
+        with pytest.raises(ident.InputError, match=r"The recording is constant in every channel"):
+            ident.identify(arm, scaled(recording, ends, factor), **options)
+    for factor in (1e9, 1e30, 1e151, 1e154, 1e155, 1e300):
+        with pytest.raises(ident.InputError, match=r"^channel '\w+' needs numbers below 1e\+08, sample \d+ has "):
+            ident.identify(arm, scaled(recording, ends, factor), **options)
+    with pytest.raises(ident.InputError, match=r"_position' needs numbers below 1e\+08"):
+        ident.identify(arm, scaled(recording, ("_position",), 1e200), **options)
+
+
+def test_streams_are_in_range_too():
+    arm, recording, _ = RECORDINGS["torques"]
+    streams = {name: (recording.time, x) for name, x in recording.measured.items()}
+    late = (recording.time, np.where(np.arange(len(recording.time)) == 7, 1e160, recording["bend_torque"]))
+    with pytest.raises(ident.InputError, match=r"'bend_torque' needs numbers below 1e\+08, sample 7 has 1e\+160"):
+        ident.identify(arm, ident.Recording.from_streams(streams | {"bend_torque": late}))
+    tiny = (recording.time, 1e-200 * recording["bend_torque"])
+    estimate = ident.identify(arm, ident.Recording.from_streams(streams | {"bend_torque": tiny}), known=True)
+    assert "bend" not in estimate.channels and np.isfinite(estimate.std).all()

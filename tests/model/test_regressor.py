@@ -19,6 +19,9 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import dim, regressor
+from ident.model.inverse_dynamics import inverse_dynamics
+from ident.model.pullback import pulled_back
+from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 
 
@@ -157,3 +160,43 @@ def test_a_zero_quaternion_is_refused():
     q = np.array([[1.0, 0, 0, 0], [0, 0, 0, 0]])
     with pytest.raises(ValueError, match="'shoulder' needs quaternions; that of sample 1 is zero"):
         regressor.base_wrench_regressor(ball, q, np.zeros((2, 3)), np.zeros((2, 3)), gravity=GRAVITY)
+
+
+@pytest.mark.parametrize(("moving", "samples"), [(False, 1), (False, CHUNK + 3), (True, 7)])
+def test_they_are_those_of_the_regressors(moving, samples):
+    rng = np.random.default_rng(samples)
+    tree = random_tree(rng)
+    states = random_states(rng, tree, samples)
+    base = None
+    if moving:
+        base = BaseMotion(np.broadcast_to(np.eye(4), (samples, 4, 4)), *rng.normal(size=(2, samples, 6)))
+    phi = random_phi(rng, len(tree.inertial))
+    wrench, torques = inverse_dynamics(tree, Motion(*states, base), phi, GRAVITY)
+    given = {"gravity": GRAVITY, "base": base}
+    np.testing.assert_allclose(wrench, base_wrench_regressor(tree, *states, **given) @ phi, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(torques, joint_torque_regressor(tree, *states, **given) @ phi, rtol=1e-11, atol=1e-11)
+
+
+STEP = 1e-6
+SAMPLES = 40
+
+
+@pytest.mark.parametrize("torques", [False, True])
+@pytest.mark.parametrize("seed", range(15))
+def test_derivatives_by_a_motion_are_differences_of_the_regressor(seed, torques):
+    rng = np.random.default_rng(seed)
+    tree, gravity = random_tree(rng), rng.normal(size=3)
+    of = joint_torque_regressor if torques else base_wrench_regressor
+    states = random_states(rng, tree, SAMPLES)
+    columns = rng.permutation(10 * len(tree.inertial))[: rng.integers(1, 20)].tolist()
+    adjoints = rng.normal(size=of(tree, *states, gravity=gravity, columns=columns).shape)
+    derivatives = pulled_back(Mechanism(tree, gravity), Motion(*states), columns, adjoints, torques=torques)
+    # One direction for each sample; steps are small against quaternions too.
+    direction = [rng.normal(size=x.shape) for x in states]
+    up, down = (
+        of(tree, *(x + s * STEP * d for x, d in zip(states, direction, strict=True)), gravity=gravity, columns=columns)
+        for s in (1, -1)
+    )
+    expected = np.sum(adjoints * (up - down), axis=(1, 2)) / (2 * STEP)
+    along = sum(np.sum(own * d, axis=1) for own, d in zip(derivatives, direction, strict=True))
+    np.testing.assert_allclose(along, expected, rtol=1e-6, atol=1e-6 * max(1, abs(expected).max()))
