@@ -181,27 +181,6 @@ def test_collisions_are_found_and_named(arm):
     assert Collisions(model, JOINTS[1:], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
 
 
-def test_a_floor_is_touched_where_a_plane_of_the_model_is(arm):
-    plane = '<geom name="floor" type="plane" size="2 2 0.1"/>'
-    bare = mujoco.MjModel.from_xml_string(FOLDING.replace(plane, ""))
-    postures = np.random.default_rng(0).uniform(-2.9, 2.9, (200, 2))
-    with_plane, with_floor = (
-        Collisions(mujoco.MjModel.from_xml_path(str(arm)), JOINTS, 0.01),
-        Collisions(bare, JOINTS, 0.01, floor=0.0),
-    )
-    touched = [each.touching(postures) for each in (with_plane, with_floor)]
-    assert touched[0] == touched[1] and ("world", "hand") in touched[0]
-    high = Collisions(bare, JOINTS, 0.01, {"lift": [2.9]}, floor=0.0)
-    assert ("world", "hand") in Collisions(bare, JOINTS[1:], 0.01, {"lift": [2.9]}, 0.0).touching(np.zeros((1, 1)))
-    assert not Collisions(bare, JOINTS[1:], 0.01, floor=0.0).touching(np.zeros((1, 1)))
-    q = postures[(high.depth(postures, 0.02) == 0) & (high.depth(postures, 0.2) > 0)][:20]
-    for j, step in enumerate(1e-7 * np.eye(2)):
-        for posture in q:
-            slope = high.barrier_and_slope(posture[None], 0.01, 0.2)[1][0, j]
-            up, down = (high.barrier_and_slope(posture[None] + s * step, 0.01, 0.2)[0] for s in (1, -1))
-            assert slope == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_the_design_stays_off_stops_and_floor_and_holds_fixed_joints(arm, tmp_path, capsys):
     def designed(*options):

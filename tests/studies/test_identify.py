@@ -273,19 +273,6 @@ def test_the_users_files_are_not_touched(tmp_path, capsys):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
-    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
-    log = recording()
-    short = {name: x[:15] for name, x in log.measured.items()}
-    replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(path)
-    log.save(other)
-    arguments = [str(PENDULUM), str(other), "--base", "base", "--held-out", str(path), "--out", str(tmp_path / "out")]
-    assert "log to judge by has 15 samples" in refusal(
-        identify.main, [*arguments, "--estimator", "weighted", "--cutoff", "1"], capsys
-    )
-    assert not (tmp_path / "out").exists()
-
-
 def board(**missing):
     """Mapping of the ground wrench without some channels."""
     columns = {c: f"ground_{'force' if c[0] == 'F' else 'torque'}.{c[1]}" for c in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
@@ -332,14 +319,6 @@ def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     assert ("large_offsets" in doubts) == doubted
     (offsets,) = coded(result, "offsets_taken_out")
     assert next(iter(offsets.values["offsets"])) == "Fy"
-
-
-def test_a_sensor_that_dies_is_a_doubt(tmp_path):
-    log = recording()
-    force = log.measured["ground_force"].copy()
-    force[500:, 2] = 200
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, ground_force=force), **WEIGHTED)
-    assert "Fz" in doubts["residual_above_signal"]["ratios"] and len(doubts) < 5
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,14 +10,10 @@ from truth import use_truth
 import scenes
 from experiments import multicontact
 from experiments.data import paper
-from experiments.data.fitting import fit
 from experiments.data.key_numbers import summary as summary_of
-from experiments.data.simulated import StudyProblem
 from experiments.reports import study_tables
 from experiments.studies.simulated import study
-from experiments.studies.study_entries import packaged
 from ident.model.regressor import base_wrench_regressor
-from sim.simulation.simulate import with_noise
 
 
 @pytest.fixture(scope="module", params=(*scenes.CONTACTS, "pad handle"))
@@ -73,26 +68,6 @@ def test_true_total_wrench_is_what_the_parameters_give(result, contact):
     expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.known
     np.testing.assert_allclose(result.true.values, expected, atol=1e-9 * abs(expected).max())
     assert abs(result.measured.values - expected).max() > 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
-def test_weights_help_where_only_the_wrenches_are_noisy(contact):
-    problem = StudyProblem.of(packaged("multicontact", contact=contact))
-    known, recording = problem.known, study("multicontact", contact=contact).recording
-    noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
-    errors, ordinary, weighted = [], [], []
-    for seed in range(40):
-        noisy = with_noise(replace(recording, noise=noise), np.random.default_rng(seed))
-        wrench = problem.total(noisy)
-        options = {"wrench": wrench.values, "kept": None}
-        ordinary.append(fit(known, noisy, **options).estimate.std)
-        result = fit(known, noisy, covariance=wrench.covariance, **options)
-        weighted.append(result.estimate.std)
-        errors.append(result.error)
-    # 40 trials of 13 parameters determine the ratio to 4 %.
-    assert np.isclose(np.sqrt(np.mean((np.array(errors) / weighted) ** 2)), 1, atol=0.12)
-    assert (np.mean(weighted, axis=0) < np.mean(ordinary, axis=0)).all()
 
 
 def test_command_line_writes_everything(results, contact, result):
