@@ -200,25 +200,12 @@ def test_jitter_is_resampled_and_told(tmp_path):
     assert "doubt the clock" not in note
 
 
-def test_clocks_that_count_from_1970(tmp_path):
-    log = read(tmp_path, retimed(1.7e9 + T))
-    np.testing.assert_allclose(log.time, T, atol=1e-6)
-    assert log.notes == ["Times start at 1700000000 s; they are counted from there."]
-
-
 def test_forces_far_below_the_weight_are_suspected(tmp_path):
     content = text(PLAIN | {"ground_fz": 0.6 + 0 * T, "ground_mx": T})
     assert "may be kN" in read(tmp_path, content, weight=600.0).notes[0]
     assert read(tmp_path, content, weight=60.0).notes == []
     stated = '[wrenches.ground]\nforce = ["", "", "ground_fz"]\nunit = "N"\n'
     assert read(tmp_path, content, stated, weight=600.0).notes == []
-
-
-def test_many_turns_are_radians_when_stated_and_lengths_of_slides(tmp_path):
-    content = text({**PLAIN, "q_hip": 100 * T})
-    stated = '[joints.hip]\nposition = { column = "q_hip", unit = "rad" }'
-    np.testing.assert_array_equal(positions(read(tmp_path, content, stated))[:, 1], 100 * T)
-    np.testing.assert_array_equal(positions(read(tmp_path, content, slides=("hip",)))[:, 1], 100 * T)
 
 
 @pytest.mark.parametrize(("content", "message"), BAD_LOGS.values(), ids=BAD_LOGS.keys())
@@ -345,12 +332,3 @@ def test_faults_between_the_pieces_of_a_log_are_found(tmp_path, columns, message
     assert len(next(pieces).time) == len(next(pieces).time) == 10
     with pytest.raises(ValueError, match=message):
         next(pieces)
-
-
-def test_positions_in_degrees_with_rates_in_radians_are_refused(tmp_path):
-    time = np.arange(400) / 100
-    columns = {"time": time, "ankle": np.sin(time), "dq_ankle": np.cos(time)}
-    swing = {"hip": np.rad2deg(0.1 * np.sin(time)), "dq_hip": 0.1 * np.cos(time)}
-    with pytest.raises(LogError, match=r"velocity of joint 'hip' is 0\.0175 times the derivative of its position"):
-        read(tmp_path, text(columns | swing))
-    assert "hip_velocity" in read(tmp_path, text(columns | swing), slides=("hip",)).measured

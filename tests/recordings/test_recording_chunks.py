@@ -62,16 +62,6 @@ def archive(path, metadata="{}", compression=zipfile.ZIP_STORED, **members):
     return path
 
 
-def test_arrays_in_fortran_order_are_saved_in_the_other_and_read_whole(tmp_path):
-    x = np.asfortranarray(np.arange(12.0).reshape(4, 3))
-    path = archive(tmp_path / "r.npz", time=np.arange(4.0), measured__a=x)
-    np.testing.assert_array_equal(Recording.load(path)["a"], x)
-    with pytest.raises(LogError, match=r"r\.npz: member 'measured/a' .*Fortran order is not read in pieces"):
-        next(Recording.chunks(path, 3))
-    Recording.load(path).save(path)
-    np.testing.assert_array_equal(channels(Recording.chunks(path, 3))["a"], x)
-
-
 NPY = io.BytesIO()
 np.lib.format.write_array(NPY, np.arange(5.0))
 

@@ -7,7 +7,6 @@ from test_log import read
 
 import ident
 from ident.errors import LogError
-from ident.mechanism.body import is_rigid
 from ident.recordings.sampled import Sampled, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
@@ -48,19 +47,6 @@ def test_what_is_missing_is_bridged_at_common_times_and_stays_missing_in_the_str
     np.testing.assert_allclose(recording["ground_force"][:, :2], slow(T)[3:, :2])
     assert np.isnan(recording["ground_force"][:, 2]).all()
     np.testing.assert_array_equal(recording.as_measured("ground_force").values, values)
-
-
-def test_a_base_turns_from_one_pose_to_the_next():
-    angle = np.pi * T / T[-1]
-    poses = np.tile(np.eye(4), (N, 1, 1))
-    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(angle)
-    poses[:, 1, 0], poses[:, 0, 1], poses[:, 2, 3] = np.sin(angle), -np.sin(angle), T
-    whole = poses.reshape(N, 16).copy()
-    whole[4:20] = np.nan
-    recording = ident.Recording.from_streams({"base:pose": (T, whole)})
-    assert is_rigid(recording.base)
-    np.testing.assert_allclose(recording.base, poses, atol=1e-9)
-    np.testing.assert_array_equal(recording.as_measured("base:pose").values, whole)
 
 
 @pytest.mark.parametrize(

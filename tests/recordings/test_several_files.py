@@ -40,16 +40,6 @@ def mapped(tmp_path, text):
     return tmp_path / "columns.toml"
 
 
-def test_each_file_keeps_its_times(tmp_path):
-    log = read_log(pair(tmp_path, second=forces(start=0.5)), arm())
-    time, force = log.streams["ground_force"]
-    np.testing.assert_allclose(time, forces(start=0.5)["time"])
-    np.testing.assert_allclose(force[:, 2], forces(start=0.5)["ground_fz"])
-    np.testing.assert_allclose(log.streams["joint2_position"].time, recording().time)
-    np.testing.assert_allclose([log.time[0], log.rate], [0.5, 100], atol=0.011)
-    assert log.time[-1] <= 5.8
-
-
 def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
     pair(tmp_path)
     write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in angles().items()})

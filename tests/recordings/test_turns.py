@@ -64,13 +64,6 @@ def test_wrapped_angles_are_read_as_continuous(tmp_path, arm, wrapped, factor, t
     assert np.abs(log["ram_position"] - 0.1 * ANGLE).max() < 1e-9
 
 
-def test_a_slide_that_jumps_by_two_pi_is_left_alone(tmp_path, arm):
-    ram = about_zero(ANGLE + 20, 2 * np.pi)
-    mapping = {"joints": {"hip": {"position": "a"}, "ram": {"position": "b"}}}
-    log = ident.read_log(log_of(tmp_path, ANGLE, ram), arm, mapping)
-    assert np.abs(log["ram_position"] - ram).max() < 1e-9 and not any("turn" in note for note in log.notes)
-
-
 @pytest.mark.parametrize(
     "x",
     [
