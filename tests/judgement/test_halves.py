@@ -6,60 +6,7 @@ import numpy as np
 import pytest
 
 from ident.judgement.fit_findings import halves_findings
-from ident.judgement.halves import disagreement, widening
-
-
-def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
-    """A trajectory estimate of one parameter, from the estimate of each piece and its precision.
-
-    Args:
-        estimates: Estimate of each piece (k,).
-        precision: Its precision (k,).
-        known: Precision of the prior; `mean` is its mean.
-        counts: Number of pieces of each recording; by default one recording.
-        scatter: Variance of each piece's right side; by default its precision (k,).
-    """
-    estimates, precision = np.array(estimates, float), np.array(precision, float)
-    scatter = precision if scatter is None else np.array(scatter, float)
-    counts = counts or (len(estimates),)
-    theta = (precision @ estimates + known * mean) / (precision.sum() + known)
-    starts = np.cumsum([0, *counts])
-    each = lambda x: np.array([[x]])  # noqa: E731
-    fit = SimpleNamespace(
-        theta=np.array([theta]),
-        gradient=np.array([precision @ (estimates - theta) + known * (mean - theta)]),
-        free=np.array([True]),
-        counted=np.array([True]),
-        bounded=None,
-        noises=[SimpleNamespace(channels=np.ones(1))] * len(counts),
-        shares=[(each(P), np.array([P * (x - theta)])) for P, x in zip(precision, estimates, strict=True)],
-        scatter_shares=[each(K) for K in scatter],
-        prior=SimpleNamespace(precision=each(known), mean=np.array([mean]), weight=1.0),
-        precision=each(precision.sum() + known),
-        scatter=each(scatter.sum() + known),
-        covariance=each((scatter.sum() + known) / (precision.sum() + known) ** 2),
-    )
-    return SimpleNamespace(
-        fit=fit,
-        counts=counts,
-        measurement=SimpleNamespace(equations=SimpleNamespace(parameters=SimpleNamespace(rank=1))),
-        pieces_of=lambda which: slice(starts[which], starts[which + 1]),
-    )
-
-
-def mean_and_variance(estimates, precision, known, mean):
-    """Mean and variance of one half, with half of the prior."""
-    estimates, precision = np.array(estimates, float), np.array(precision, float)
-    whole = precision.sum() + known / 2
-    return (precision @ estimates + known * mean / 2) / whole, 1 / whole
-
-
-@pytest.mark.parametrize("known", [0.0, 30.0])
-def test_halves_of_one_recording_are_compared_with_half_of_what_is_known_each(known):
-    estimates, precision = [1.0, 1.2, 0.4, 0.5], [10, 20, 5, 8]
-    z = disagreement(joint(estimates, precision, known=known, mean=0.3))
-    (a, va), (b, vb) = (mean_and_variance(estimates[k], precision[k], known, 0.3) for k in (slice(0, 2), slice(2, 4)))
-    assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
+from ident.judgement.halves import widening
 
 
 @pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])
@@ -75,19 +22,6 @@ def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, 
 def in_log(own, other):
     """Ratios of the estimate and of least squares in two channels of a log."""
     return {"estimate": np.array([own, 0.2]), "least squares": np.array([other, 0.2])}
-
-
-@pytest.mark.parametrize(
-    ("second", "third", "best", "doubt"),
-    [(0.2, 0.2, (2, 3), False), (0.3, 0.6, (2,), True), (0.6, 0.6, (), True), (0.6, 0.3, (3,), True)],
-)
-def test_logs_that_the_estimate_predicts_best_are_no_doubt(second, third, best, doubt):
-    logs = [in_log(0.2, 0.4), in_log(second, 0.4), in_log(third, 0.4)]
-    result = SimpleNamespace(disagreement=None, disagreements=(0.5, 5.0, 6.0), in_logs=logs, channels=("Fx", "Fy"))
-    (finding,) = halves_findings(result)
-    assert finding.doubt is doubt and finding.values["best"] == best and finding.values["logs"] == (2, 3)
-    ends = {(2, 3): "predicts log 2, 3 best", (2,): "predicts log 2 best", (3,): "predicts log 3 best"}
-    assert ends.get(best, "identify the logs one by one.") in finding.text
 
 
 @pytest.mark.parametrize(("own", "doubt"), [(0.35, False), (0.45, True)])
