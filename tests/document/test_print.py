@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from experiments.document import figures, print_table, sheet, styles, tabular
 from experiments.document.print_table import PACKAGES
-from experiments.document.tabular import Regrouped
 
 BODIES = ("base", "left_thigh", "shank & foot")
 NAMES = ("m1", "m2rz2", "Ixy3")
@@ -29,24 +28,6 @@ TABLE = tabular.Table(
     notes=("Full: all of it.",),
     bodies=BODIES,
 )
-
-UNCERTAIN = tabular.Table(
-    "Estimates",
-    *tabular.columns(
-        parameter=(*NAMES, "offset(Fx)"),
-        estimated=[20.9933, -0.55764, 1.2e4, 0.0],
-        std=[0.0044, 0.000750, 310.0, 0.0],
-        paper_error=[0.3, -0.1, 0.0, np.nan],
-        model=[20.99, -0.565, 12100.0, np.nan],
-        regrouping=["m1 + m2 + m3", "m2rz2 + 0.425 m3 + 0.1806 m3 - 0.425 m3rx3 + 0.1 m3", "Ixy3", ""],
-    ),
-    digits={"paper_error": (2, 2, 2, 2)},
-    deviations={"estimated": "std"},
-    regrouped=Regrouped({"": ("m1 + m2 + m3", "m2rz2 + 0.425 m3")}),
-    bodies=BODIES,
-    units=("kg", "kg m", "kg m²", "N"),
-)
-"""A table of estimates of very different standard deviations."""
 
 MISSING = [name for name in ("latexmk", "pdflatex", "kpsewhich") if shutil.which(name) is None]
 MISSING += [
@@ -66,13 +47,6 @@ def test_parameters_have_bodies_units_and_symbols():
     assert r"S[table-format=-2.3]S[table-format=1.3e1]l" in tex
     assert r"\item[*] Why." in tex and r"\item Full: all of it." in tex
     assert not re.search(r"m2rz2|SI units|_\w+simplified", tex)
-
-
-def test_standard_deviations_have_columns_of_their_own():
-    tex = print_table.tex(UNCERTAIN, "t")
-    assert r"\unit{\kilo\gram} & 20.9933 & 0.0044 & 0.30 & " in tex
-    assert r"S[table-format=-5.5]S[table-format=3.5]S[table-format=-1.2]" in tex
-    assert r"$m_{1}$$^\dagger$ of" in tex and r"\item[$^\dagger$] Regrouped" in tex
 
 
 @pytest.mark.parametrize("columns", [1, 2])

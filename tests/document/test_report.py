@@ -59,13 +59,6 @@ def test_headings_are_words_but_in_csv(name, words):
     assert r"\_" not in print_table.tex(table) and "$m_{1}r_{x,1}$ & 1.000" in print_table.tex(table)
 
 
-def test_other_files_in_the_folder_are_left_alone(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    with result_folder.results_folder(tmp_path) as folder:
-        (folder / "a").write_text("new")
-    assert {file.name for file in tmp_path.iterdir()} == {"notes.txt", "a"}
-
-
 @pytest.mark.parametrize("obstacle", ["b", "summary"])
 def test_a_folder_in_the_way_changes_nothing(tmp_path, obstacle):
     (tmp_path / obstacle).mkdir()
@@ -104,14 +97,6 @@ def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch)
     (kept,) = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert kept.read_text() == "first"
     assert f"earlier files are in '{kept.parent}'" in str(raised.value)
-
-
-def test_provenance_is_of_this_repository_only(monkeypatch, tmp_path):
-    monkeypatch.setenv("GIT_DIR", str(tmp_path))
-    assert provenance.provenance({}, {})["git_commit"] != ""
-    monkeypatch.delenv("GIT_DIR")
-    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "experiments" / "document" / "provenance.py"))
-    assert provenance.provenance({}, {})["git_commit"] is None
 
 
 KILLED = """
