@@ -11,7 +11,7 @@ from estimates import jointly, quick
 
 import ident
 from ident.errors import InputError
-from ident.files.objects import load_object, save_object
+from ident.files.objects import load_object
 
 
 @pytest.mark.parametrize("make", [quick, jointly])
@@ -91,22 +91,3 @@ def test_what_is_no_saved_estimate_is_one_sentence(tmp_path):
         archive.writestr("objects.npy", bytes(10_000_000))
     with pytest.raises(InputError, match="takes 10 MB in memory where at most 1 MB are expected"):
         load_object(path, "estimate", limit=1_000_000)
-
-
-def test_json_that_would_take_gigabytes_is_not_parsed(tmp_path):
-    np.savez_compressed(tmp_path / "arm.npz", objects=np.array("[" + "[]," * 2_000_000 + "0]"))
-    with pytest.raises(InputError, match="JSON of 6 MB where at most 4 MB are expected"):
-        ident.Estimate.load(tmp_path / "arm.npz")
-
-
-def test_a_folder_is_no_place_for_an_estimate(tmp_path):
-    with pytest.raises(InputError, match=f"needs the path of a file to write; '{tmp_path}' is a folder"):
-        quick().save(tmp_path)
-
-
-def test_what_occurs_twice_is_one_object_again(tmp_path):
-    x = np.arange(3.0)
-    save_object(tmp_path / "x.npz", "thing", {"a": x, "b": [x, (1, None, True)], 3: slice(1, None), "d": np.float64(2)})
-    again = load_object(tmp_path / "x.npz", "thing")
-    assert again["a"] is again["b"][0] and again["b"][1] == (1, None, True)
-    assert again[3] == slice(1, None) and again["d"] == 2.0 and type(again["d"]) is float

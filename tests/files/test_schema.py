@@ -14,8 +14,7 @@ import pytest
 from experiments.studies import study_entries
 from ident.annotations import NotNegative, Point, Positive, Vector, one_of
 from ident.errors import InputError, LogError
-from ident.files.atomic import replacing, unwritten
-from ident.files.limits import TOML_DEPTH, toml
+from ident.files.atomic import replacing
 from ident.files.schema import made
 from ident.files.table import Table
 from ident.mechanism.body import Body
@@ -143,15 +142,6 @@ def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.csv", "first")]
 
 
-def test_of_nested_blocks_the_outermost_names_the_place_and_the_innermost_the_reason():
-    with (
-        pytest.raises(OSError, match=r"^'folder' could not be written \(encoder error -2\)"),
-        unwritten(Path("folder")),
-        unwritten(Path("file")),
-    ):
-        raise OSError("encoder error -2")
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_what_is_no_regular_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
@@ -200,13 +190,3 @@ def test_settings_that_take_gigabytes_are_one_sentence(tmp_path, read):
             tracemalloc.stop()
         assert process_time() - begun < 5, what
         assert "\n" not in str(raised.value) and len(str(raised.value)) < 300
-
-
-def test_settings_within_the_limits_are_read(tmp_path):
-    key = ".".join(f"a{k}" for k in range(TOML_DEPTH))
-    text = f"{key} = 1\nname = 'observation.state.{'x.' * 10}y'\nrow = [{', '.join(['0.5'] * 3000)}]\n"
-    (tmp_path / "c.toml").write_text("\ufeff" + text, encoding="utf-8")
-    read = toml(tmp_path / "c.toml", "a study needs")
-    assert read["name"].endswith("y") and len(read["row"]) == 3000 and "a1" in read["a0"]
-    with pytest.raises(InputError, match=r"absent\.toml: a study needs to be TOML in UTF-8 \(No such file"):
-        toml(tmp_path / "absent.toml", "a study needs")
