@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import walker
 import wrist
-from guesses.odd_logs import DEG, GAINS, LOGS, arm, headless, motors, recording, text, vector, write
+from guesses.odd_logs import DEG, GAINS, LOGS, arm, motors, text, vector, write
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -17,9 +17,7 @@ from experiments.guesses.written import write_mapping
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor
 from ident.recordings.columns.mapping import read_mapping
-from ident.recordings.smoothing import smoothed
 
 JOINTS = ("joint1", "joint2")
 
@@ -53,36 +51,6 @@ def test_gains_of_motors_come_with_deviations_that_hold_the_truth(tmp_path):
         torque = belief.quantities[f"joints.{joint}.torque"]
         deviation = float(torque.why[-1].split("±")[1].split()[0])
         assert abs(torque.gain - gain) < max(3 * deviation, 5e-4 * abs(gain)) and deviation < 0.1 * abs(gain)
-
-
-def angles():
-    return [recording()[f"{joint}_position"] for joint in JOINTS]
-
-
-def log_of(tmp_path, columns, wrench=None):
-    """A log of some columns beside the ground's force, or beside a whole wrench (N, 6)."""
-    r, path = recording(), tmp_path / "log.csv"
-    columns = {"time": r.time, **columns, **vector("F{}", r["ground_force"] if wrench is None else wrench[:, :3])}
-    path.write_text(text(columns | ({} if wrench is None else vector("M{}", wrench[:, 3:]))), encoding="utf-8")
-    return path
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(1.0, "rad"), (DEG, "deg")])
-def test_small_angles_are_told_by_the_model(tmp_path, factor, unit):
-    q = 0.03 * np.stack(angles(), axis=1)
-    wrench = base_wrench_regressor(arm().tree, *smoothed(q, 100, 5.0), gravity=arm().gravity) @ arm().known
-    assert np.abs(factor * q).max() < 6
-    belief, _ = guessed(log_of(tmp_path, dict(zip(JOINTS, factor * q.T, strict=True)), wrench))
-    assert {guess.unit for guess in belief.of("position").values()} == {unit}
-
-
-@pytest.mark.parametrize("lost", [6, 7])
-def test_positions_without_a_header_are_known_if_a_moment_is_missing(tmp_path, lost):
-    rows = [line.split(",") for line in headless()[0].splitlines()]
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join(",".join(row[:lost] + row[lost + 1 :]) for row in rows))
-    belief, _ = guessed(path)
-    assert {joint: x.column for joint, x in belief.of("position").items()} == {"joint1": "3", "joint2": "2"}
 
 
 def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):

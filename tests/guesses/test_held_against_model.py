@@ -25,14 +25,6 @@ def test_without_wrench_and_torque_numbers_that_fit_are_taken_and_others_asked(t
         assert all("nothing in the log can confirm" in x.why[0] for x in belief.of("position").values())
 
 
-def test_joints_turned_around_are_aligned_all_the_same(tmp_path):
-    robot = seven()
-    turned = replace(robot, q=robot.q * [1, -1, 1, 1, -1, 1, 1], dq=robot.dq * [1, -1, 1, 1, -1, 1, 1])
-    belief = believed_of(tmp_path, robot, stamped(robot) | states(turned, "q_{}", "dq_{}", "tau_{}"))
-    assert [belief.of("position")[joint].column for joint in robot.joints] == [f"q_{k}" for k in range(7)]
-    assert [belief.of("position")[joint].gain for joint in robot.joints] == [1, -1, 1, 1, -1, 1, 1]
-
-
 def test_fixing_the_fingers_as_advised_leaves_nothing_open(tmp_path):
     hand = seven(fingers=True)
     columns = stamped(hand) | states(hand, "q_{}", "dq_{}", "tau_{}")

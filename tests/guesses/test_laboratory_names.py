@@ -121,16 +121,6 @@ def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     np.testing.assert_allclose(read["lift_command"], Q[:, 1] + 0.05 * TAU[:, 1], atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["{n}_force", "force_{n}", "{n} force [N]", "{n}_effort"])
-def test_forces_of_slides_are_theirs(tmp_path, name):
-    arm, q, tau = log(("slide",) * 3)
-    belief = belief_of(tmp_path, columns_of("{n}_pos", 1e3 * q) | columns_of(name, tau), arm)
-    assert mapped(belief, "torque") == dict(zip(JOINTS, columns_of(name, q), strict=True)) and not belief.groups
-    assert {x.unit for x in belief.of("torque").values()} == {"N"}
-    write_mapping(tmp_path / "c.toml", belief)
-    np.testing.assert_allclose(ident.read_log(tmp_path / "log.csv", arm, tmp_path / "c.toml")["pan_position"], q[:, 0])
-
-
 WRIST = [
     ("FT{}", "MT{}"),
     ("FT_{}", "FT_R{}"),
@@ -168,19 +158,6 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque, torq
     if force == "FT{}":
         payload = identify_payload(robot, ident.read_log(path, robot, mapping), body="tool", sensor=group.name)
         assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
-
-
-def test_a_wrench_that_fits_nowhere_is_asked_about(tmp_path):
-    robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
-    recording, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
-    noise = 0.3 * np.random.default_rng(2).normal(size=(len(recording.time), 6))
-    columns = {"time": recording.time} | {f"{j}_position": recording[f"{j}_position"] for j in wrist.JOINTS}
-    path.write_text(text(columns | vector("f{}", noise[:, :3]) | vector("t{}", noise[:, 3:])), encoding="utf-8")
-    belief = believed(robot, [path])
-    assert "ground" not in belief.groups and belief.groups["sensor"].is_doubtful
-    assert belief.open[0].startswith("It is open where the wrench 'sensor' is measured.")
-    write_mapping(tmp_path / "c.toml", belief)
-    assert ident.read_log(path, robot, tmp_path / "c.toml").sensors == {}
 
 
 def test_markers_lead_to_the_angles(tmp_path, capsys):

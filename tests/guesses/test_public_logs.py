@@ -1,17 +1,15 @@
 """Logs as public data sets and drivers write them: numbered wrenches, percentages, arrays, namespaces and mirrors."""
 
 import json
-from importlib.resources import files
 
 import mujoco
 import numpy as np
 import pytest
 import wrist
 from guesses.odd_logs import text
-from guesses.test_laboratory_names import ARM, JOINTS, TAU, TIME, Q, belief_of, mapped
+from guesses.test_laboratory_names import ARM, JOINTS, TAU, TIME, Q, mapped
 
 import ident
-import scenes
 import sim
 from experiments.guesses.guess import believed
 from experiments.guesses.written import write_mapping
@@ -35,21 +33,6 @@ def test_a_numbered_wrist_sensor_leads_to_its_body(tmp_path, patterns, unit):
     write_mapping(tmp_path / "c.toml", belief)
     read = ident.read_log(path, robot, tmp_path / "c.toml")
     np.testing.assert_allclose(read[f"{group.name}_force"], recording["wrist_force"], atol=1e-5)
-
-
-def test_a_mirrored_component_of_a_wrench_gets_a_gain(tmp_path):
-    arm = sim.mechanism(scenes.load("arm"), base="base")
-    columns = ident.read_log(str(files(scenes) / "arm.csv"), arm).measured
-    wrench = np.hstack([columns["ground_force"], columns["ground_torque"]])
-    belief = belief_of(
-        tmp_path,
-        {f"{joint}_position": columns[f"{joint}_position"] for joint in arm.joints}
-        | dict(zip([f"plate_{x}" for x in WRENCH], (wrench * [1, -1, 1, 1, 1, 1]).T, strict=True)),
-        arm,
-    )
-    write_mapping(tmp_path / "c.toml", belief)
-    read = ident.read_log(tmp_path / "log.csv", arm, tmp_path / "c.toml")
-    np.testing.assert_allclose(read["ground_force"], wrench[:, :3], atol=1e-5)
 
 
 @pytest.mark.parametrize("stamp", [False, True])
