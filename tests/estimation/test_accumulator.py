@@ -1,6 +1,5 @@
 import pickle
 import tracemalloc
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial, reduce
 from operator import add
@@ -77,25 +76,6 @@ def test_as_accurate_as_householder_in_extended_precision(tree, size, condition,
         errors.append([np.linalg.norm(psi - exact) / np.linalg.norm(exact) for psi in solutions])
     lapacks, whole, in_pieces = np.sum(errors, axis=0)
     assert max(whole, in_pieces) <= max(2 * lapacks, 5e-14)
-
-
-@pytest.mark.parametrize(("quiet", "renewed"), [(0.0, 0), (1e-7, 1), (1e-3, 0)])
-def test_a_quiet_beginning_is_put_right_by_qr(quiet, renewed):
-    """Coordinates from almost resting joints may not suit the motion that follows."""
-    base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
-    parts = [moved_by(quiet, CHUNK, seed=1), moved_by(1.0, CHUNK, seed=2), moved_by(0.3, CHUNK, seed=3)]
-    fit = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base)
-    rows = np.vstack([rows_of(STRAIGHT, part, base) for part in parts])
-    target = np.concatenate([part.measured.ravel() for part in parts])
-    np.testing.assert_allclose(fit.psi, np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-10, atol=1e-11)
-    assert f" {renewed} of 3 chunks by stacked QR" in fit.method
-    with ThreadPoolExecutor(2) as pool:
-        shared = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base, executor=pool)
-    np.testing.assert_allclose(shared.psi, fit.psi, rtol=1e-10, atol=1e-11)
-    backwards = fitted(STRAIGHT, parts[::-1], gravity=GRAVITY, parameters=base)
-    np.testing.assert_allclose(backwards.psi, fit.psi, rtol=1e-10, atol=1e-11)
-    np.testing.assert_allclose(backwards.covariance, fit.covariance, rtol=1e-8, atol=1e-14)
-    assert " 0 of 3 chunks by stacked QR" in backwards.method
 
 
 def test_accumulators_add_in_any_order():

@@ -1,28 +1,21 @@
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from dataclasses import replace
 from itertools import count, islice, pairwise
 
 import driven_arm
 import numpy as np
 import pytest
-from fits import equations, fitted, sampled
+from fits import fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_states
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-import scenes
-from ident.estimation.pieces import in_order, pieces
+from ident.estimation.pieces import in_order
 from ident.estimation.samples import arrays_of, even
 from ident.mechanism.motion import BaseMotion
-from ident.recordings.recording import Recording
-from sim.models.mujoco_model import tree_from_model
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import simulate
 
 TREE = double_pendulum()
-TREE_OF_SCENE = tree_from_model(scenes.load("double_pendulum"), "base")
 STATES = random_states(np.random.default_rng(0), TREE, 90)
 WHOLE = sampled(*STATES, np.random.default_rng(1).normal(size=(90, 6)))
 MOTION = BaseMotion(np.tile(np.eye(4), (90, 1, 1)), np.zeros((90, 6)), np.zeros((90, 6)))
@@ -59,19 +52,6 @@ def test_even_pieces_are_the_same_samples(size):
     both = next(even([constant[:40], constant[40:]], 90))
     np.testing.assert_array_equal(both.covariance, np.tile(np.eye(6), (90, 1, 1)))
     assert both.motion.base is None
-
-
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_a_recording_is_read_from_its_file_in_pieces(tmp_path, suffix):
-    spec = scenes.load("double_pendulum")
-    recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
-    recording.save(tmp_path / f"run.{suffix}")
-    whole = fitted(TREE_OF_SCENE, recording, gravity=GRAVITY)
-    in_pieces = fitted(TREE_OF_SCENE, Recording.chunks(tmp_path / f"run.{suffix}", samples=70), gravity=GRAVITY)
-    np.testing.assert_allclose(in_pieces.psi, whole.psi, rtol=1e-11, atol=1e-12)
-    assert in_pieces.samples == 300
-    (alone,) = pieces(recording, equations(TREE_OF_SCENE))
-    np.testing.assert_array_equal(alone.measured, recording.wrench("ground").values)
 
 
 def test_bad_pieces_are_named():
@@ -112,14 +92,6 @@ def test_it_is_map_whoever_finishes_first():
     with ThreadPoolExecutor(8) as executor:
         assert list(in_order(executor, function, range(8), ahead=8)) == list(map(lambda k: k**2, range(8)))
         assert list(in_order(executor, function, [])) == []
-
-
-@pytest.mark.parametrize("ahead", [1, 3, 16])
-def test_endless_items_are_drawn_only_so_far_ahead(ahead):
-    drawn = count()
-    with ThreadPoolExecutor(2) as executor, closing(in_order(executor, str, drawn, ahead=ahead)) as results:
-        assert list(islice(results, 10)) == [str(k) for k in range(10)]
-    assert next(drawn) == 10 + ahead - 1
 
 
 def test_an_error_comes_at_its_turn_and_cancels_what_follows():
