@@ -4,7 +4,7 @@ from mechanisms import double_pendulum, random_pose, random_twist, tilted_axis, 
 from scipy.spatial.transform import Rotation
 
 from ident.geometry import se3
-from ident.mechanism.axes import common_direction, estimate_screw, recover_axes
+from ident.mechanism.axes import estimate_screw, recover_axes
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
 
@@ -109,25 +109,9 @@ def test_axes_in_turned_frames_off_the_origin_and_on_branches():
         np.testing.assert_allclose(estimate.twist[:3], np.cross(point, estimate.twist[3:]), atol=1e-12)
 
 
-def test_a_prismatic_joint_is_refused():
-    slide = Body("slide", BASE, np.eye(4), np.array([1.0, 0, 0, 0, 0, 0]), "rail")
-    with pytest.raises(ValueError, match="'rail' slides"):
-        recover_axes(Tree((slide,)), np.tile(np.eye(4), (20, 1, 1, 1)))
-
-
 def test_a_joint_at_rest_is_named():
     with pytest.raises(ValueError, match="Joint 'link1'"):
         recover_axes(DESIGN, DESIGN.poses(np.zeros((20, 2))))
-
-
-def test_one_direction_weighs_by_certainty():
-    rng = np.random.default_rng(0)
-    twist = random_twist(rng, "revolute")
-    loud = estimate_screw(noisy(se3.exp(twist, ANGLES[:, 0]), rng, angle=20 * NOISE), twist[3:]).axis
-    quiet = estimate_screw(noisy(se3.exp(twist, ANGLES[:, 1]), rng), twist[3:]).axis
-    common = common_direction([loud, quiet])
-    assert common.std < quiet.std < loud.std / 5
-    assert np.linalg.norm(common.vector - quiet.vector) < 0.05 * np.linalg.norm(loud.vector - quiet.vector)
 
 
 def test_an_axis_perpendicular_to_its_design_is_refused():

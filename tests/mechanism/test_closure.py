@@ -3,13 +3,12 @@
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, opened, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
 
 import ident
 import sim
 from ident.errors import InputError, ModelError
 from ident.estimation.loads import stated_drive_torques
-from ident.estimation.preparation import prepared
 from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
@@ -73,20 +72,6 @@ def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
     Y = regressor(arm.tree, *states, gravity=arm.gravity).reshape(-1, len(arm.known))
     assert np.linalg.matrix_rank(Y, rtol=1e-10) == base.rank
     np.testing.assert_allclose(base.reduce(Y) @ base.regroup(arm.known), Y @ arm.known, atol=1e-8 * abs(Y).max())
-
-
-@pytest.mark.parametrize(
-    ("name", "lacking"), [("sums", ("rod", "flap")), ("tendons", ("crank",)), ("tendons", ("rod",))]
-)
-def test_sums_of_joints_are_solved_at_once_however_far(name, lacking, monkeypatch):
-    closure = opened(name).closed(lacking).tree.closure
-    monkeypatch.setattr(type(closure), "_newton", None)
-    x = 50 * np.random.default_rng(0).normal(size=(9, 2))
-    y = closure.along(x, np.arange(9.0)).solved(x)
-    residual, J, _ = closure.rows(closure._joined(closure._coordinates, x, y))
-    assert abs(residual).max() < 1e-12 * abs(y).max()
-    a, d = closure._freedoms
-    np.testing.assert_allclose(J[..., d] @ closure.slopes(x, 0 * y), -J[..., a], atol=1e-12 * abs(J).max())
 
 
 def test_loops_stay_on_the_branch_of_the_model():
@@ -217,31 +202,3 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimato
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
         ident.identify(read(model), log, estimator="ordinary")
-
-
-def test_columns_of_dependent_joints_count():
-    arm, rng, t = read(FOUR_BAR), np.random.default_rng(0), np.arange(1000) / 100
-    crank = 0.6 * np.sin(3 * t)
-    closure = closed("four-bar").tree.closure
-    rod, rocker = closure.solved(crank[:, None]).T
-    noisy = [crank + 5e-3 * rng.normal(size=len(t)), rocker + 1e-3 * rng.normal(size=len(t)) + 0.02]
-    noisy[1][7] += 0.5
-    log = log_of([*noisy, rod + 0.1 * np.sin(7 * t)], ("crank", "rocker", "rod"))
-    ready = prepared(arm, ident.read_log(log, arm), drive=())
-    assert ready.mechanism.tree.joints == ("crank",)
-    slope = closure.slopes(crank[:, None], np.stack([rod, rocker], axis=1))[:, 1, 0]
-    before, after = (x - crank for x in (noisy[0], ready.recording["crank_position"]))
-    np.testing.assert_allclose(after.std(), np.sqrt(np.mean(1 / (5e-3**-2 + (slope / 1e-3) ** 2))), rtol=0.1)
-    assert after.std() < 0.5 * before.std() and abs(after[7]) < 0.02
-    assert ready.notes[-3] == "rod, rocker depend on crank, by the constraints 'pin'."
-    assert "The column of 'rod' is not used: it differs from the closed loops by 0.07" in ready.notes[-2]
-    assert ready.notes[-1] == "The column of 'rocker' counts too, as loops are closed, but for a constant of 0.02."
-
-
-def test_a_loop_that_is_measured_whole_and_not_driven_stays_open():
-    assert read(FOUR_BAR).closed((), ()).tree.joints == ("crank", "rod", "rocker")
-    assert read(FOUR_BAR).closed((), ("rocker",)).tree.joints == ("rocker",)
-    assert read(FOUR_BAR).closed(("crank",), ()).tree.dependent == ("crank", "rocker")
-    assert not read(text(CRANK + ROCKER, PIN.replace("<connect", '<connect active="false"'))).constraints.rows
-    fixed = read(FOUR_BAR).fixed({"crank": [0.0], "rod": [0.0], "rocker": [0.0]})
-    assert not fixed.constraints.rows and not fixed.in_loops

@@ -13,7 +13,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import dim
-from ident.model.inverse_dynamics import inverse_dynamics
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
@@ -86,18 +85,6 @@ def test_the_regrouping_holds_at_other_states(sensors):
     Y = regressor(tree, q, dq, ddq, gravity=GRAVITY, base=moving).reshape(-1, 30)
     np.testing.assert_allclose(Y[:, base.dependent], base.reduce(Y) @ base.beta, atol=1e-8 * abs(Y).max())
     assert np.linalg.matrix_rank(base.reduce(Y)) == base.rank
-
-
-def test_a_follower_that_nothing_moves_is_welded():
-    tree, _, phi = knee(4)
-    still = replace(tree.bodies[3], follows=Follower("knee", (0.3, 0.0)))
-    welded = replace(still, home=still.home @ still.joint_pose(np.array([0.3])), twist=np.zeros(6), follows=None)
-    states = random_states(np.random.default_rng(0), tree, 7)
-    wrenches = [
-        inverse_dynamics(Tree((*tree.bodies[:3], last)), Motion(*states), phi, gravity=GRAVITY)[0]
-        for last in (still, welded)
-    ]
-    np.testing.assert_allclose(*wrenches, atol=1e-12 * abs(wrenches[0]).max())
 
 
 def test_a_follower_needs_a_leader_and_one_axis():
