@@ -116,10 +116,3 @@ def test_numbers_of_two_contacts_are_not_stale():
     for name, expected in sentences.items():
         text = " ".join(page(name).split())
         assert [sentence for sentence in expected if sentence not in text] == []
-
-
-def test_a_block_is_replaced_and_a_missing_one_is_named():
-    text = "a\n<!-- t -->\nold\n<!-- end t -->\nb"
-    assert blocks.with_block(text, "t", "new\n") == "a\n<!-- t -->\nnew\n<!-- end t -->\nb"
-    with pytest.raises(ValueError, match="<!-- u -->"):
-        blocks.with_block(text, "u", "")
