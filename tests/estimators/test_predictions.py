@@ -8,23 +8,10 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from ident.estimators import predictions, trajectory
-from ident.regression.filtered import FilteredLeastSquares
+from ident.estimators import predictions
 from ident.setup import PRIORS
 
 EXACT = dict.fromkeys(PRIORS, 0.0)
-
-
-def test_other_candidates_are_judged_on_the_motions_of_the_estimate_with_smoothing_of_their_own(monkeypatch):
-    """With its parameters, least squares predict as the estimate does; with others, channels are smoothed otherwise."""
-
-    def same(problem, equations, result):
-        return FilteredLeastSquares((1.0,), result.fit.theta[None, : len(equations.names)])
-
-    monkeypatch.setattr(trajectory, "_least_squares", same)
-    estimate = ident.identify(PENDULUM, shortened(faulty(), 400), setup=EXACT)
-    np.testing.assert_allclose(estimate.rivals["least squares"], estimate.held_out.ratio, rtol=1e-9)
-    assert (estimate.rivals["model"] != estimate.held_out.ratio).all()
 
 
 def spoilt(recording, factor):

@@ -81,12 +81,3 @@ def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
 def test_every_operation_of_the_tape_is_known():
     known = {np.negative, np.positive, np.add, np.subtract, np.multiply, *OTHERS}
     assert set(adjoint._DERIVATIVES) | {np.positive} == known
-
-
-def test_the_environment_switches_it_off(monkeypatch):
-    assert compiled.available()
-    monkeypatch.setenv(compiled.VARIABLE, "0")
-    assert not compiled.available()
-    with compiled.switched(True):
-        assert compiled.available()
-    assert not compiled.available()

@@ -14,7 +14,7 @@ from mechanisms import (
 )
 
 from ident.geometry.se3 import coAd
-from ident.mechanism.body import BASE, Body, ball_twist, free_joint
+from ident.mechanism.body import BASE, Body, free_joint
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
@@ -49,16 +49,6 @@ def test_joint_torques_are_those_of_the_recursion(seed):
     np.testing.assert_allclose(computed, each, rtol=0, atol=1e-12 * max(1, np.max(np.abs(each), initial=0)))
 
 
-def test_chunks_join_without_a_seam():
-    rng = np.random.default_rng(0)
-    tree = double_pendulum()
-    states = random_states(rng, tree, 2 * regressor.CHUNK + 3)
-    whole = regressor.base_wrench_regressor(tree, *states, gravity=[0, 0, -9.81])
-    for k in (0, regressor.CHUNK - 1, regressor.CHUNK, 2 * regressor.CHUNK + 2):
-        one = regressor.base_wrench_regressor(tree, *(x[k : k + 1] for x in states), gravity=[0, 0, -9.81])
-        np.testing.assert_allclose(whole[k], one[0], atol=1e-13)
-
-
 @pytest.mark.parametrize("torques", [False, True])
 @pytest.mark.parametrize("seed", range(10))
 def test_recorded_equations_are_those_of_one_sample(seed, torques):
@@ -74,21 +64,6 @@ def test_recorded_equations_are_those_of_one_sample(seed, torques):
             sample = None if base is None else BaseMotion(base.T[k : k + 1], base.V[k : k + 1], base.dV[k : k + 1])
             one = of(tree, *(x[k : k + 1] for x in states), gravity=gravity, base=sample)
             np.testing.assert_allclose(whole[k], one[0], rtol=0, atol=1e-13 * max(1, np.max(abs(one), initial=0)))
-
-
-@pytest.mark.parametrize("samples", [3, 50])
-@pytest.mark.parametrize("of", [regressor.base_wrench_regressor, regressor.joint_torque_regressor])
-def test_only_requested_columns_are_computed(of, samples):
-    rng = np.random.default_rng(0)
-    tree = random_tree(rng, 6)
-    states = random_states(rng, tree, samples)
-    columns = [33, 4, 4, 11]
-    every = of(tree, *states, gravity=GRAVITY)
-    np.testing.assert_array_equal(of(tree, *states, gravity=GRAVITY, columns=columns), every[:, :, columns])
-    assert of(tree, *states, gravity=GRAVITY, columns=[]).shape == (*every.shape[:2], 0)
-    np.testing.assert_array_equal(of(tree, *states, gravity=GRAVITY, columns=iter(columns)), every[:, :, columns])
-    with pytest.raises(ValueError, match="has columns 0 to 59, not 60"):
-        of(tree, *states, gravity=GRAVITY, columns=[3, 60])
 
 
 def test_what_the_geometry_makes_zero_or_constant_is_not_computed():
@@ -153,13 +128,6 @@ def test_gravity_has_three_finite_numbers(gravity):
         regressor.base_wrench_regressor(tree, *states, gravity=gravity)
     with pytest.raises(ValueError, match="Gravity needs three finite numbers"):
         find_base_parameters(tree, gravity=gravity)
-
-
-def test_a_zero_quaternion_is_refused():
-    ball = Tree((Body("arm", BASE, np.eye(4), ball_twist(np.zeros(3)), "shoulder"),))
-    q = np.array([[1.0, 0, 0, 0], [0, 0, 0, 0]])
-    with pytest.raises(ValueError, match="'shoulder' needs quaternions; that of sample 1 is zero"):
-        regressor.base_wrench_regressor(ball, q, np.zeros((2, 3)), np.zeros((2, 3)), gravity=GRAVITY)
 
 
 @pytest.mark.parametrize(("moving", "samples"), [(False, 1), (False, CHUNK + 3), (True, 7)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.model import compiled
-from ident.model.steps import LINEAR, steps
+from ident.model.steps import steps
 from ident.model.tape import Program, Tape
 
 INPUTS, NUMBERS, RESULTS, REGISTERS = 3, (2.0, -0.5), 3, 4
@@ -50,10 +50,3 @@ def of(expression, inputs=4):
     program = Program.of(tape, [expression(*tape.inputs)])
     first = inputs + len(program.numbers)
     return steps(program.code, first + 1, -2, -1).tolist(), first
-
-
-def test_a_sum_takes_up_one_product():
-    steps, result = of(lambda a, b, c, d: a * b + c * d)
-    assert len(steps) == 2 and steps[-1][4] == result
-    assert of(lambda a, b, c, _: c - a * b) == ([[LINEAR, 0, 1, 2, 4, 1, 0]], 4)
-    assert of(lambda a, b, c, _: a * b - c) == ([[LINEAR, 0, 1, 2, 4, 0, 1]], 4)

@@ -47,13 +47,3 @@ def test_zeros_and_ones_cost_nothing():
     assert a + b is b + a and a * b is b * a and a + (-b) is a - b and (-a) * b is -(a * b)
     before = len(tape.steps)
     assert (a * b) * 1 + 0 is b * a and len(tape.steps) == before
-
-
-def test_formulas_of_arrays_run_on_signals():
-    rng = np.random.default_rng(0)
-    A, x = rng.normal(size=(3, 3)), rng.normal(size=(3, 7))
-    tape = Tape(3)
-    program = Program.of(tape, list(A @ np.cos(np.array(tape.inputs)) / 2 - np.ones(3)))
-    out = np.zeros((3, 7))
-    program.run(x, out)
-    np.testing.assert_allclose(out, A @ np.cos(x) / 2 - 1, atol=1e-15)
