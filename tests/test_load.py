@@ -83,17 +83,6 @@ def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_sho
 
 
 @pytest.mark.slow
-def test_a_load_of_known_mass_fixes_the_scale_of_torques(arm):
-    logs = (replace(arm_log(k, loaded=bool(k), scale=0.9), scales=dict.fromkeys(arm.joints, 0.2)) for k in (0, 1))
-    load = identify_load(arm, *logs, body="tool", mass=MASS)
-    assert load.in_frame().values[0] == pytest.approx(MASS, abs=1e-3)
-    scales = [each for each in load.sensor_parameters if each.name.startswith("scale(")]
-    assert len(scales) == len(arm.joints)
-    for each in scales:
-        assert abs(each.value - -0.1) < 3 * each.std < 0.06
-
-
-@pytest.mark.slow
 def test_a_box_in_a_hand_is_weighed_by_plates():
     """Bodies of a person that the motion does not determine are a prior, which the hand with the box leaves."""
     laboratory, time, person = Laboratory(rate=50.0, rail=False), np.arange(0, 3, 0.02), humanoid()

@@ -4,7 +4,6 @@ import re
 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from experiments.document import print_table, symbols, tabular
 
@@ -67,14 +66,6 @@ def in_a_line(text):
 def test_all_letters_are_shown_and_none_is_acted_on(text):
     assert shown_by_tex(symbols.tex(text)) == in_a_line(text)
     assert shown_by_markdown(symbols.markdown(text)) == in_a_line(text)
-
-
-def test_matplotlib_draws_the_letters():
-    for text in EVIL:
-        figure = Figure()
-        shown = figure.text(0, 0, symbols.label(text))
-        assert shown._preprocess_math(shown.get_text()) == (in_a_line(text), False)
-        figure.draw_without_rendering()
 
 
 def test_tables_keep_their_cells_and_their_symbols():

@@ -210,15 +210,6 @@ def test_a_base_carries_its_part_of_the_model(tmp_path):
     assert "led.osim" in str(error.value)
 
 
-def test_merged_welds_keep_the_wrench(tmp_path):
-    path = written(tmp_path, every_kind(1)[0])
-    arm, merged = read(path), read(path, merge_welds=True)
-    assert len(merged.bodies) == len(arm.bodies) - 2
-    q, dq, ddq = states(arm, 4)
-    computed, expected = (base_wrench_regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (merged, arm))
-    np.testing.assert_allclose(computed, expected, rtol=1e-9, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -290,13 +281,6 @@ def test_a_point_constraint_closes_a_loop(tmp_path, version):
     assert element.search((tmp_path / "new.osim").read_text())[0] in linkage(version)
     assert not read(tmp_path / "model.osim", ignore=["pin"]).constraints.rows
     assert read(tmp_path / "model.osim", fix={"crank": 0.3}).tree.joints == ()
-
-
-def test_an_ignored_constraint_lets_its_coordinate_go(tmp_path):
-    arm = read(written(tmp_path, every_kind(1)[0]), ignore=["couple_beta_0"])
-    assert "beta_0" in arm.tree.joints
-    with pytest.raises(ModelError, match="no enforced constraint named gone; it has couple_beta_0"):
-        read(tmp_path / "model.osim", ignore=["gone"])
 
 
 @pytest.mark.parametrize("version", [3, 4])

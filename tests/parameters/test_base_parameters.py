@@ -87,20 +87,6 @@ def test_pinned_names_describe_the_same_wrench():
     np.testing.assert_allclose(pinned.reduce(Y) @ pinned.regroup(phi), expected, atol=1e-9 * abs(expected).max())
 
 
-@pytest.mark.parametrize(
-    ("kept", "message"),
-    [
-        (["m1", "m9"], "named m9"),
-        (TABLE_NAMES[:-1], "12 names of rank 12, where the regressor has rank 13"),
-        ([*TABLE_NAMES[:-1], "m2"], "13 names of rank 12"),
-        ([*TABLE_NAMES[:-1], "Iyy2"], "13 names of rank 12"),
-    ],
-)
-def test_pinned_names_that_are_no_basis_are_refused(kept, message):
-    with pytest.raises(ValueError, match=message):
-        base_of(double_pendulum(), kept=kept)
-
-
 def test_kept_columns_span_the_regressor_of_every_tree():
     check_regroupings(12)
 

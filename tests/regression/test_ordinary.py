@@ -1,4 +1,3 @@
-import pickle
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from itertools import pairwise
@@ -11,10 +10,9 @@ from scipy.signal import lfilter
 
 from ident.errors import ExcitationError
 from ident.estimation.excitation import check_excitation
-from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 from ident.regression import ordinary as module
 from ident.regression.ordinary import huber_white
 
@@ -87,16 +85,6 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
         assert (abs(bias) < 4.5 * spread / np.sqrt(100)).all()
 
 
-def test_a_moving_base_has_more_base_parameters():
-    rng = np.random.default_rng(0)
-    base = BaseMotion.from_free_joint(rng.normal(size=(200, 7)), *rng.normal(size=(2, 200, 6)))
-    wrench = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY, base=base) @ PHI
-    estimate = fitted(TREE, sampled(*STATES, wrench, base), gravity=GRAVITY)
-    expected = find_base_parameters(TREE, gravity=GRAVITY, sensors=Sensors(moving_base=True))
-    assert estimate.names == expected.names and len(estimate.names) > 13
-    np.testing.assert_allclose(estimate.psi, expected.regroup(PHI), atol=1e-10)
-
-
 @pytest.mark.parametrize("seed", range(10))
 def test_any_split_gives_the_same_answer(seed):
     rng = np.random.default_rng(seed)
@@ -115,18 +103,6 @@ def test_any_split_gives_the_same_answer(seed):
             np.testing.assert_allclose(fit.covariance, first.covariance, rtol=1e-8, atol=1e-12)
             np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
             np.testing.assert_allclose(fit.singular_values, first.singular_values, rtol=1e-9)
-
-
-def test_a_joint_at_rest_is_named():
-    states = np.stack(STATES)
-    states[:, :, 1] = 0
-    wrench = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
-    with pytest.raises(ExcitationError, match=r"200 samples.*m2rz2.*m3rz3.* combinations") as raised:
-        identified(wrench, states)
-    assert {"m2rz2", "m3rz3"} <= set(raised.value.parameters) < set(find_base_parameters(TREE, gravity=GRAVITY).names)
-    # A worker process sends back its errors.
-    sent = pickle.loads(pickle.dumps(raised.value))
-    assert (str(sent), sent.parameters) == (str(raised.value), raised.value.parameters)
 
 
 def test_noise_alone_is_not_excitation():

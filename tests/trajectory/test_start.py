@@ -1,6 +1,3 @@
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from measurements import random_measurement
@@ -42,21 +39,6 @@ def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
     difference = np.gradient(own.states[0], own.time, axis=0)
     wrong = np.sqrt(np.nanmean((difference - velocity)[inner] ** 2, axis=0))
     assert (np.sqrt(np.mean((x[1] - velocity)[inner] ** 2, axis=0)) < 0.1 * wrong).all()
-
-
-def test_pieces_share_their_noise_and_known_noise_is_kept():
-    rng = np.random.default_rng(0)
-    pieces = [piece(rng), piece(rng, 0.1)]
-    result = smoothed(pieces)
-    np.testing.assert_allclose(result.noises[0].states[0], SIGMA, rtol=0.06)
-    with ThreadPoolExecutor(2) as executor:
-        shared = smoothed(pieces, executor=executor)
-    np.testing.assert_array_equal(shared.coefficients[1], result.coefficients[1])
-    known = replace(result.noises[0], states=2 * result.noises[0].states)
-    again = smoothed(pieces, [known])
-    np.testing.assert_array_equal(again.noises[0].states, known.states)
-    assert len(again.coefficients) == 2 and len(again.theta) == 0
-    assert not np.array_equal(again.coefficients[0], result.coefficients[0])
 
 
 @pytest.mark.parametrize("seed", range(3))

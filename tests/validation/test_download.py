@@ -43,15 +43,6 @@ def test_a_refused_connection_is_a_sentence(tmp_path):
     assert not (tmp_path / "a.csv").exists()
 
 
-def test_one_that_broke_off_is_not_kept(tmp_path):
-    with (
-        server(CONTENT[:1000], whole=len(CONTENT)) as (url, _),
-        pytest.raises(InputError, match="after 1000 of 768000"),
-    ):
-        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("location", ["http://[::1", "https://exam ple.org/a", "https://example.org:port/", "data:,x"])
 def test_a_redirection_to_no_address_is_a_sentence(location, tmp_path):
     with server(status=302, location=location) as (url, _), pytest.raises(InputError, match="cannot be downloaded"):

@@ -234,24 +234,6 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "nor is its point of application used" in notes and "at most 40 N" in notes
 
 
-@pytest.mark.parametrize(("stated", "expected"), [("", 20.0), ("threshold = 7", 7.0)])
-def test_a_force_that_carries_nobody_counts_as_nothing_beside_a_centre_of_pressure(tmp_path, stated, expected):
-    """By default up to 20 N, and with moments about an origin up to zero."""
-    rng = np.random.default_rng(2)
-    direction = rng.normal(size=(len(walker.motion()[0]), 3))
-    size = rng.uniform(0, 2 * expected, len(direction))
-    force = direction * (size / np.linalg.norm(direction, axis=1))[:, None]
-    columns = named("right", "F", force) | named("right", "p", rng.normal(size=force.shape)) | {"right_T": size}
-    text = f'[wrenches.right]\nforce = {listed("right", "F")}\nframe = "world"\non = "foot_r"\n'
-    point = f'point = {listed("right", "p")}\nfree_moment = ["", "", "right_T"]\n'
-    log, mapping = written(tmp_path, [(columns, text + point + stated)])
-    counted = ident.read_log(log, walker.mechanism(), mapping)
-    np.testing.assert_array_equal(counted["right_force"].any(axis=1), size > expected)
-    np.testing.assert_array_equal(counted["right_torque"].any(axis=1), size > expected)
-    log, mapping = written(tmp_path, [(columns, text + f"torque = {listed('right', 'p')}\n")])
-    assert ident.read_log(log, walker.mechanism(), mapping)["right_force"].any(axis=1).all()
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_corners_are_those_of_the_plate(seed):
     rng = np.random.default_rng(seed)

@@ -1,7 +1,7 @@
 """Equations of channels grouped by what they depend on, against those of all channels with all coordinates and θ."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra import groups
 from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.fit.piece import Piece
-from ident.trajectory.fit.piece_equations import linearised, normal_equations
+from ident.trajectory.fit.piece_equations import linearised
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,24 +96,6 @@ def arrays(part):
 def grouped(monkeypatch, m, piece, c, given):
     with split(monkeypatch):
         return linearised(m, piece, c, **given)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_groups_at_nodes_give_what_all_channels_give(seed, monkeypatch):
-    m, piece, c, theta, noise = problem(2 * seed, wrench=False, contacts=0, setup=False)
-    smooth = [name for name in m.equations.drives if name.startswith(("Ia", "Fv", "K"))]
-    m = replace(m, equations=m.equations.with_drives(smooth))
-    p, rng = len(m.names), np.random.default_rng(seed)
-    when = np.linspace(piece.when[0], piece.when[-1], 40 * piece.spline.intervals)
-    channels = rng.normal(size=(len(when), len(noise.channels)))
-    piece = replace(piece, when=when, measured=channels, wrenches=np.zeros((len(when), 2, 0)))
-    given = {"theta": theta[:p], "noise": noise, "columns": np.arange(p), "root": np.triu(rng.normal(size=(p, p)))}
-    with split(monkeypatch):
-        equations = normal_equations(m, piece, c, theta[:p], noise, np.arange(p))
-        assert equations.channels[0].nodes is not None and len(equations.components) > 1
-        own = linearised(m, piece, c, **given)
-    for name, value in arrays(linearised(Dense(m), piece, c, **given)).items():
-        np.testing.assert_allclose(arrays(own)[name], value, rtol=0, atol=1e-9 * np.abs(value).max(), err_msg=name)
 
 
 @pytest.mark.parametrize("kinds", KINDS)
