@@ -59,7 +59,7 @@ def test_clean_recordings_are_usable_and_nothing_is_found():
     ("fault", "name", "value", "words"),
     [
         ({"delay": 0.12}, "delay(ground)", 0.12, "ms late"),
-        ({"fast": 0.005}, "clock(ground)", -0.005, "% fast"),
+        pytest.param({"fast": 0.005}, "clock(ground)", -0.005, "% fast", marks=pytest.mark.slow),
         pytest.param({"origin": (0, 0, 0.05)}, "origin_z(ground)", 0.05, "mm further along +z", marks=pytest.mark.slow),
         pytest.param(
             {"turn": (0, 0, 3)},
