@@ -43,6 +43,12 @@ DEVIATIONS = {
 KNOWN = dict.fromkeys(OF_BODIES, 1.0)
 """Body parameters whose standard deviation may be stated: relative to the model's, m, relative."""
 
+STATED = (
+    *("setup", "known", "known_bodies", "held", "base_rpy_deg", "still", "loaded"),
+    *("scales", "couplings", "followers"),
+)
+"""Fields of a mapping that are those of its recordings, beside sensors and servos."""
+
 
 @dataclass
 class ColumnMapping:
