@@ -146,7 +146,12 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     wrenches = np.hstack([np.zeros((len(time), 0)), *(interpolated(contact, time) for contact in contacts)])
     rate = (len(time) - 1) / (time[-1] - time[0])
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
-    halves = np.nan_to_num(references).reshape(len(time), len(poses), 2, -1).swapaxes(1, 2).reshape(len(time), 2, -1)
+    halves = (
+        np.nan_to_num(references)
+        .reshape(len(time), len(poses), 2, 6)
+        .swapaxes(1, 2)
+        .reshape(len(time), 2, 6 * len(poses))
+    )
     return Sampled(time, values), np.concatenate([np.stack([averages, wrenches - averages], axis=1), halves], axis=2)
 
 
