@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
 from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
@@ -19,6 +20,7 @@ from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.saved import annotations
 from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
+from ident.recordings.tracker import TRACKED
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
@@ -129,7 +131,7 @@ def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping
     else:
         quantity = "time" if room == "time" else {"force": "force", "torque": "torque"}.get(kind, "length")
     stated = {table.units.get(column, "") for column in columns.read}
-    if not columns.read or "" in stated or len(stated) > 1 or kind in ("quaternion", "pose"):
+    if not columns.read or "" in stated or len(stated) > 1 or kind in ("quaternion", "pose", "orientation"):
         return columns
     units = list(UNITS[quantity])
     unit = next((u for u in units if stated == {"deg"} and u.startswith("deg")), units[0])
@@ -169,7 +171,7 @@ def read_channels(
             # Its turns show its unit, however far it goes.
             mapping.columns[key] = replace(columns, unit="rad")
     channels = {
-        key: _read(table, key, columns, notes, gaps and not key.startswith("base."))
+        key: _read(table, key, columns, notes, key.startswith(TRACKED) or (gaps and not key.startswith("base.")))
         for key, columns in mapping.columns.items()
         if key != "time" and not key.endswith(".point")
     }
@@ -182,7 +184,9 @@ def read_channels(
             f"Columns {', '.join(others)} look like a wrench; without an entry under [wrenches] it is not used."
         )
     for key, x in channels.items():
-        if key == "base.quaternion" or (key.startswith("joints.") and key.endswith(".position") and x.shape[1] == 4):
+        if key.endswith(".orientation") and x.shape[1] == 3:
+            x = Rotation.from_rotvec(x).as_quat(scalar_first=True)
+        if x.shape[1] == len(BALL["position"]):
             channels[key] = _continuous(table, key, x)
     return about_origins(table, channels, mapping.plates, notes, gaps=gaps)
 
