@@ -42,7 +42,6 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.command_parser("", __doc__)
     options.add_formats(out, options.PRINTED)
-    options.add_page(out)
     options.add_trials(out)
     return out
 

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
         outcomes = [LogOutcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-        origin, agreed = provenance({**kept.identity, **out.choices}), agreement_of(tasks, outcomes)
+        origin, agreed = provenance(kept.identity), agreement_of(tasks, outcomes)
         document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
         write(document, out, stale=batch_report.OUTPUTS)
     if failed := [each for each in outcomes if each.error]:
@@ -209,7 +209,7 @@ def outcome_of(task: argparse.Namespace) -> "LogOutcome":
     begun, name = time.process_time(), str(task.logs[0])
     try:
         folder = own_model.folder(task)
-        with contextlib.redirect_stderr(io.StringIO()), options.page_of(task):
+        with contextlib.redirect_stderr(io.StringIO()):
             result, document, out = identify.identified_from(task, folder)
             written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:

@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> None:
     compared, out = read_results(args.results), options.output_of(args)
     if args.out.resolve() in {folder.resolve() for folder in args.results}:
         raise InputError(f"The comparison needs a folder of its own, but '{args.out}' holds one of the results.")
-    origin = provenance({"results": list(map(str, args.results)), **out.choices})
+    origin = provenance({"results": list(map(str, args.results))})
     inputs = compare_report.inputs(args.results)
     write(compare_report.document(compared, origin), out, stale=compare_report.OUTPUTS, inputs=inputs)
 

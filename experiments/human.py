@@ -34,7 +34,7 @@ def report(args: argparse.Namespace, out: "Output") -> "Document":
     choices = {
         key: getattr(args, key) for key in ("seed", "seconds", "activities", "rate", "source", "rail", "persons")
     }
-    choices |= {"noise": None if laboratory.markers else laboratory.angle_deg, "formats": out.formats, **out.choices}
+    choices |= {"noise": None if laboratory.markers else laboratory.angle_deg, "formats": out.formats}
     origin, seconds = provenance(choices), float(args.seconds)
     with writable(out.folder):
         if args.persons > 1:

@@ -56,7 +56,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     from experiments.studies.simulated import distributions, draw_of, simulated, swept
 
     study, inputs = simulated(file), [] if source is None else [source]
-    origin = provenance({**file.options, "formats": out.formats, **out.choices}, study.recording.provenance)
+    origin = provenance({**file.options, "formats": out.formats}, study.recording.provenance)
     origin["estimators"] = ESTIMATORS
     draw = draw_of(study, trials, out.folder)
     if source is not None:

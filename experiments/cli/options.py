@@ -1,8 +1,7 @@
 """Command-line options that the commands share."""
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,28 +72,8 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
 def output_parser(name: str, description: str | None, formats: Sequence[str] = ("svg",)) -> argparse.ArgumentParser:
     """Parser of a command that writes tables and figures; arguments as for `command_parser` and `add_formats`."""
     parser = command_parser(name, description)
-    add_page(parser)
     add_formats(parser, formats)
     return parser
-
-
-def add_page(parser: argparse.ArgumentParser) -> None:
-    """Adds the columns of the page."""
-    parser.add_argument(
-        "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
-    )
-
-
-@contextmanager
-def page_of(args: argparse.Namespace) -> Iterator[None]:
-    """Sizes tables and figures for the page that `add_page` asks for, for the duration of a block."""
-    if "page_columns" not in args:
-        yield
-        return
-    from experiments.document.sheet import page
-
-    with page(args.page_columns):
-        yield
 
 
 def output_of(args: argparse.Namespace, folder: Path | None = None) -> "Output":

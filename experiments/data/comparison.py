@@ -14,7 +14,7 @@ from ident.annotations import fits, in_words
 from ident.errors import InputError
 from ident.judgement.comparison import Comparison
 
-EXCLUDED = ("out", "name", "logs", "model", "held_out", "page_columns")
+EXCLUDED = ("out", "name", "logs", "model", "held_out")
 """Options without effect on results, and files, which are compared by content."""
 
 

@@ -1,44 +1,17 @@
 """The page that tables and figures are printed on, and the colours of curves on it and on the screen."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-
 INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
 """Colours of curves, in the order of pages: black, red and blue as in the paper, then the remaining ones."""
 
-WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
-"""Width in inches of a column and of the text, on pages with one column (LaTeX's article) and with two (IEEEtran's, 252
-and 516 pt, at 72.27 pt per inch)."""
-
-HEIGHTS = {1: 6.7, 2: 8.6}
-"""Largest height of figures on those pages, inches, with room for a caption."""
+COLUMN, TEXT, HEIGHT = 3.486, 7.139, 8.6
+"""Width of a column and of the text of pages with two columns (IEEEtran's, 252 and 516 pt, at 72.27 pt per inch), and
+largest height of figures, with room for a caption, inches."""
 
 ROW, MARGIN = 0.16, 0.8
 """Inches of a row, and of legend, ticks and label around them."""
 
-ABREAST = {1: 2, 2: 3}
-"""Panels side by side in a wide figure, by the columns of the page."""
+ABREAST = 3
+"""Panels side by side in a wide figure."""
 
-_PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
-"""Number of columns of the page."""
-
-
-@contextmanager
-def page(columns: int) -> Iterator[None]:
-    """Sizes a block's tables and figures for a page of so many columns."""
-    before = _PAGE.set(columns)
-    try:
-        yield
-    finally:
-        _PAGE.reset(before)
-
-
-def page_columns() -> int:
-    """Number of columns of the page."""
-    return _PAGE.get()
-
-
-def most_rows() -> int:
-    """Largest number of rows of such a figure on a page."""
-    return ABREAST[page_columns()] * int((HEIGHTS[page_columns()] - MARGIN) / ROW)
+MOST_ROWS = ABREAST * int((HEIGHT - MARGIN) / ROW)
+"""Largest number of rows of such a figure on a page."""

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.document.sheet import ABREAST, HEIGHTS, MARGIN, ROW, WIDTHS, page_columns
+from experiments.document.sheet import ABREAST, COLUMN, HEIGHT, MARGIN, ROW, TEXT
 
 COLUMN_ROWS = 24
 """Largest number of rows in a figure of one column; more take the width of the page."""
@@ -24,7 +24,7 @@ def row_panels(labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[A
     Returns:
         The figure, and for each panel its axes and the indices of its rows, which are their ordinates as well.
     """
-    across = 1 if len(labels) <= COLUMN_ROWS else ABREAST[page_columns()]
+    across = 1 if len(labels) <= COLUMN_ROWS else ABREAST
     rows = max(1, -(-len(labels) // across))
     width = column_width() if across == 1 else text_width()
     figure = Figure(figsize=(width, MARGIN + ROW * rows))
@@ -46,7 +46,7 @@ def paper_style() -> Iterator[None]:
     """Applies the style of the paper's figures, in the column width of the page, for the duration of a block."""
     with mpl.rc_context(_papers()), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # of names, drawn as boxes
-        mpl.rcParams["figure.figsize"] = [WIDTHS[page_columns()][0], mpl.rcParams["figure.figsize"][1]]
+        mpl.rcParams["figure.figsize"] = [COLUMN, mpl.rcParams["figure.figsize"][1]]
         yield
 
 
@@ -66,9 +66,9 @@ def column_width() -> float:
 
 def text_width() -> float:
     """Width of the page's text in inches, for figures across all columns."""
-    return WIDTHS[page_columns()][1]
+    return TEXT
 
 
 def text_height() -> float:
     """Height of the page's text in inches, less room for a caption."""
-    return HEIGHTS[page_columns()]
+    return HEIGHT

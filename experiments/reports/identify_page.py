@@ -8,7 +8,7 @@ import numpy as np
 from experiments.document import pictures
 from experiments.document.pictures import Interval
 from experiments.document.replay import Replay, every_nth
-from experiments.document.sheet import most_rows
+from experiments.document.sheet import MOST_ROWS
 from experiments.document.symbols import in_words, regrouped_in_words
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, unit_of
@@ -171,4 +171,4 @@ def shown_parameters(result: Estimate) -> list[int]:
     prior = result.fit.equations.from_model[: result.base.rank]
     relative = result.std_setup / np.maximum(np.maximum(np.abs(result.psi), np.abs(prior)), 1e-300)
     narrowest = sorted(range(result.base.rank), key=relative.__getitem__)
-    return sorted(narrowest[: most_rows()])
+    return sorted(narrowest[:MOST_ROWS])

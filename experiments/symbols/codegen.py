@@ -46,29 +46,25 @@ def python_source(model: SymbolicModel, name: str) -> str:
     body += [f"{symbol} = {printer.doprint(x)}" for symbol, x in shared]
     body += [f"Y = np.zeros(({rows}, {columns}))"]
     body += [f"Y[{r}, {c}] = {printer.doprint(x)}" for r, c, x in entries]
-    return "\n".join(
-        [
-            f'"""Base-wrench regressor of {plain(name)}, derived symbolically.',
-            "",
-            *_description(model),
-            '"""',
-            "",
-            "from math import cos, sin",
-            "",
-            "import numpy as np",
-            "",
-            f"PARAMETERS = {model.regrouping.parameters!r}",
-            f"KEPT = {model.regrouping.kept!r}",
-            '"""Columns of the base parameters."""',
-            "",
-            "",
-            f"def base_wrench_regressor(q, dq, ddq, gravity{', *' if lengths else ''}{lengths}):",
-            f'    """Y with `[F; tau] = Y phi` in the base frame ({rows}, {columns})."""',
-            *(f"    {line}" for line in body),
-            "    return Y",
-            "",
-        ]
-    )
+    return f'''"""Base-wrench regressor of {plain(name)}, derived symbolically.
+
+{_description(model)}
+"""
+
+from math import cos, sin
+
+import numpy as np
+
+PARAMETERS = {model.regrouping.parameters!r}
+KEPT = {model.regrouping.kept!r}
+"""Columns of the base parameters."""
+
+
+def base_wrench_regressor(q, dq, ddq, gravity{", *" if lengths else ""}{lengths}):
+    """Y with `[F; tau] = Y phi` in the base frame ({rows}, {columns})."""
+{_indented(body)}
+    return Y
+'''
 
 
 def c_source(model: SymbolicModel, name: str) -> str:
@@ -86,22 +82,18 @@ def c_source(model: SymbolicModel, name: str) -> str:
     body += [f"Y[{r * columns + c}] = {printer.doprint(x)};" for r, c, x in entries]
     signature = ", ".join(f"const double {argument}[{max(1, len(x))}]" for argument, x in arguments.items())
     values = ", ".join(f"{symbol.name} = {value!r}" for symbol, value in model.lengths.items())
-    return "\n".join(
-        [
-            f"/* Base-wrench regressor of {plain(name)}, derived symbolically.",
-            "",
-            *_description(model),
-            *([f"Lengths, in this order, with the model's values in m: {values}."] if values else []),
-            f"Y is a row-major {rows} x {columns} matrix. */",
-            "#include <math.h>",
-            "",
-            f"void base_wrench_regressor({signature}, double Y[{rows * columns}])",
-            "{",
-            *(f"    {line}" for line in body),
-            "}",
-            "",
-        ]
-    )
+    stated = f"Lengths, in this order, with the model's values in m: {values}.\n" if values else ""
+    return f"""/* Base-wrench regressor of {plain(name)}, derived symbolically.
+
+{_description(model)}
+{stated}Y is a row-major {rows} x {columns} matrix. */
+#include <math.h>
+
+void base_wrench_regressor({signature}, double Y[{rows * columns}])
+{{
+{_indented(body)}
+}}
+"""
 
 
 def latex_source(model: SymbolicModel, name: str) -> str:
@@ -120,19 +112,16 @@ def latex_source(model: SymbolicModel, name: str) -> str:
     left = [parameter_symbol(key).strip("$") for key in model.regrouping.names]
     psi = [rf"\left({k}\right)_R &= {tex(x)}" for k, x in zip(left, model.base_expressions().values(), strict=True)]
     lines = [rf"{tex(symbol)} &= {tex(x)}" for symbol, x in shared]
-    return "\n".join(
-        [
-            f"% Dynamic identification model of {plain(name)}, derived symbolically. Needs amsmath.",
-            *(f"% {line}" for line in _description(model)),
-            "% Base parameters",
-            *_align(psi),
-            "% Common subexpressions",
-            *_align(lines),
-            "% Entries of the base parameters' columns that are not zero; rows are F_x, F_y, F_z, tau_x, tau_y, tau_z",
-            *_align([rf"Y_{{{r + 1},{c + 1}}} &= {tex(x)}" for r, c, x in entries]),
-            "",
-        ]
+    equations = [rf"Y_{{{r + 1},{c + 1}}} &= {tex(x)}" for r, c, x in entries]
+    head = f"Dynamic identification model of {plain(name)}, derived symbolically. Needs amsmath.\n{_description(model)}"
+    of_entries = (
+        "Entries of the base parameters' columns that are not zero; rows are F_x, F_y, F_z, tau_x, tau_y, tau_z"
     )
+    parts = (("Base parameters", psi), ("Common subexpressions", lines), (of_entries, equations))
+    text = [f"% {line}" for line in head.splitlines()]
+    for title, rows in parts:
+        text += [f"% {title}", *_align(rows)]
+    return "\n".join(text) + "\n"
 
 
 def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
@@ -141,14 +130,17 @@ def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
     return {name: list(symbols) for name, symbols in arguments}
 
 
-def _description(model: SymbolicModel) -> list[str]:
+def _description(model: SymbolicModel) -> str:
     """Order of joints and columns, and units, as plain text for a comment."""
     joints = ", ".join(map(plain, model.mechanism.tree.joints))
-    return [
-        f"Joints: {joints or 'none'}.",
-        "SI units, radians; a ball joint has a quaternion w, x, y, z. Gravity is its acceleration in the base frame.",
-        "Columns of Y for each body, about its frame's origin: m, m rx, m ry, m rz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz.",
-    ]
+    return f"""Joints: {joints or "none"}.
+SI units, radians; a ball joint has a quaternion w, x, y, z. Gravity is its acceleration in the base frame.
+Columns of Y for each body, about its frame's origin: m, m rx, m ry, m rz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
+
+
+def _indented(lines: Sequence[str]) -> str:
+    """The lines of a function's body."""
+    return "\n".join(f"    {line}" for line in lines)
 
 
 def _shared(Y: np.ndarray) -> tuple[Definitions, list[tuple[int, int, sympy.Expr]]]:

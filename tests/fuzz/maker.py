@@ -58,7 +58,7 @@ class Maker:
             for name in RESULT_FILES:
                 self.file("log" if (folder, name) == hit else "", f"{folder}/{name}")
         folders = [str(self.folder / folder) for folder in RESULTS]
-        return [*folders, *self.options({"--page-columns": ["1"]}, {"--page-columns": ["3", "x"]})]
+        return [*folders, *self.options({"--formats": ["none"]}, {"--formats": ["3", "x"]})]
 
     def angles(self) -> list[str]:
         """Arguments of `angles`."""
