@@ -7,10 +7,11 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.document import figures, styles, symbols
+from experiments.document import figures, symbols
 from experiments.document.sheet import WIDTHS
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import held_out_caption
+from ident.display import plots
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +47,17 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
 
 
 @pytest.mark.parametrize("draw", [held_out_figure, spectra_figure])
-def test_labels_of_ordinates_are_beside_their_ticks(estimate, draw):
+def test_labels_of_ordinates_are_above_their_panels_and_clear_of_each_other(estimate, draw):
     figure = draw(estimate)
     figures.drawn(figure, "png")
-    for ax in figure.axes:
-        label, view = ax.yaxis.label.get_window_extent(), ax.get_window_extent()
-        ticks = [text.get_window_extent() for text in ax.get_yticklabels() if text.get_text()]
-        visible = [box for box in ticks if view.y0 <= (box.y0 + box.y1) / 2 <= view.y1]
-        assert visible and label.x1 <= min(box.x0 for box in visible)
+    titles = [ax._left_title for ax in figure.axes]
+    assert [title.get_text() for title in titles] == [ax.get_ylabel() for ax in figure.axes]
+    boxes = [title.get_window_extent() for title in titles]
+    for ax, box in zip(figure.axes, boxes, strict=True):
+        view = ax.get_window_extent()
+        assert box.y0 >= view.y1 and abs(box.x0 - view.x0) < 3
+        assert not any(box.overlaps(other) for other in boxes if other is not box)
+        assert not any(box.overlaps(other.get_window_extent()) for other in figure.axes)
 
 
 def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
@@ -65,7 +69,7 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     first = held_out_figure(slow).axes[0]
     (bars,) = first.collections
     edges = np.array([path.get_extents().intervalx for path in bars.get_paths()])
-    least = figures.VISIBLE * np.ptp(time)
+    least = plots.VISIBLE * np.ptp(time)
     assert len(edges) == 2 and (np.diff(edges) >= 0.999 * least).all()
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
     # Lines of the grid would look like spans.
@@ -73,7 +77,7 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
 
 
 def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
-    monkeypatch.setattr(styles, "COLUMN_ROWS", 5)
+    monkeypatch.setattr(plots, "COLUMN_ROWS", 5)
     figure = parameters_figure(estimate)
     assert figure.get_figwidth() == WIDTHS[2][1] and len(figure.axes) == 3
     labels = [text.get_text() for ax in figure.axes for text in ax.get_yticklabels()]
