@@ -26,10 +26,9 @@ from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.evidence import Evidence, Unmodelled
 from ident.judgement.finding import Finding
-from ident.judgement.idle import idle_channels
 from ident.judgement.judges import findings
-from ident.judgement.residuals import correlation_time, explained_by_motion
-from ident.judgement.setup_findings import SetupFinding, setup_findings
+from ident.judgement.residuals import correlation_time, explained_by_motion, idle_channels
+from ident.judgement.setup_errors import SetupFinding, setup_findings
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive

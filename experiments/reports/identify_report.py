@@ -21,8 +21,7 @@ from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import ESTIMATE, about_best
-from ident.judgement.codes.row import listed, number_of
-from ident.judgement.finding import line_of
+from ident.judgement.finding import line_of, listed, number_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import experiments
 
 ROOT = Path(experiments.__file__).parents[1]
