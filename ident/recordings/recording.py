@@ -319,9 +319,9 @@ class Recording(Brief):
 
     def plot(self) -> "Figure":
         """Joint positions, torques and commands and the wrenches over time, as a matplotlib figure."""
-        from ident.display.plots import recording_plot
+        from ident.display.plots import recording_figure
 
-        return recording_plot(self.time, self.measured, self.units, self.wrenches)
+        return recording_figure(self.time, self.measured, self.units, self.wrenches)
 
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` or `.csv` file that `load` reads back exactly, except for the streams.

@@ -13,7 +13,7 @@ from same_recording import assert_same_recording
 from experiments import misaligned
 from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
-from experiments.document.sheet import COLUMN
+from experiments.document.sheet import SHEET
 from experiments.reports import study_figures
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
@@ -69,7 +69,7 @@ def test_the_recording_loads_as_it_was_simulated(results, study):
 
 def test_table_3_holds_both_models_beside_the_paper(results, study):
     rows = list(csv.DictReader((results / "table_3.csv").read_text().splitlines()))
-    assert list(rows[0]) == COLUMNS
+    assert list(rows[0]) == SHEET.columnS
     assert [row["parameter"] for row in rows] == list(paper.TABLE_3)
     for k, row in enumerate(rows):
         expected = (
@@ -161,7 +161,7 @@ def test_the_paper_is_beside_its_own_settings_alone(options, beside, tmp_path, c
 
 def test_figures_show_what_their_captions_say(study):
     figure, magnitudes = (study_figures.figure(study, name) for name in ("figure_2", "figure_3"))
-    assert figure.get_figwidth() == COLUMN
+    assert figure.get_figwidth() == SHEET.column
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
         lines = {line.get_label(): line for line in ax.get_lines()}
