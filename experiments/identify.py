@@ -120,11 +120,7 @@ def parser() -> argparse.ArgumentParser:
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(
-        "logs",
-        type=Path,
-        nargs="+",
-        metavar="log",
-        help=f"{options.LOGS}; several share their parameters",
+        "logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; several share their parameters"
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     out.add_argument("--verbose", action="store_true", help="print more than a screen: remarks, notes and bodies")
@@ -178,11 +174,7 @@ def add_options(out: argparse.ArgumentParser) -> None:
     out.add_argument(
         "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
     )
-    out.add_argument(
-        "--write-geometry",
-        action="store_true",
-        help="write where joints lie into the updated model, too",
-    )
+    out.add_argument("--write-geometry", action="store_true", help="write where joints lie into the updated model, too")
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")

@@ -52,7 +52,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     from experiments.data.fitting import ESTIMATORS
     from experiments.document.provenance import provenance
     from experiments.document.writer import end, write_page, written
-    from experiments.reports import monte_carlo_report, study_report, sweep_report
+    from experiments.reports import monte_carlo_report, study_report
     from experiments.studies.simulated import distributions, draw_of, simulated, swept
 
     study, inputs = simulated(file), [] if source is None else [source]
@@ -70,7 +70,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     if file.sweep:
         of_sweep = provenance({**draw.identity, **asdict(file.sweep)})
         runs = swept(draw, trials, out.folder)
-        document |= added(sweep_report.document(runs, file.title, file.sweep.numbers, of_sweep), out)
+        document |= added(monte_carlo_report.sweep_document(runs, file.title, file.sweep.numbers, of_sweep), out)
     if trials.trials or file.sweep:
         write_page(document, out.folder, out.formats)
     end(document, out)

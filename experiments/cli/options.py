@@ -170,15 +170,7 @@ def add_local_workers(group: argparse._ActionsContainer, *, default: int | None,
 
 def add_mechanism(parser: argparse._ActionsContainer) -> None:
     """Adds the options of a user's model; `of_model` returns them."""
-    parser.add_argument("--base", help="body that is the base, by default the world")
-    add_base_rpy(parser)
-    parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
-    add_packages(parser)
-    add_fixed(parser)
-
-
-def add_base_rpy(parser: argparse._ActionsContainer) -> None:
-    """Adds the orientation of the base."""
+    parser.add_argument("--base", help="body that is the base; if not given the world, or that of a scene")
     parser.add_argument(
         "--base-rpy",
         type=float,
@@ -186,16 +178,7 @@ def add_base_rpy(parser: argparse._ActionsContainer) -> None:
         metavar=("ROLL", "PITCH", "YAW"),
         help="orientation of the base in the world in degrees, as 180 0 0 upside down; by default as in the model",
     )
-
-
-def of_model(args: argparse.Namespace) -> dict[str, Any]:
-    """Arguments of `sim.mechanism` by the options of `add_mechanism`."""
-    same = {"base": args.base, "ignore": tuple(args.ignore), "packages": args.packages}
-    return same | {"fix": fixed(args.fix), "base_rpy_deg": args.base_rpy}
-
-
-def add_packages(parser: argparse._ActionsContainer) -> None:
-    """Adds the folders in which meshes are searched."""
+    parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     parser.add_argument(
         "--packages",
         type=Path,
@@ -205,6 +188,13 @@ def add_packages(parser: argparse._ActionsContainer) -> None:
         help="folders of ROS packages, for meshes of a URDF file at package://; the file's own folder, those above it "
         "and ROS_PACKAGE_PATH are searched as well",
     )
+    add_fixed(parser)
+
+
+def of_model(args: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of `sim.mechanism` by the options of `add_mechanism`."""
+    same = {"base": args.base, "ignore": tuple(args.ignore), "packages": args.packages}
+    return same | {"fix": fixed(args.fix), "base_rpy_deg": args.base_rpy}
 
 
 def add_fixed(parser: argparse._ActionsContainer) -> None:

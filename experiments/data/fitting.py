@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
@@ -236,15 +235,6 @@ def trajectory_fit(mechanism: Mechanism, recording: Recording, base: BaseParamet
     if estimate.trajectory is not None and estimate.trajectory.fit.status == "interrupted":
         raise KeyboardInterrupt
     return TrajectoryTrial(estimate.psi, estimate.std, base.regroup(mechanism.known))
-
-
-def trajectory_fit_if_determined(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> TrajectoryTrial:
-    """The same, or NaN if undetermined: few samples may suffice with accelerations, but not with angles alone."""
-    try:
-        return trajectory_fit(mechanism, recording, base)
-    except (ExcitationError, np.linalg.LinAlgError):
-        unknown = np.full(base.rank, np.nan)
-        return TrajectoryTrial(unknown, unknown, base.regroup(mechanism.known))
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

@@ -7,16 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import (
-    TrajectoryTrial,
-    Trial,
-    fit,
-    measured_poses,
-    trajectory_fit,
-    trajectory_fit_if_determined,
-)
+from experiments.data.fitting import TrajectoryTrial, Trial, fit, measured_poses, trajectory_fit
 from experiments.data.study_file import StudyFile
-from ident.errors import InputError, ModelError
+from ident.errors import ExcitationError, InputError, ModelError
 from ident.mechanism.axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -91,7 +84,8 @@ class SimulatedStudy:
     problem: StudyProblem
     recording: Recording
     significance: float = PARALLEL_SIGNIFICANCE
-    _made: dict[tuple[str, str], Trial | TrajectoryTrial] = field(default_factory=dict)
+    _made: dict[tuple[str, str], Trial] = field(default_factory=dict)
+    _trajectories: dict[str, TrajectoryTrial] = field(default_factory=dict)
 
     @property
     def file(self) -> StudyFile:
@@ -121,23 +115,22 @@ class SimulatedStudy:
                 covariance=wrench.covariance if weighted else None,
                 kept=self._kept(model),
             )
-        made = self._made[model, estimator]
-        assert isinstance(made, Trial)
-        return made
+        return self._made[model, estimator]
 
     def total(self, model: str) -> TotalWrench:
         """Total wrench from the measured wrenches that a model includes, moved to the base along its own axes."""
         return self.problem.total(self.recording, self.file.ignored(model), self.mechanism(model).tree)
 
     def trajectory(self, model: str) -> TrajectoryTrial:
-        """A model's trajectory estimate; NaN if angles and wrenches do not determine it."""
-        if (model, "trajectory") not in self._made:
-            recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-            base = self.fit(model).base
-            self._made[model, "trajectory"] = trajectory_fit_if_determined(self.mechanism(model), recording, base)
-        made = self._made[model, "trajectory"]
-        assert isinstance(made, TrajectoryTrial)
-        return made
+        """A model's trajectory estimate; NaN if undetermined, as few samples may be with angles alone."""
+        if model not in self._trajectories:
+            try:
+                self._trajectories[model] = self.determined_trajectory(model)
+            except (ExcitationError, np.linalg.LinAlgError):
+                base = self.base(model)
+                unknown = np.full(base.rank, np.nan)
+                self._trajectories[model] = TrajectoryTrial(unknown, unknown, base.regroup(self.known.known))
+        return self._trajectories[model]
 
     def determined_trajectory(self, model: str) -> TrajectoryTrial:
         """The same, but raises an error if undetermined.
@@ -248,10 +241,7 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
     numbers |= axes(study) if study.recovers else {}
     numbers |= touches(study) if study.touching else {}
     recording = study.recording
-    return numbers | {
-        "tracking_error_rad": recording.provenance["tracking_error_rad"],
-        "noise": dict(recording.noise),
-    }
+    return numbers | {"tracking_error_rad": recording.provenance["tracking_error_rad"], "noise": dict(recording.noise)}
 
 
 def axes(study: SimulatedStudy) -> dict[str, float]:

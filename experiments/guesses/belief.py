@@ -218,12 +218,10 @@ class Belief:
         return units[next((u for u in units if in_degrees and u.startswith("deg")), x.unit or next(iter(units)))]
 
     def values(self, joint: str, kind: str) -> np.ndarray | None:
-        """A joint's position or velocity in SI units; the velocity by differentiation if it has no column (N,)."""
+        """A joint's quantity of a kind in SI units; None without a column that changes (N,)."""
         quantity = self.of(kind).get(joint)
         if quantity and quantity.column in self.log.columns:
             return self.log.columns[quantity.column] * quantity.gain * self.factor(quantity)
-        if kind == "velocity" and (x := self.values(joint, "position")) is not None:
-            return np.gradient(x, self.log.time)
         return None
 
 

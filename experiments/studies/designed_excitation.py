@@ -111,35 +111,22 @@ def _ranges(problem: DesignProblem, bounds: Bounds) -> tuple[np.ndarray, np.ndar
 
 
 def problem_of(
-    model: str,
-    base: str | None = None,
-    joints: Sequence[str] | None = None,
-    *,
-    ignore: Sequence[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
-    packages: Sequence[Path] = (),
-    base_rpy_deg: Sequence[float] | None = None,
-    sensors: str = "wrench",
-    **measured: Any,
+    model: str, joints: Sequence[str] | None = None, *, base: str | None = None, **more: Any
 ) -> DesignProblem:
     """Problem of exciting a model or a scene.
 
     Args:
         model: Model file, or name of a scene.
+        joints: As for `excitation.problem`.
         base: Body whose frame is {0}, by default the scene's or the world's.
-        joints: As for `excitation.problem`, also `ignore`, `fix`, `sensors` and all of `measured`.
-        ignore: Names of equality constraints and tendons to leave out.
-        fix: Joints that do not move, with their coordinates.
-        packages: Folders of ROS packages, for meshes.
-        base_rpy_deg: As for `sim.mechanism`.
-        sensors: One of `defaults.SENSORS`.
-        measured: Noise and drives.
+        more: Further arguments of `excitation.problem`, and of `sim.mechanism`.
     """
     scene = model in scenes.NAMES
     base = base or scenes.BASES.get(model) if scene else base
-    source = scenes.load(model) if scene else model
-    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages, base_rpy_deg=base_rpy_deg)
-    return excitation.problem(arm, joints, sensors=sensors, ignore=ignore, fix=fix, **measured)
+    stated = {key: more.pop(key) for key in ("packages", "base_rpy_deg") if key in more}
+    both = {key: more[key] for key in ("ignore", "fix") if key in more}
+    arm = mechanism(scenes.load(model) if scene else model, base, **stated, **both)
+    return excitation.problem(arm, joints, **{"sensors": "wrench", **more})
 
 
 def designed(

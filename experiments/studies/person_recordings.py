@@ -310,11 +310,7 @@ def sensed(
 
 
 def _wrenches(
-    who: Mechanism,
-    motion: Motion,
-    rng: np.random.Generator,
-    laboratory: Laboratory,
-    unmeasured: np.ndarray | float,
+    who: Mechanism, motion: Motion, rng: np.random.Generator, laboratory: Laboratory, unmeasured: np.ndarray | float
 ) -> dict[str, np.ndarray]:
     """Wrenches on plates and rail (N, 6), which add up with the unmeasured one to the motion's wrench."""
     base = motion.base

@@ -17,6 +17,7 @@ from experiments import batch, identify
 from experiments.data.batch import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
 from experiments.runs import workers
+from ident.estimation.pieces import in_order
 from ident.files.atomic import PARTIAL, unwritten
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -43,6 +44,7 @@ def here(monkeypatch):
         yield Here()
 
     monkeypatch.setattr(workers, "worker_pool", pool)
+    monkeypatch.setattr(workers, "in_order", lambda *given, ahead: in_order(*given, ahead=1))
 
 
 def logs():

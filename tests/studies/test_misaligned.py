@@ -99,7 +99,7 @@ def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_
     def undetermined(*_):
         raise ExcitationError("The recording does not determine all parameters.", ())
 
-    monkeypatch.setattr("experiments.data.fitting.trajectory_fit", undetermined)
+    monkeypatch.setattr("experiments.data.simulated.trajectory_fit", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0

@@ -196,10 +196,7 @@ CONDITIONS: Mapping[str, Condition] = {
     "random_walk": _on_a_plate("white and walk, 12 s", "sinusoids", 100, 12, drift="walk"),
     "quantised": Condition("pendulum", "steps of 0.3 N", steps=(ENCODER, 0.3, 0.03), options=OPEN),
     "quantised_alone": _on_a_plate(
-        *("steps of 0.3 N, noise ×0.1", "sinusoids", 100, 10),
-        scale=0.1,
-        wrench_scale=0.1,
-        steps=(ENCODER, 0.3, 0.03),
+        *("steps of 0.3 N, noise ×0.1", "sinusoids", 100, 10), scale=0.1, wrench_scale=0.1, steps=(ENCODER, 0.3, 0.03)
     ),
     "student": Condition("pendulum", "Student's t, 3 d.f.", freedom=3, options=OPEN),
     "short": _on_a_plate("180 samples", "sinusoids", 100, 1.8),
