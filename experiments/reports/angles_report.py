@@ -15,7 +15,7 @@ from experiments.document.document import Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
-from sim.markers.scaled_file import write_scaled
+from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.names import joint_name
 

@@ -10,7 +10,7 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
 from ident.estimation.recorded_motion import usual_cutoff
 from ident.files.table import BASE
-from ident.geometry.quaternion import continuous_quaternions, without_jumps
+from ident.geometry.se3 import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.smoothing import chosen_cutoff

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from recorded_faults import JOINTS, PENDULUM
 
+from ident.judgement.evidence import SetupFinding
 from ident.judgement.fit_findings import course_findings, posture_findings
 from ident.judgement.residual_findings import quality_findings
-from ident.judgement.setup_errors import SetupFinding
 from ident.judgement.setup_findings import setup_remarks
 from ident.mechanism.motion import Motion
 

@@ -8,8 +8,8 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from ident.estimators import trajectory as estimator
+from ident.judgement.agreement import LEAST_ADDED, disagreement, disagreements, widening
 from ident.judgement.fit_findings import halves_findings
-from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements, widening
 from ident.setup import PRIORS
 
 

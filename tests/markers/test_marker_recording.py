@@ -6,8 +6,8 @@ from marked import labels_of, marked_person, trial
 
 from ident.errors import InputError
 from sim.markers.marked_model import base_of, marked_model
-from sim.markers.recording import recording
 from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_recording import recording
 
 
 @pytest.fixture(scope="module")

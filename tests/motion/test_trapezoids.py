@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from sim.motion.trapezoids import Trapezoids
+from sim.motion.excitation import Trapezoids
 
 
 def test_velocities_and_accelerations_are_the_derivatives():

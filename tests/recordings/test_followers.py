@@ -13,7 +13,7 @@ from experiments.studies.identification import prepare
 from ident.errors import LogError
 from ident.estimation.preparation import prepared
 from ident.files.schema import value_of
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
