@@ -10,7 +10,6 @@ import ident
 import scenes
 import sim
 from experiments import identify, stream
-from ident.regression.ordinary import huber_white
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 SAMPLES = 600
@@ -68,14 +67,6 @@ def test_commands_and_python_agree(tmp_path, files, offsets, other):
         assert_the_same([np.transpose(each) for each in values])
     else:
         assert by_stream["offsets"] == {}
-
-
-def test_pieces_agree_in_python(tmp_path, files):
-    log, arm = tmp_path / "run.csv", sim.mechanism(files[0], base="base")
-    estimate = ident.identify(arm, ident.read_log(log, arm), estimator="ordinary", offsets=False, holdout=0)
-    first = ident.least_squares(ident.Equations.of_wrench(arm), ident.Recording.chunks(log, samples=50))
-    fit = huber_white(first, ident.Recording.chunks(log, samples=130), steady=True)
-    assert_the_same([(estimate.psi, estimate.std), (fit.psi, fit.std)])
 
 
 def test_memory_is_that_of_the_channels():

@@ -109,10 +109,6 @@ def test_a_shift_along_a_link_is_away_from_its_other_end_or_towards_it(link, wor
     assert finding.text.startswith(start)
 
 
-def test_every_kind_has_a_sentence_of_its_own_here():
-    assert [kind for kind, _, _ in ROWS] == list(SETUP)
-
-
 def test_every_kind_has_objects_and_every_parameter_a_place():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
     every = objects(m.equations, ["hand"], held=True)
@@ -135,21 +131,6 @@ def test_every_kind_has_objects_and_every_parameter_a_place():
     assert {place for name, place in places.items() if name.startswith("gravity")} == {Place()}
     alone = setup_parameters(m.equations, ["left", "right"], held=False)[0]
     assert place_of(alone) == Place(wrenches=("left", "right"))
-
-
-def test_a_parameter_of_one_log_is_named_and_placed_there():
-    """Names of objects may look like anything, because nobody reads them."""
-    shared = SetupParameter("delay", "plate of log 7", None, 0.05, place={"wrenches": ("plate of log 7",)})
-    own = SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
-    fit = SimpleNamespace(names=[shared.name, own.name], covariance=np.eye(2) * 1e-8, theta=np.array([0.02, 0.03]))
-    search = SimpleNamespace(deviations=(Deviation(1, (0,)),))
-    (finding,) = setup_findings(SimpleNamespace(fit=fit, search=search, setup={0: shared, 1: own}))
-    assert finding.name == "delay(plate of log 7) of log 2" and finding.alternatives == ("delay(plate of log 7)",)
-    assert finding.place == Place(wrenches=("plate of log 7",), log=1)
-    assert finding.text.startswith(
-        "The wrench 'plate of log 7' is 30.00 ± 0.10 ms late in log 2. The estimate includes"
-    )
-    assert own != shared and own == SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
 
 
 def test_columns_files_and_arguments_take_every_kind():

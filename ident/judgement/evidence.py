@@ -61,7 +61,7 @@ def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
     fit, names = joint.fit, joint.fit.names
     std = np.sqrt(np.diag(fit.covariance))
     out = []
-    for deviation in joint.search.deviations:
+    for deviation in joint.deviations:
         k = deviation.index
         each, alternatives = joint.setup[k], [joint.setup[a] for a in deviation.alternatives]
         values: dict[str, Any] = {

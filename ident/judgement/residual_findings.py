@@ -64,7 +64,7 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
     """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
     large = dict[str, float]()
-    for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=True)):
+    for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=False)):
         fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
         if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
             large[channel] = float(noise / max(fast, TINIEST))

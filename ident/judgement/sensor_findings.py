@@ -53,7 +53,7 @@ def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
     log, joint = evidence.logs[0], evidence.trajectory
     noise = dict(evidence.scale)
     if joint is not None:
-        noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=True))
+        noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=False))
         names = [f"{joint_}_position" for joint_ in log.mechanism.joints for _ in range(_coordinates(log, joint_))]
         own = joint.fit.coordinate_noise[-len(names) :] if names else np.zeros(0)
         noise |= dict(zip(names, own.tolist(), strict=True))

@@ -1,12 +1,9 @@
 """Words of column names."""
 
-import numpy as np
 import pytest
 
-from experiments.guesses.clock import clock_of
 from experiments.guesses.families import families
 from experiments.guesses.words import LIKE, likeness, words
-from ident.errors import LogError
 from ident.recordings.wrench_names import wrench_groups
 
 
@@ -85,12 +82,3 @@ def test_moments_of_plates_belong_to_their_forces(whose, moment):
     (group,) = wrench_groups([*names, "knee_angle_r"]).values()
     kinds = ("force", "point", "torque")
     assert group == dict(zip([(kind, axis) for kind in kinds for axis in "xyz"], names, strict=True))
-
-
-def test_without_times_or_with_two_clocks_a_sentence_says_so():
-    rng, t = np.random.default_rng(0), np.arange(200) / 100
-    with pytest.raises(LogError, match="no column of it grows as times do, of x"):
-        clock_of({"x": rng.normal(size=200)})
-    late = t + np.cumsum(rng.uniform(0, 0.02, 200))
-    with pytest.raises(LogError, match="its times may be any of clock_a, clock_b"):
-        clock_of({"clock_a": t, "clock_b": late})

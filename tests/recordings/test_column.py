@@ -1,24 +1,17 @@
 """Computed columns, coupled motors, selected rows and times, and text in other layouts."""
 
 import gzip
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from malformed_logs import DQ, PLAIN, N, Q, T, text
 
 from ident.errors import LogError
-from ident.files.column import Columns, joints_behind_motors
-from ident.files.schema import value_of
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.entries import Row, couplings
+from ident.recordings.columns.entries import couplings
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.recording import Recording
 
 NAMES = ("leg", "torso")
 AXIS = np.eye(6)[4]
@@ -107,34 +100,6 @@ def test_friction_belongs_to_motors_that_are_coupled_unless_stated(tmp_path):
         couplings("motors.wrist", {}, ["wrist 2", "hip"], R, ["wrist 2", "hip"])
 
 
-@pytest.mark.parametrize("end", ["npz", "csv"])
-def test_couplings_are_saved_with_a_recording(tmp_path, end):
-    log = read(tmp_path, coupled(), COUPLED)
-    log.save(tmp_path / f"saved.{end}")
-    assert Recording.load(tmp_path / f"saved.{end}").couplings == log.couplings
-    for row in (3, {}, {"hip": 0}, {"hip": "far"}):
-        with pytest.raises(LogError, match=r"couplings.wrist 1\S* needs a number (other than 0|for each joint), got"):
-            value_of("couplings", {"wrist 1": row}, Mapping[str, Row])
-
-
-@settings(max_examples=50, derandomize=True, deadline=None, database=None)
-@given(matrix=arrays(float, (3, 3), elements=st.floats(-3, 3)), seed=st.integers(0, 99))
-def test_joints_behind_motors_keep_power_and_position(matrix, seed):
-    matrix = matrix + 7 * np.eye(3)
-    rng = np.random.default_rng(seed)
-    q, torque = rng.normal(size=(2, 4, 3))
-    motors = [Columns((name,), factor) for name, factor in (("a", 1.0), ("b", 0.5), ("c", 2.0))]
-    factors = np.array([motor.factor for motor in motors])
-
-    def values(kind, readings):
-        cells = dict(zip("abc", readings.T, strict=True))
-        joints = joints_behind_motors(matrix, kind, motors)
-        return np.stack([s.of([cells[c] for c in s.columns], 4) for column in joints for s in column.sums], axis=1)
-
-    np.testing.assert_allclose(values("position", q @ matrix.T / factors), q, atol=1e-9)
-    np.testing.assert_allclose(values("torque", torque / factors), torque @ matrix, atol=1e-9)
-
-
 def test_selected_rows_and_times(tmp_path):
     junk = text(PLAIN).splitlines()
     junk[1] = "[s],[rad],[rad]"
@@ -154,12 +119,6 @@ def test_selected_rows_and_times(tmp_path):
     (tmp_path / "c.toml").write_text("[select]\ntime = [0.1, 0.3]")
     pieces = list(read_log_pieces(tmp_path / "log.csv", MECHANISM, tmp_path / "c.toml", 10))
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T[10:31], atol=1e-12)
-
-
-def test_one_wrong_stamp_is_told(tmp_path):
-    wrong = {**PLAIN, "time": T + 3e8 * (np.arange(N) == N - 1)}
-    with pytest.raises(LogError, match=r"column 'time' jumps from 0\.38 s to 300000000\.4 s where 40 samples"):
-        read(tmp_path, wrong, "", gaps=True)
 
 
 def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):

@@ -1,22 +1,14 @@
 """Joints that share a column, or that the model couples and the log lacks, follow another one exactly."""
 
-from collections.abc import Mapping
-
 import mujoco
 import numpy as np
 import pytest
-from malformed_logs import text as csv_text
 
 import ident
 import sim
-from experiments.studies.identification import prepare
 from ident.errors import LogError
 from ident.estimation.preparation import prepared
-from ident.files.schema import value_of
-from ident.mechanism.body import Follower
 from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
-from sim.models.mechanism import mechanism
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -72,12 +64,6 @@ def test_the_driven_joint_leads(kind):
     assert f"tip_{kind}" in log.measured
 
 
-def test_torques_of_several_motors_move_the_leader_together():
-    joints = {key: {**ONE[key], "torque": name} for key, name in (("left", "force"), ("tip", "own"))}
-    log = read_log(LOG, arm(), {"joints": {**joints, "right": ONE["right"]}})
-    np.testing.assert_allclose(log["left_torque"], LOG["force"] - 2 * LOG["own"])
-
-
 def generalized(model_text, followers, q, dq, ddq):
     """Torques of independent joints by MuJoCo's inverse dynamics without constraints, by virtual work (N, n)."""
     model = mujoco.MjModel.from_xml_string(model_text)
@@ -126,20 +112,6 @@ def test_a_joint_that_the_model_couples_needs_no_column(ref):
     np.testing.assert_allclose(Y[..., : len(mech.known)] @ mech.known, expected, atol=1e-10)
 
 
-def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
-    (tmp_path / "arm.xml").write_text(xml(coupled("tip", "left", "0 -1 0 0 0", "pair")))
-    columns = {"time": T, "lift_position": ANGLE, "left_position": GRIP, "right_position": GRIP, "left_torque": GRIP}
-    (tmp_path / "log.csv").write_text(csv_text(columns))
-    ready = prepare(tmp_path / "arm.xml", tmp_path / "log.csv", filters=False)
-    assert ready.recording.followers.keys() == {"tip"} and ready.equations.channels == ("left",)
-    (tmp_path / "own.csv").write_text(csv_text({**columns, "tip_position": -GRIP}))
-    own = prepare(tmp_path / "arm.xml", tmp_path / "own.csv", filters=False)
-    assert own.mechanism.tree.dependent == ("tip",) and own.equations.channels == ("left",)
-    assert own.equations.parameters.names == ready.equations.parameters.names
-    fixed = mechanism(tmp_path / "arm.xml", fix={"left": 0.1})
-    assert not fixed.mimics and fixed.tree.joints == ("lift", "right")
-
-
 def test_an_arm_is_estimated_with_its_followers():
     equal = coupled("tip", "left", "0.1 -1 0 0 0", "pair") + coupled("right", "left", "0 0.05 0 0 0", "slide")
     model, t = arm(equal), np.arange(600) / 100
@@ -154,16 +126,6 @@ def test_an_arm_is_estimated_with_its_followers():
     estimate = ident.identify(model, columns, drive=[])
     distance = (estimate.psi - estimate.base.regroup(1.2 * true.known)) / estimate.std_setup
     assert estimate.verdict().usable and np.abs(distance).max() < 4
-
-
-@pytest.mark.parametrize("end", ["npz", "csv"])
-def test_followers_are_saved_with_a_recording(tmp_path, end):
-    log = read_log(LOG, arm(), {"joints": ONE})
-    log.save(tmp_path / f"saved.{end}")
-    assert Recording.load(tmp_path / f"saved.{end}").followers == log.followers
-    for entry in (3, {"joint": "left"}, {"joint": "left", "coefficients": ["x"]}, {"joint": "a", "coefficients": []}):
-        with pytest.raises(LogError, match=r"followers.tip.* needs (a table|coef|a number|finite)"):
-            value_of("followers", {"tip": entry}, Mapping[str, Follower])
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import mujoco
 import numpy as np
 import pytest
-from mechanisms import LENGTH_1, double_pendulum, tilted_axis
+from mechanisms import LENGTH_1, tilted_axis
 
 import scenes
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
@@ -10,14 +10,6 @@ from sim.motion.excitation import BOWING
 from sim.simulation.simulate import simulate
 
 MODEL = scenes.load("double_pendulum").compile()
-
-
-def test_double_pendulum_is_table_2():
-    tree, expected = tree_from_model(MODEL, "base"), double_pendulum()
-    assert tree.names == ("base", "link1", "link2")
-    for ours, body in zip(tree.bodies, expected.bodies, strict=True):
-        np.testing.assert_allclose(ours.home, body.home, atol=1e-15)
-        np.testing.assert_allclose(ours.twist, body.twist, atol=1e-15)
 
 
 def test_bodies_are_physical_and_geoms_weigh_nothing():
@@ -40,27 +32,6 @@ def test_tilt_turns_both_axes(tilt, azimuth):
         np.testing.assert_array_equal(getattr(tilted, name), getattr(MODEL, name))
 
 
-def test_every_sensor_declares_its_noise():
-    levels = {
-        "ground_force": 0.5,
-        "ground_torque": 0.05,
-        **{f"joint{k}_{kind}": x for k in (1, 2) for kind, x in JOINT_NOISE.items()},
-        **{f"link{k}_{kind}": x for k in (1, 2) for kind, x in POSE_NOISE.items()},
-    }
-    declared = {MODEL.sensor(i).name: float(MODEL.sensor_noise[i]) for i in range(MODEL.nsensor)}
-    assert declared == pytest.approx(levels, rel=1e-5)
-
-
-JOINT_NOISE = {"position": 0.001, "velocity": 0.01, "acceleration": 0.05}
-POSE_NOISE = {"position": 0.001, "orientation": np.radians(0.5)}
-
-
-def test_joints_are_limited_and_driven():
-    assert MODEL.jnt_limited.all()
-    assert MODEL.nu == 2
-    assert (MODEL.actuator_forcelimited == 1).all()
-
-
 def test_sensors_of_links_read_their_pose_in_the_base_frame():
     data = mujoco.MjData(MODEL)
     data.qpos = [0.3, -0.8]
@@ -70,11 +41,6 @@ def test_sensors_of_links_read_their_pose_in_the_base_frame():
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, data.sensor("link2_orientation").data)
     np.testing.assert_allclose(R.reshape(3, 3), T[:3, :3], atol=1e-14)
-
-
-def test_unknown_scene_lists_the_known_ones():
-    with pytest.raises(ValueError, match=r"'triple'; the scenes are double_pendulum"):
-        scenes.load("triple")
 
 
 @pytest.mark.parametrize(("tilt", "azimuth"), [(-1, 0), (90, 0), (np.nan, 0), (5, np.inf)])

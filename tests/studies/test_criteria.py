@@ -19,7 +19,6 @@ from ident.recordings.wrench import transform_covariance
 from ident.regression.ordinary import least_squares
 from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import Limits
 from sim.simulation.simulate import simulate, with_noise
 
 TIME = np.arange(943) / 100
@@ -90,20 +89,6 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
     assert np.isfinite(criteria.predicted_deviations(pendulum, RESTING)).all()
 
 
-@pytest.mark.slow
-def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
-    limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
-    # As many as the command has.
-    starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 24, seed=1)
-    deviations = {}
-    for criterion in ("deviations", "condition"):
-        value = criteria.cost(pendulum, criterion, len(TIME))
-        designed = excitation.best(value, limits, starts, None, 50, seed=1)
-        motion = Motion(*designed.states(TIME))
-        deviations[criterion] = geometric_mean(criteria.predicted_deviations(pendulum, motion))
-    assert deviations["deviations"] < 0.85 * deviations["condition"]
-
-
 SENSING = """
 <mujoco>
   <worldbody>
@@ -140,11 +125,3 @@ def test_noise_is_what_the_models_sensors_state():
     np.testing.assert_allclose(covariance("wrench", (1.0, 0.1)), np.diag([1, 1, 1, 0.01, 0.01, 0.01]), atol=1e-12)
     assert covariance("torque") == pytest.approx(0.16)
     assert covariance("torque", (1.0, 0.1)) == pytest.approx(0.01)
-
-
-def test_noise_that_no_sensor_states_is_a_usual_one():
-    silent = SENSING.replace('noise="', 'user="')
-    model = mujoco.MjModel.from_xml_string(silent)
-    for base in ("base", None):
-        W = excitation.problem(mechanism(model, base), None, sensors="wrench").whitening
-        np.testing.assert_allclose(W, np.diag([2.0, 2, 2, 20, 20, 20]))
