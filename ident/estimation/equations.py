@@ -13,10 +13,9 @@ from ident.estimation.samples import Samples, arrays_of, whitened
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.plane import out_of_plane
-from ident.model.axes import Axes, Couplings
+from ident.model.axes import Axes, Couplings, column_place, stated_values
 from ident.model.compiled import zeros
 from ident.model.regressor import chunk, drive_signals, program_inputs, regressor_program
-from ident.model.stated import column_place, stated_values
 from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors

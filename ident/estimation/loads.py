@@ -15,11 +15,10 @@ from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.model.axes import Axes
+from ident.model.axes import Axes, stated_values
 from ident.model.closed_form import BodyMotion
 from ident.model.inverse_dynamics import body_wrenches, inverse_dynamics
 from ident.model.regressor import drive_signals
-from ident.model.stated import stated_values
 from ident.tolerances import DRIVE, USUAL_DRIVE
 
 SLIP = 0.003

@@ -5,9 +5,8 @@ from functools import partial
 from typing import Any
 
 from ident.arguments import rpy_text
-from ident.judgement.evidence import Evidence
+from ident.judgement.evidence import Evidence, setup_sentence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
-from ident.judgement.setup_errors import setup_sentence
 from ident.setup import SETUP
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ident.errors import LogError
 from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
 from ident.files.table import BASE, Table, short
-from ident.geometry.quaternion import without_jumps
+from ident.geometry.se3 import without_jumps
 from ident.recordings.columns.mapping import STATED, ColumnMapping, check_no_column_twice
 from ident.recordings.followers import moved, with_followers
 from ident.recordings.plausibility import turns_of, with_continuous_angles

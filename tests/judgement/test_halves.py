@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ident.judgement.agreement import widening
 from ident.judgement.fit_findings import halves_findings
-from ident.judgement.halves import widening
 
 
 @pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])
