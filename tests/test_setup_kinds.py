@@ -8,8 +8,8 @@ import pytest
 from measurements import random_measurement
 
 from ident.estimation.setup import SetupParameter, objects, setup_parameters
-from ident.judgement.place import Place
-from ident.judgement.setup_findings import place_of, sentence, setup_findings, short
+from ident.judgement.finding import Place
+from ident.judgement.setup_errors import place_of, sentence, setup_findings, short
 from ident.recordings.columns.mapping import DEVIATIONS
 from ident.setup import OWN, SETUP
 from ident.trajectory.setup_search import Deviation

@@ -3,21 +3,24 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.data.outcomes import Angles
-from experiments.document import styles, tabular
+from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.styles import empty_figure
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
 from sim.markers.scaled_file import write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.names import joint_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OUTPUTS = (*RESULTS, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
 """Patterns of the files that it writes."""
@@ -94,13 +97,12 @@ def scale_table(lengths: Scaling) -> tabular.Table:
     return tabular.Table(title, *tabular.columns(**columns), deviations={"factor": "std"})
 
 
-def residuals_figure(angles: Angles) -> Figure:
+def residuals_figure(angles: Angles) -> "Figure":
     """RMS distance of the markers from the fit over time."""
     distances = MM * np.where(angles.postures.outlying, np.nan, angles.postures.distances)
     visible = np.isfinite(distances)
     by_frame = np.sqrt(np.nansum(distances**2, axis=1) / np.maximum(visible.sum(axis=1), 1))
-    with styles.paper_style():
-        figure = Figure(figsize=(styles.text_width(), 1.9))
+    with empty_figure(1.9, wide=True) as figure:
         ax = figure.subplots()
         ax.plot(angles.markers.time, by_frame, color="C0", lw=0.8)
         ax.set_xlabel("Time (s)", labelpad=2)

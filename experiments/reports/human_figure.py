@@ -1,13 +1,16 @@
 """Figure of the study of a person: errors of segments, and precision over contacts, motions and seconds."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
 
 from experiments.data.person import PersonStudy
-from experiments.document import styles
+from experiments.document.styles import empty_figure
 from ident.tolerances import INTERVAL
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLORS = {"prior": "0.55", "estimate": "C0"}
 
@@ -19,10 +22,9 @@ SHARES = (0.15, 0.3, 0.6, 1.0)
 """Fractions of each recording's length at which the precision is evaluated."""
 
 
-def figure(study: PersonStudy, feet_alone: PersonStudy) -> Figure:
+def figure(study: PersonStudy, feet_alone: PersonStudy) -> "Figure":
     """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
-    with styles.paper_style():
-        drawing = Figure(figsize=(styles.column_width(), 7.2))
+    with empty_figure(7.2) as drawing:
         above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
         _segments(above, study)
         _growth(middle, study, feet_alone)
@@ -30,7 +32,7 @@ def figure(study: PersonStudy, feet_alone: PersonStudy) -> Figure:
     return drawing
 
 
-def _segments(ax: Axes, study: PersonStudy) -> None:
+def _segments(ax: "Axes", study: PersonStudy) -> None:
     """Draws the error of each first moment's vector relative to its size, of prior and estimate."""
     phi, std = study.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
@@ -58,7 +60,7 @@ def growth(study: PersonStudy) -> np.ndarray:
     return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
 
 
-def _growth(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
+def _growth(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> None:
     """Draws the standard deviations of segments over the number of recordings."""
     numbers = np.arange(len(study.activities) + 1)
     for each, style, contacts in ((study, "-", "plates and rail"), (feet_alone, "--", "plates")):
@@ -83,7 +85,7 @@ def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.n
     }
 
 
-def _predictions(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
+def _predictions(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> None:
     """Draws the standard deviation of the wrench of motions not recorded over the seconds recorded."""
     every = predicted_deviations(study)
     for name in study.activities:
@@ -94,7 +96,7 @@ def _predictions(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
         low, high = axis.get_view_interval()
         axis.set_ticks([tick for tick in ticks if low < tick < high])
         axis.set_major_formatter("{x:g}")
-        axis.set_minor_locator(NullLocator())
+    ax.minorticks_off()
     ax.set_xlabel("Seconds recorded", labelpad=2)
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title("(c) Wrench of motions not recorded")

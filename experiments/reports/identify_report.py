@@ -15,13 +15,13 @@ from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import sentences, wrapped
+from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import ESTIMATE, about_best
-from ident.judgement.codes.row import listed, number_of
-from ident.judgement.finding import line_of
+from ident.judgement.finding import line_of, listed, number_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.stated import column_place
@@ -33,6 +33,9 @@ from sim.models.mechanism import Origin
 from sim.models.model_update import write_model
 from sim.models.opensim.mechanism import OpenSimOrigin
 from sim.models.urdf import parsed
+
+SPECTRA = "Amplitude spectra of the channels and of their residuals."
+"""Caption."""
 
 REMARKS, CHANNELS, LONGEST = 8, 12, 225
 """Largest numbers of remarks and of channels in the terminal, and letters of a remark: with them an arm takes 40 lines,
@@ -323,26 +326,15 @@ def document(
             **({} if following is None else {"table_following": following_table(following)}),
         },
         figures={
-            "figure_held_out": drawing("held_out", result, held_out_caption(result)),
-            "figure_parameters": drawing("parameters", result, parameters_caption(result)),
-            "figure_spectra": drawing("spectra", result, "Amplitude spectra of the channels and of their residuals."),
+            "figure_held_out": Plot(partial(held_out_figure, result), held_out_caption(result)),
+            "figure_parameters": Plot(partial(parameters_figure, result), parameters_caption(result)),
+            "figure_spectra": Plot(partial(spectra_figure, result), SPECTRA),
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
         files={updated: partial(_write_updated, result, geometry)} if updated else {},
     )
     return replace(made, screen=screen(made, result), verbose=verbose(made, result))
-
-
-def drawing(name: str, result: Estimate, caption: str) -> Plot:
-    """A figure of `identify_figures`, which is imported when the figure is drawn."""
-
-    def draw() -> Any:
-        from experiments.reports import identify_figures
-
-        return getattr(identify_figures, f"{name}_figure")(result)
-
-    return Plot(draw, caption)
 
 
 def scales_table(result: Estimate) -> tabular.Table:

@@ -2,22 +2,26 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated import SimulatedStudy
-from experiments.document import styles, symbols, tabular
+from experiments.document import symbols, tabular
 from experiments.document.document import Document, Plot
+from experiments.document.styles import empty_figure
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
+from ident.display.plots import add_legend
 from ident.display.text import decimals_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MEANING = (
     "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
@@ -77,11 +81,10 @@ def _beside(distribution: Distribution) -> bool:
     return bool(np.isfinite(distribution.published).any())
 
 
-def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = ()) -> Figure:
+def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = ()) -> "Figure":
     """Chart of all parameters, a panel for each model: interval, mean, prediction and the paper's error."""
-    with styles.paper_style():
-        width = styles.column_width() if len(distributions) < 3 else styles.text_width()
-        figure = Figure(figsize=(width, 3.2))
+    wide = len(distributions) > 2
+    with empty_figure(3.2, wide=wide) as figure:
         panels = figure.subplots(1, len(distributions), sharey=True, squeeze=False)[0]
         for ax, (model, d) in zip(panels, distributions.items(), strict=True):
             _draw(ax, d)
@@ -89,12 +92,11 @@ def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (
         names = next(iter(distributions.values())).names
         panels[0].set_yticks(np.arange(len(names)), [symbols.named_symbol(name, bodies) for name in names])
         panels[0].invert_yaxis()
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=2 if len(distributions) < 3 else 4)
+        add_legend(figure, columns=4 if wide else 2)
     return figure
 
 
-def _draw(ax: Axes, d: Distribution) -> None:
+def _draw(ax: "Axes", d: Distribution) -> None:
     """Draws one model's panel."""
     rows, spread, (low, high) = np.arange(len(d.names)), 1.96 * d.predicted_std, d.interval
     ax.axvline(0, color="0.6", lw=0.5)

@@ -2,17 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.document import tabular
-from experiments.document.document import Card, Document, Headline
+from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import Decimals, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_page, identify_report
+from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.preparation import length
 from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
@@ -203,7 +205,7 @@ class PayloadReport:
                 **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
-            figures={"figure_held_out": identify_report.drawing("held_out", payload.estimate, caption)},
+            figures={"figure_held_out": Plot(partial(held_out_figure, payload.estimate), caption)},
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,

@@ -16,9 +16,9 @@ from ident.estimators.candidate import Candidate
 from ident.estimators.predictions import Predictions
 from ident.judgement.candidates import LEAST_SQUARES, MODEL
 from ident.judgement.checks import wrench_checks
-from ident.judgement.fit_findings import beyond_fast_noise
 from ident.judgement.gravity import recorded_gravity
 from ident.judgement.halves import disagreement, disagreements, widening, without
+from ident.judgement.residual_findings import beyond_fast_noise
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
 from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares

@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.estimation.preparation import Prepared
 from ident.judgement.checks import Checks
-from ident.judgement.setup_findings import SetupFinding
+from ident.judgement.setup_errors import SetupFinding
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import ConsistentParameters
 from ident.parameters.prior import KNOWN

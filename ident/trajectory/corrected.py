@@ -115,6 +115,7 @@ class Smoothed:
         when, measured, wrenches = (
             np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("when", "measured", "wrenches")
         )
+        measured = measured[:, : len(self.measurement.equations.channels)]
         return replace(pieces[0], when=when, measured=measured, wrenches=wrenches)
 
     def _on_one_clock(self, theta: np.ndarray) -> tuple[Piece, np.ndarray]:
@@ -142,12 +143,13 @@ def _rows(measurement: Measurement, theta: np.ndarray) -> np.ndarray:
 def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Channels without the contribution of contacts, torques without their gain; wrenches keep theirs (N, C).
 
-    Commands become the torques that they make.
+    Commands become the torques that they make; poses are left out.
     """
-    measured = piece.measured
+    own = len(measurement.equations.channels)
+    measured = piece.measured[:, :own]
     if measurement.contacts:
         without = measurement.values(states, np.zeros_like(piece.wrenches), theta)
-        measured = measured + (without - measurement.values(states, piece.wrenches, theta)).T
+        measured = measured + (without - measurement.values(states, piece.wrenches, theta))[:own].T
     if (servos := measurement.equations.servos) is not None:
         motion, which = measurement.motion(states), list(measurement.equations.torques)
         lengths = measurement.encoders(motion.q, theta)[:, which]

@@ -117,7 +117,7 @@ def test_plots_are_figures_of_the_estimate(name):
         (ax,) = figure.axes
         assert [label.get_text() for label in ax.get_yticklabels()] == list(estimate.names)
         return
-    assert {ax.get_ylabel().partition("\n")[0] for ax in figure.axes if ax.axison} == {*estimate.channels}
+    assert {ax.get_ylabel().partition(" (")[0] for ax in figure.axes if ax.axison} == {*estimate.channels}
     lines = figure.axes[0].lines
     assert len(lines) == 2 and all(line.get_xdata().size > 10 for line in lines)
     if name == "plot_fit":

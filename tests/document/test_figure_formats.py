@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import experiments
 
 ROOT = Path(experiments.__file__).parents[1]
@@ -18,3 +20,29 @@ def test_no_figure_is_drawn_for_none_and_matplotlib_not_imported(tmp_path):
     page = (tmp_path / "arm" / "report.html").read_text(encoding="utf-8")
     assert not list(tmp_path.glob("arm/figure_*")) and 'id="figures"' not in page
     assert page.count('<svg class="picture"') == 3 and "<img" not in page
+
+
+REPORTS = """
+import importlib, pkgutil, sys
+import experiments.document.figures, experiments.document.writer, experiments.reports, ident.display.plots
+for each in pkgutil.iter_modules(experiments.reports.__path__, "experiments.reports."):
+    importlib.import_module(each.name)
+"""
+HELP = """
+import sys
+from experiments import identify
+try:
+    identify.main(["--help"])
+except SystemExit:
+    pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "unused"),
+    [(REPORTS, {"matplotlib", "scipy.signal", "pandas"}), (HELP, {"matplotlib", "jinja2", "tqdm", "scipy", "mujoco"})],
+)
+def test_what_draws_nothing_imports_no_matplotlib(code, unused):
+    run = [sys.executable, "-c", f"{code}\nprint('unused:', *({unused} & set(sys.modules)))"]
+    printed = subprocess.run(run, check=True, cwd=ROOT, capture_output=True, text=True).stdout
+    assert printed.splitlines()[-1] == "unused:"

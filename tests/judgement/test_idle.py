@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import driven_arm
 import numpy as np
 
-from ident.judgement.idle import idle_channels, still_channels
+from ident.judgement.residuals import idle_channels, still_channels
 from ident.mechanism.motion import Motion
 
 

@@ -3,7 +3,13 @@ import pytest
 
 from ident.errors import InputError, LogError
 from ident.geometry import se3
+from ident.mechanism.body import Body
+from ident.mechanism.follower import Follower
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
+from ident.recordings.servo import Servo
 from ident.recordings.wrench import Sensor
 
 RNG = np.random.default_rng(0)
@@ -56,6 +62,38 @@ def test_saving_and_loading_lose_nothing(tmp_path, suffix, with_truth):
         for key, x in vars(PLATE).items():
             np.testing.assert_array_equal(getattr(loaded.sensors[name], key), x)
     assert [p.name for p in tmp_path.iterdir()] == [f"r.{suffix}"]
+
+
+STATED = {
+    "setup": {"gain": 0.0},
+    "known": {"mass": 0.1},
+    "known_bodies": {"fore": {"center": 0.2}},
+    "held": True,
+    "base_rpy_deg": (0.0, 10.0, 0.0),
+    "loaded": "fore",
+    "still": True,
+    "scales": {"elbow": 0.1},
+    "couplings": {"motor": {"shoulder": 1.0, "elbow": 0.5}},
+    "followers": {"wrist": Follower("elbow", (0.0, 2.0))},
+    "servos": {"shoulder": Servo(50.0, 1.0)},
+}
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv"])
+def test_a_saved_recording_is_read_as_a_log_with_what_it_states(tmp_path, suffix):
+    names = "upper", "fore", "hand"
+    joints = "shoulder", "elbow", "wrist"
+    hinge = np.array([0, 0, 0, 0, 1.0, 0])
+    bodies = [Body(name, k - 1, np.eye(4), hinge, joints[k]) for k, name in enumerate(names)]
+    arm = Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]))
+    x = np.linspace(0, 1, 50)
+    measured = {"shoulder_position": x, "elbow_position": x**2, "elbow_torque": x, "shoulder_command": x + 0.01}
+    Recording(np.arange(50.0), measured, **STATED).save(tmp_path / f"r.{suffix}")
+    log = read_log(tmp_path / f"r.{suffix}", arm)
+    assert {name: getattr(log, name) for name in STATED} == STATED
+    mapping = {"setup": {"gain": 0.01, "delay": 0.0}, "base": {"rpy_deg": [0, 0, 0]}}
+    stated = read_log(tmp_path / f"r.{suffix}", arm, mapping)
+    assert stated.setup == {"gain": 0.01, "delay": 0.0} and stated.base_rpy_deg == (0, 0, 0) and stated.held
 
 
 def test_channels_by_role():

@@ -7,9 +7,9 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.document import figures
 from experiments.reports.identify_figures import held_out_figure, parameters_figure
 from experiments.reports.identify_page import held_out_caption
+from ident.display import plots
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     first = held_out_figure(slow).axes[0]
     (bars,) = first.collections
     edges = np.array([path.get_extents().intervalx for path in bars.get_paths()])
-    least = figures.VISIBLE * np.ptp(time)
+    least = plots.VISIBLE * np.ptp(time)
     assert len(edges) == 2 and (np.diff(edges) >= 0.999 * least).all()
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
     # Lines of the grid would look like spans.
