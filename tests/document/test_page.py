@@ -106,6 +106,12 @@ def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     assert alone.groups() == [("", "N", [0]), ("", "N m", [1])] and alone.shown_columns() == [0, 2]
 
 
+def test_errors_stand_beside_the_papers():
+    table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
+    assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
+    assert index.compared(table).columns[:4] == table.columns
+
+
 def test_the_papers_columns_stand_alone_beside_ours():
     columns = ("name", "true_scene", "true_paper", "error", "paper_error", "std")
     table = Table("", columns, (("a", 1.0, 1.0, 0.123, 0.1, 9.0),), caption="Errors", digits={"paper_error": (1,)})
