@@ -35,6 +35,7 @@ def test_all_that_a_laboratory_leaves_open():
         "gravity": 2,
     }
     expected |= {"zero": hinges, "axis": 2 * hinges, "centre": 3 * hinges - 3}
+    expected |= {"tracker_origin": 0, "tracker_rotation": 0}
     assert {kind: kinds.count(kind) for kind in PRIORS} == expected
     assert {each.kind: each.std for each in own} == {kind: std for kind, std in PRIORS.items() if kind in kinds}
     assert not {"lag", "scale"} & set(kinds)
@@ -58,9 +59,8 @@ def test_where_nothing_holds_the_base_contacts_have_one_delay_and_one_clock():
 def test_a_kind_is_left_out_or_given_another_prior():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
     kinds = {each.kind: each.std for each in setup_parameters(m.equations, [], {"gain": 0.0, "delay": 0.01})}
-    assert kinds == {kind: std for kind, std in PRIORS.items() if kind not in ("gain", "lag", "scale")} | {
-        "delay": 0.01
-    }
+    absent = ("gain", "lag", "scale", "tracker_origin", "tracker_rotation")
+    assert kinds == {kind: std for kind, std in PRIORS.items() if kind not in absent} | {"delay": 0.01}
 
 
 def test_commands_share_a_lag_and_torques_have_scales_as_uncertain_as_stated():
