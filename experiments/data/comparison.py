@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.annotations import fits, in_words
 from ident.errors import InputError
-from ident.judgement.comparison import Comparison
+from ident.judgement.agreement import Comparison
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out")
 """Options without effect on results, and files, which are compared by content."""

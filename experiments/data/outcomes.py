@@ -11,8 +11,8 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling
-from sim.markers.recording import Swap
 from sim.markers.trial_fit import Postures
+from sim.markers.trial_recording import Swap
 from sim.motion.excitation_design import Limits
 
 

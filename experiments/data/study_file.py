@@ -14,7 +14,7 @@ from ident.annotations import Needs
 from ident.errors import InputError
 from ident.files.schema import check_keys, choice, table, value_of
 from ident.files.table import short
-from sim.models.refusals import refusals
+from sim.models.notes import refusals
 from sim.motion.excitation import Excitation
 
 AXES = ("drawn", "recovered", "true")

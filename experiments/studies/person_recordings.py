@@ -20,8 +20,8 @@ from ident.model.regressor import base_wrench_regressor
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor, transform_wrench
 from sim.markers.marked_model import MarkedModel, marked_model
-from sim.markers.recording import recording
 from sim.markers.trial_fit import check_fit, fit_trial
+from sim.markers.trial_recording import recording
 from sim.models.mechanism import mechanism
 from sim.models.model_update import updated_spec
 from sim.motion import person

@@ -69,7 +69,7 @@ def test_the_recording_loads_as_it_was_simulated(results, study):
 
 def test_table_3_holds_both_models_beside_the_paper(results, study):
     rows = list(csv.DictReader((results / "table_3.csv").read_text().splitlines()))
-    assert list(rows[0]) == SHEET.columnS
+    assert list(rows[0]) == COLUMNS
     assert [row["parameter"] for row in rows] == list(paper.TABLE_3)
     for k, row in enumerate(rows):
         expected = (

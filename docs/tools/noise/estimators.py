@@ -31,7 +31,7 @@ from ident.identification import identify
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
-from ident.payload.identification import identify_payload
+from ident.payload.beyond_sensor import identify_payload
 from ident.payload.payload import described
 from ident.recordings.recording import Recording
 from ident.recordings.servo import model_servo
