@@ -227,12 +227,15 @@ ROWS, FIRST, LINE, NAME = 11, 5, 112, 30
 
 def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
-    cards = made.findings
-    lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS)]
-    for card in cards[:FIRST]:
-        lines.append(line_of(shorten(f"{card.title}. {card.text}", LINE, placeholder=" …"), card.doubt))
-    more = f"{len(cards) - FIRST} more findings and " if len(cards) > FIRST else ""
-    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
+    number = len(made.findings) - FIRST
+    lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS), *first_lines(made.findings)]
+    return "\n".join([*lines, f"--verbose prints {f'{number} more findings and ' if number > 0 else ''}all numbers."])
+
+
+def first_lines(cards: Sequence[Card]) -> list[str]:
+    """The first findings, a line each."""
+    texts = (shorten(f"{card.title}. {card.text}", LINE, placeholder=" …") for card in cards[:FIRST])
+    return [line_of(text, card.doubt) for text, card in zip(texts, cards, strict=False)]
 
 
 def verbose(made: Document, result: Estimate) -> str:
