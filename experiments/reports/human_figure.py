@@ -49,7 +49,7 @@ def _segments(ax: "Axes", study: PersonStudy) -> None:
     ax.set_xlim(left=0)
     ax.set_xlabel("Error of the first moment (%)", labelpad=2)
     ax.set_title("(a) First moments of segments")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=6, columnspacing=1)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=7, columnspacing=1)
 
 
 def growth(study: PersonStudy) -> np.ndarray:
@@ -71,7 +71,7 @@ def _growth(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> None:
     ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=20, ha="right")
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title(f"(b) Recordings of {study.seconds:g} s each")
-    ax.legend(loc="lower left", fontsize=6, ncols=1)
+    ax.legend(loc="upper right", fontsize=7)
 
 
 def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -100,4 +100,4 @@ def _predictions(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> Non
     ax.set_xlabel("Seconds recorded", labelpad=2)
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title("(c) Wrench of motions not recorded")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=4, fontsize=6, columnspacing=1)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=3, fontsize=7, columnspacing=1)

@@ -331,8 +331,8 @@ def document(
         },
         figures={
             "figure_held_out": Plot(partial(held_out_figure, result), held_out_caption(result)),
-            "figure_parameters": Plot(partial(parameters_figure, result), parameters_caption(result)),
             "figure_spectra": Plot(partial(spectra_figure, result), SPECTRA),
+            "figure_parameters": Plot(partial(parameters_figure, result), parameters_caption(result)),
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),

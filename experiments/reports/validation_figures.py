@@ -38,8 +38,8 @@ NOISE = "estimate, 95 % of the noise"
 HOLDS, MISSES = "estimate and its 95 % interval", "interval that misses the true value"
 """Entries of legends."""
 
-TICKS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Ticks of ratios."""
+TICKS = tuple(first * 10.0**power for power in range(-4, 3) for first in (1, 2, 5))
+"""Ticks of ratios, as far as they are on the abscissa."""
 
 LINEAR = 4.0
 """Difference in standard deviations up to which the abscissa is linear; it is logarithmic beyond."""
@@ -105,6 +105,10 @@ def held_out_figure(study: Study) -> "Figure":
             for ax, each in zip(axes, column, strict=True):
                 _ratios(ax, each)
                 ax.set_xlim(lowest, highest)
+                shown = [x for x in TICKS if lowest <= x <= highest]
+                # More decades leave room for powers of ten alone.
+                shown = shown if len(shown) < 8 else [x for x in shown if f"{x:e}".startswith("1")]
+                ax.set_xticks(shown, [f"{x:g}" for x in shown])
             axes[-1].set_xlabel("Held-out residual over signal", labelpad=2)
         add_legend(drawing, "lower", columns=4)
     return drawing
@@ -142,7 +146,6 @@ def _ratios(ax: "Axes", validation: Validation) -> None:
     ax.set_yticks(rows, [channel_label(channel) for channel in validation.channels])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_title(validation.entry.title, fontsize=8, pad=2)
-    ax.set_xticks(TICKS, [f"{x:g}" for x in TICKS])
     ax.minorticks_off()
     ax.tick_params(axis="y", labelsize=6)
 
