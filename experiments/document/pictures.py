@@ -136,7 +136,7 @@ def labels_of(names: Sequence[str]) -> list[str]:
     words = [name.replace("_", " ").split(" ") for name in names]
     shared = len(names) > 1 and all(len(each) > 1 for each in words) and len({each[-1] for each in words}) == 1
     texts = [" ".join(each[:-1] if shared else each) for each in words]
-    return [text if len(text) <= LETTERS else f"{text[: LETTERS // 2]}…{text[-LETTERS // 2 :]}" for text in texts]
+    return [text if len(text) <= LETTERS else f"{text[: LETTERS // 2]}…{text[-(LETTERS // 2) :]}" for text in texts]
 
 
 def _drawn(kind: str, *given: Any) -> str:
