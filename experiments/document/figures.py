@@ -6,17 +6,12 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from experiments.document.styles import empty_figure, paper_style
-from ident.display.plots import add_legend, few_decades, few_ticks, label_above, spans
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+from ident.display.plots import Axes, Figure, add_legend, few_decades, few_ticks, label_above, spans
 
 SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
@@ -38,7 +33,7 @@ class Line:
     style: str = "-"
     first: int = 0
 
-    def draw(self, ax: "Axes", x: np.ndarray, y: np.ndarray, label: str) -> None:
+    def draw(self, ax: Axes, x: np.ndarray, y: np.ndarray, label: str) -> None:
         """Draws values over an abscissa, both (N,)."""
         if self.style:
             ax.plot(x, y, self.style, color=self.color, lw=self.width, label=label)
@@ -55,7 +50,7 @@ def wrench_panels(
     symbol: str = "{}",
     lowest: float | None = None,
     shaded: Mapping[str, np.ndarray] | None = None,
-) -> "Figure":
+) -> Figure:
     r"""Six panels, forces on the left and torques on the right, with a curve for each wrench.
 
     Args:
@@ -96,13 +91,13 @@ def wrench_panels(
     return figure
 
 
-def save(figure: "Figure", folder: Path, name: str, formats: Iterable[str]) -> None:
+def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
     """Writes `folder/name.FORMAT` for each format, byte-identical for identical figures."""
     for extension in formats:
         (folder / f"{name}.{extension}").write_bytes(drawn(figure, extension))
 
 
-def drawn(figure: "Figure", extension: str) -> bytes:
+def drawn(figure: Figure, extension: str) -> bytes:
     """A figure's file in a format."""
     import matplotlib as mpl
     from matplotlib.backend_bases import get_registered_canvas_class
@@ -127,7 +122,7 @@ def drawn(figure: "Figure", extension: str) -> bytes:
         return _rounded(content) if extension == "svg" else content
 
 
-def _place_empty_labels(figure: "Figure") -> None:
+def _place_empty_labels(figure: Figure) -> None:
     """Fixes the places of empty labels of axes, beside which matplotlib would measure all ticks at each drawing."""
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
@@ -135,7 +130,7 @@ def _place_empty_labels(figure: "Figure") -> None:
                 axis.set_label_coords(0, 0)
 
 
-def _canvas(figure: "Figure") -> "FigureCanvasAgg":
+def _canvas(figure: Figure) -> Any:
     """The figure's pixel canvas, which caches text sizes from the first measurement to the last file."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -152,7 +147,7 @@ def _rounded(svg: bytes) -> bytes:
     return re.sub(rb' d="[^"]*"', path, svg)
 
 
-def widen_flat(ax: "Axes") -> None:
+def widen_flat(ax: Axes) -> None:
     """Widens a flat ordinate, so that rounding noise does not fill its panel."""
     low, high = ax.get_ylim()
     middle = (low + high) / 2
