@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.document import pictures
+from experiments.document.pictures import Interval
 
 
 def places(picture, shape, attribute):
