@@ -9,7 +9,6 @@ import pytest
 
 import ident
 from ident.mechanism.drives import Actuator, Drive
-from ident.parameters.prior import DRIVE_KNOWN
 from ident.setup import PRIORS
 
 TRUE = {
@@ -73,18 +72,6 @@ def test_the_model_with_its_drives_predicts_as_well_as_the_estimate_of_the_same_
     estimate = weighted()
     np.testing.assert_allclose(estimate.rivals["model"], estimate.held_out.ratio, rtol=0.1)
     assert (weighted(stated=False).rivals["model"] > 5 * estimate.rivals["model"]).all()
-
-
-def test_the_model_s_values_are_a_prior_where_the_motion_tells_little():
-    short, exact = driven_arm.log(3.0, 50.0, size=0.05), dict.fromkeys(PRIORS, 0.0)
-    estimate = ident.identify(driven_arm.mechanism(), short, setup=exact, known=True)
-    model = dict(zip(estimate.fit.names, estimate.fit.equations.from_model, strict=False))
-    std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
-    for name, value in TRUE.items():
-        assert model[name] == pytest.approx(value)
-        assert std[name] < 1.01 * DRIVE_KNOWN * value
-        assert abs(values(estimate)[name] - value) < 4 * std[name], name
-    assert std["Ia(bend)"] > 0.2 * DRIVE_KNOWN * 0.05
 
 
 def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():

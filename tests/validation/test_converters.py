@@ -6,10 +6,12 @@ import sqlite3
 import struct
 import zipfile
 
+import mujoco
 import numpy as np
 import pytest
 
 from experiments.studies.validation.converters import (
+    clamped,
     joint_states,
     noisy,
     tensors,
@@ -17,6 +19,12 @@ from experiments.studies.validation.converters import (
 )
 from experiments.studies.validation.files import convert
 from ident.errors import InputError
+
+MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody>
+<body name="trunk"><freejoint name="root"/><geom type="mesh" mesh="shell"/>
+<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
+<body name="leg"><joint name="hip" axis="0 1 0"/><geom type="sphere" size="0.1"/></body></body></worldbody>
+<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
 
 
 def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
@@ -41,6 +49,13 @@ def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
     mass, *rest = (float(x) for x in re.findall(r"[\d.]+", made))
     assert made.endswith("<mesh>2</mesh>") and 0 < abs(mass / 2 - 1) <= 0.2
     assert rest[2] == pytest.approx(3 * rest[1]) and rest[3] == rest[4] == rest[5] != 1
+
+
+def test_a_floating_model_is_clamped(tmp_path):
+    (tmp_path / "in.xml").write_text(MJCF, encoding="utf-8")
+    clamped(tmp_path / "in.xml", tmp_path / "out.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    assert (model.njnt, model.nmesh, model.nkey, model.ngeom) == (1, 0, 0, 1)
 
 
 def cdr(seconds, joints, *numbers):
