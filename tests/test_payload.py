@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import ident
 import sim
 from ident.geometry.inertia import parameter_transform, parameters_from_com, symmetric
-from ident.payload.identification import identify_payload
+from ident.payload.beyond_sensor import identify_payload
 from ident.payload.payload import described
 from ident.recordings.wrench import Sensor
 

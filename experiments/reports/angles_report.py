@@ -15,7 +15,7 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import empty_figure
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
-from sim.markers.scaled_file import write_scaled
+from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.names import joint_name
 

@@ -23,8 +23,7 @@ from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.recorded_motion import base_motion, joint_states
 from ident.estimation.setup import MARKERS, SetupParameter
 from ident.estimation.tracking import REFERENCES, WIDTH, Tracked, reading
-from ident.geometry.quaternion import small_rotation
-from ident.geometry.se3 import coAd, hat, inverse, pose
+from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled

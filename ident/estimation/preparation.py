@@ -22,9 +22,8 @@ from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.model.axes import Axes
+from ident.model.axes import Axes, column_place
 from ident.model.regressor import drive_kinds
-from ident.model.stated import column_place
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.followers import moving

@@ -16,7 +16,7 @@ from ident.judgement.finding import (
     listed,
 )
 from ident.mechanism.mechanism import Mechanism
-from ident.model.stated import column_place
+from ident.model.axes import column_place
 from ident.parameters.consistency import ConsistentParameters
 from ident.parameters.prior import conditioned, known_deviations, updated
 from ident.tolerances import DRIVE, INTERVAL

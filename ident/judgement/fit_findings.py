@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from scipy import linalg
 
+from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import ESTIMATE, Candidates
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import (
@@ -16,7 +17,6 @@ from ident.judgement.finding import (
     number_of,
     percent,
 )
-from ident.judgement.halves import DISAGREE
 from ident.parameters.prior import known_covariance
 from ident.tolerances import CONDITION_LIMIT
 

@@ -5,9 +5,8 @@ from functools import partial
 from typing import Any
 
 from ident.arguments import rpy_text
-from ident.judgement.evidence import Evidence
+from ident.judgement.evidence import Evidence, setup_sentence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
-from ident.judgement.setup_errors import setup_sentence
 from ident.setup import SETUP
 
 
@@ -96,7 +95,13 @@ def _exact_setup(kinds: Sequence[str]) -> str:
     )
 
 
-FINDINGS.update({f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False) for kind in SETUP})
+FINDINGS.update(
+    {
+        f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False)
+        for kind, row in SETUP.items()
+        if not row.constant
+    }
+)
 FINDINGS.update(
     gravity_direction=Row(_gravity, doubt=True),
     channels_late=Row(_late, doubt=True),

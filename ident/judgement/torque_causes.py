@@ -24,8 +24,8 @@ from ident.judgement.finding import (
     percent,
 )
 from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
+from ident.model.axes import column_place
 from ident.model.regressor import joint_torque_regressor
-from ident.model.stated import column_place
 from ident.tolerances import INTERVAL, LIKELY, SINGULAR
 
 DEVIATIONS = 4.0

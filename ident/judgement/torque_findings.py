@@ -19,7 +19,7 @@ from ident.judgement.finding import (
 )
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
-from ident.model.stated import column_place
+from ident.model.axes import column_place
 from ident.parameters.prior import known_covariance
 from ident.setup import SETUP
 from ident.tolerances import DRIVE

@@ -17,8 +17,7 @@ from ident.display.frames import channels_frame
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import BASE
-from ident.mechanism.body import is_rigid
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings

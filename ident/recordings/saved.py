@@ -13,7 +13,7 @@ from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.schema import value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower
 from ident.recordings.columns.entries import Row
 from ident.recordings.servo import Scale, Servo
 from ident.recordings.tracker import Tracker

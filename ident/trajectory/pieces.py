@@ -11,7 +11,7 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.recorded_motion import usual_cutoff
 from ident.estimation.tracking import REFERENCES, WIDTH, measured_poses
 from ident.files.table import BASE
-from ident.geometry.quaternion import continuous_quaternions, without_jumps
+from ident.geometry.se3 import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.smoothing import chosen_cutoff

@@ -17,7 +17,7 @@ from experiments.guesses.guess import believed
 from experiments.guesses.written import write_mapping
 from ident.estimation.loads import predicted_channels
 from ident.mechanism.motion import Motion
-from ident.payload.identification import identify_payload
+from ident.payload.beyond_sensor import identify_payload
 
 TIME = np.arange(1500) / 100
 JOINTS = ("pan", "lift", "elbow")

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from ident.judgement.evidence import SetupFinding
 from ident.judgement.fit_findings import course_findings
 from ident.judgement.residual_findings import quality_findings
-from ident.judgement.setup_errors import SetupFinding
 from ident.judgement.setup_findings import setup_remarks
 
 

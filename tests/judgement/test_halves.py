@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ident.judgement.agreement import LEAST_ADDED, disagreements, widening
 from ident.judgement.fit_findings import halves_findings
-from ident.judgement.halves import LEAST_ADDED, disagreements, widening
 
 
 def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):

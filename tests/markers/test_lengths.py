@@ -8,7 +8,7 @@ from marked import errors, labels_of, marked_person, trial
 from ident.errors import InputError, ModelError
 from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import marked_model
-from sim.markers.scaled_file import write_scaled
+from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import fit_trial
 
 

@@ -5,8 +5,8 @@ import pytest
 from marked import labels_of, marked_person, trial
 
 from sim.markers.marked_model import base_of, marked_model
-from sim.markers.recording import recording
 from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_recording import recording
 
 
 @pytest.fixture(scope="module")

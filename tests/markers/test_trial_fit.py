@@ -9,8 +9,8 @@ from marked import errors, labels_of, marked_person, trial
 
 from sim.markers.frame_fit import Kinematics
 from sim.markers.marked_model import marked_model
-from sim.markers.recording import swaps
 from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_recording import swaps
 
 FRAMES = 60
 

@@ -4,8 +4,8 @@ from mechanisms import double_pendulum, random_pose, random_twist, tilted_axis, 
 from scipy.spatial.transform import Rotation
 
 from ident.geometry import se3
-from ident.mechanism.axes import estimate_screw, recover_axes
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.recovered_axes import estimate_screw, recover_axes
 from ident.mechanism.tree import Tree
 
 NOISE = np.radians(0.5)

@@ -7,8 +7,7 @@ import pytest
 from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_twist
 
 from ident.errors import ModelError
-from ident.mechanism.body import Body
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree

@@ -6,8 +6,8 @@ import pytest
 import sim
 from ident.errors import ModelError
 from ident.estimation.loads import stated_drive_torques
+from ident.mechanism.body import Follower
 from ident.mechanism.constraint import Relation
-from ident.mechanism.follower import Follower
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 from sim.models.model_update import write_model

@@ -3,10 +3,9 @@ import pytest
 from scipy.optimize import minimize
 
 from ident.errors import InputError
-from sim.motion.excitation import DOUBLE_PENDULUM, Excitation
+from sim.motion.excitation import DOUBLE_PENDULUM, Excitation, Trapezoids
 from sim.motion.fourier import FourierTrajectory, basis
 from sim.motion.interior_point import minimum
-from sim.motion.trapezoids import Trapezoids
 
 TIME = np.arange(943) / 100
 

@@ -5,8 +5,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.geometry import se3
-from ident.mechanism.body import BASE, Body
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import structural_base_parameters

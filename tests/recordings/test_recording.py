@@ -3,8 +3,7 @@ import pytest
 
 from ident.errors import InputError, LogError
 from ident.geometry import se3
-from ident.mechanism.body import Body
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log

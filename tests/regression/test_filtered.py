@@ -13,7 +13,7 @@ import ident
 import sim
 from ident.estimation.preparation import Part, filtered, prepared
 from ident.estimation.samples import Samples
-from ident.estimators.candidate import Candidate
+from ident.estimators.predictions import Candidate
 from ident.regression.filtered import _Sums, filtered_least_squares
 from ident.regression.held_out import HeldOut
 

@@ -13,7 +13,7 @@ from experiments.studies.excitation import problem
 from ident.errors import InputError
 from ident.recordings.recording import Recording
 from sim.motion.collisions import Collisions
-from sim.motion.reach import reachable
+from sim.motion.walls import reachable
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 

@@ -13,7 +13,7 @@ from ident.files.limits import toml
 from ident.files.schema import check_keys, choice, pose, table, value_of
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates

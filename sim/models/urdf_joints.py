@@ -1,14 +1,17 @@
-"""Mimic joints of a URDF file: `<mimic joint="…" multiplier="…" offset="…"/>`, q = multiplier q_joint + offset."""
+"""Joints of URDF files beyond what MuJoCo reads: mimic joints, and the transmissions of their actuators."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from math import isfinite
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from ident.errors import ModelError
+from ident.mechanism.drives import Actuator
 from sim.models.notes import note
+from sim.models.xml_files import parsed
 
 SINGLE = ("revolute", "continuous", "prismatic")
 """Types of joints with one coordinate, which alone mimic and are mimicked."""
@@ -83,3 +86,51 @@ def add_mimics(spec: mujoco.MjSpec, mimics: Mimics) -> None:
     for name, (lead, multiplier, offset) in mimics.items():
         each = spec.add_equality(name=f"mimic_{name}", type=mujoco.mjtEq.mjEQ_JOINT, name1=name, name2=lead)
         each.data[:5] = offset, multiplier, 0, 0, 0
+
+
+REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
+"""Tags of a reduction in a transmission, or in its actuator or joint: those of ROS 1 and ROS 2."""
+
+
+def transmissions(path: str | Path) -> dict[str, tuple[Actuator, ...]]:
+    """Actuators by their joints' names, with the reductions as gears; none for files other than URDF.
+
+    Transmissions of several joints or actuators, such as differentials, are left out.
+
+    Raises:
+        ModelError: A reduction is no number, or zero.
+    """
+    root, out = parsed(Path(path)), dict[str, tuple[Actuator, ...]]()
+    if root.tag != "robot":
+        return out
+    for element in root.iter("transmission"):
+        joints, actuators = element.findall("joint"), element.findall("actuator")
+        if len(joints) != 1 or len(actuators) > 1:
+            continue
+        joint = joints[0].get("name", "")
+        name = (actuators or [element])[0].get("name", "")
+        out[joint] = (*out.get(joint, ()), Actuator(name, _reduction(path, element)))
+    return out
+
+
+def _reduction(path: str | Path, transmission: ET.Element) -> float:
+    """Reduction of a transmission, 1 if it states none."""
+    stated = next(_stated(transmission), "1")
+    try:
+        value = float(stated)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value) or value == 0:
+        raise ModelError(
+            f"{path}: transmission '{transmission.get('name', '')}' needs a reduction that is a finite number other "
+            f"than 0, got '{stated}'."
+        )
+    return value
+
+
+def _stated(transmission: ET.Element) -> Iterator[str]:
+    """Yields the texts of a transmission's reductions."""
+    for element in (transmission, *transmission.findall("actuator"), *transmission.findall("joint")):
+        for tag in REDUCTIONS:
+            if text := (element.findtext(tag) or "").strip():
+                yield text

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.files.table import BASE
-from ident.geometry.quaternion import without_jumps
+from ident.geometry.se3 import without_jumps
 from ident.recordings.recording import Recording
 from sim.markers.marked_model import MarkedModel
 from sim.markers.trial_fit import Postures

@@ -13,16 +13,16 @@ import numpy as np
 
 from ident.annotations import typed
 from ident.arguments import check_type, checked_deviations
-from ident.errors import InputError
+from ident.errors import InputError, LogError
 from ident.estimation.preparation import at_rest, mounted, prepared
+from ident.files.table import BASE
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.mounting import beyond, on_payload
-from ident.payload.payload import Payload
+from ident.payload.payload import Payload, pose_of_body
 from ident.payload.weight import known, likely, weighing
 from ident.recordings.recording import Recording
 from ident.recordings.times import POSES, SLOW
-from ident.recordings.wrench import GROUND
+from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import PRIORS
 from ident.tolerances import HOLDOUT
 from ident.trajectory.fit.iteration import Report
@@ -102,3 +102,56 @@ def identify_payload(
     # The prior is the weighed body instead of the model, so that the model is no rival.
     estimate = replace(estimate, held_out=replace(estimate.held_out, rivals={}))
     return Payload(robot, body, sensor, places[0], estimate, tuple(notes))
+
+
+def beyond(robot: Mechanism, recordings: Sequence[Recording], body: str) -> Mechanism:
+    """A body and all on it, carried by the robot's joints, or the whole mechanism if that is one body with known poses.
+
+    Raises:
+        InputError: There is no such body, or what moves it is not known.
+    """
+    if all(each.base is None for each in recordings) and robot.tree.joints:
+        return robot.beyond(body)
+    if robot.tree.joints:
+        raise InputError("A payload is identified on a robot whose own base rests, but the log has a moving base.")
+    if body != robot.tree.names[0] or any(each.base is None for each in recordings):
+        raise InputError(
+            f"No joint moves '{body}': its pose has to be that of the base, '{robot.tree.names[0]}', and the log needs "
+            "it, under [base] in the columns file: position and quaternion."
+        )
+    return robot
+
+
+def on_payload(
+    robot: Mechanism, part: Mechanism, recording: Recording, body: str, sensor: str
+) -> tuple[np.ndarray, Recording, list[str]]:
+    """Pose of the sensor's frame in the body's, the recording with its wrench as ground wrench, and notes."""
+    if sensor not in recording.wrenches:
+        known = ", ".join(f"'{name}'" for name in recording.wrenches) or "none"
+        raise LogError(
+            f"The log needs the wrench '{sensor}', its wrenches are {known}: say in the columns file under "
+            f'[wrenches.{sensor}] which columns hold its force and torque, and body = "{body}".'
+        )
+    stated = recording.sensors.get(sensor, Sensor())
+    place = stated.pose
+    if stated.body is not None:
+        place = pose_of_body(robot, body, stated.body, f"the wrench '{sensor}'") @ place
+    on_it = stated.body is None or stated.body in part.tree.names
+    left_out = [name for name in recording.wrenches if name != sensor]
+    kept = [BASE, *(f"{joint}_{kind}" for joint in part.joints for kind in ("position", "velocity", "acceleration"))]
+    names = {name: name for name in kept} | {f"{sensor}_{kind}": f"{GROUND}_{kind}" for kind in ("force", "torque")}
+
+    def renamed(channels: Mapping[str, Any]) -> dict[str, Any]:
+        return {new: channels[name] for name, new in names.items() if name in channels}
+
+    alone = replace(
+        recording,
+        measured=renamed(recording.measured),
+        true={},
+        units=renamed(recording.units),
+        noise=renamed(recording.noise),
+        sensors={GROUND: Sensor(None, place, stated.applied_to_link is on_it)},
+        streams=renamed(recording.streams),
+    )
+    sentence = f"Wrenches besides '{sensor}' were left out: {', '.join(left_out)}."
+    return place, alone, [sentence] if left_out else []
