@@ -1,6 +1,7 @@
 """Converters of published files, each on a small file of its format, and on what is none."""
 
 import io
+import pickle
 import re
 import sqlite3
 import struct
@@ -148,3 +149,13 @@ def test_a_tensor_file_becomes_a_table(tmp_path):
     assert head.startswith("time,q_FL_hip_joint,q_FL_thigh_joint") and head.endswith("u_RR_calf_joint")
     table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(table, np.column_stack([np.arange(3) / 200, q, u]), rtol=1e-6)
+
+
+def test_a_tensor_file_runs_no_code(tmp_path):
+    table = {"time": np.zeros(1, "<f4")}
+    tensor_file(tmp_path / "in.pt", table, rebuild=("os", "system"))
+    with pytest.raises(InputError, match=r"'os\.system' is not read"):
+        convert("tensors", tmp_path / "in.pt", tmp_path / "out.csv")
+    (tmp_path / "none.pt").write_bytes(pickle.dumps({}))
+    with pytest.raises(InputError, match="it is damaged"):
+        convert("tensors", tmp_path / "none.pt", tmp_path / "out.csv")
