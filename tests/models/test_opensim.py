@@ -135,19 +135,6 @@ def test_a_spline_through_points_of_a_cubic_is_that_cubic_and_straight_beyond(ki
         np.testing.assert_allclose(spline.evaluated(np.array([end + beyond])), straight, rtol=1e-12)
 
 
-@pytest.mark.parametrize("points", [3, 4, 5, 7])
-def test_a_spline_has_the_third_derivatives_of_its_outermost_points(points):
-    rng = np.random.default_rng(points)
-    x, y = np.cumsum(rng.uniform(0.3, 0.9, points)), rng.normal(size=points)
-    spline = curve(ET.fromstring(table(x, y)))
-    np.testing.assert_allclose(spline.evaluated(x), y, atol=1e-12)
-    for piece, outermost in ((slice(0, 2), slice(0, 4)), (slice(-2, None), slice(-4, None))):
-        inside = np.linspace(*x[piece], 6)
-        third = 6 * Polynomial.fit(inside, spline.evaluated(inside), 3).convert().coef[3]
-        through = Polynomial.fit(x[outermost], y[outermost], 3).convert().coef[3] if points > 3 else 0.0
-        assert third == pytest.approx(6 * through, rel=1e-6, abs=1e-8)
-
-
 @pytest.mark.parametrize("kind", ["SimmSpline", "PiecewiseLinearFunction"])
 def test_tables_need_two_points_or_more_that_rise(kind):
     two = curve(ET.fromstring(table([-1, 1], [0.5, 1.5], kind)))

@@ -4,7 +4,7 @@ from scipy.optimize import minimize
 
 from ident.errors import InputError
 from sim.motion.excitation import DOUBLE_PENDULUM, Excitation, Trapezoids
-from sim.motion.fourier import FourierTrajectory, basis
+from sim.motion.fourier import FourierTrajectory
 from sim.motion.interior_point import minimum
 
 TIME = np.arange(943) / 100
@@ -77,14 +77,6 @@ def test_derivatives_are_those_of_finite_differences():
     before, now, after = (trajectory.states(time + shift) for shift in (-h, 0, h))
     for k in (0, 1):
         np.testing.assert_allclose((after[k] - before[k]) / (2 * h), now[k + 1], atol=1e-7)
-
-
-def test_the_columns_span_all_series_that_rest():
-    # Sines and cosines of K harmonics, less one condition on each.
-    for harmonics in (2, 5):
-        B = basis(1.0, harmonics, np.linspace(0, 1, 100))[1]
-        assert np.linalg.matrix_rank(B) == B.shape[1] == 2 * harmonics - 2
-        np.testing.assert_allclose(B[:-1].T @ B[:-1], 99 / 2 * np.eye(B.shape[1]), atol=1e-10)
 
 
 @pytest.mark.parametrize(
