@@ -14,10 +14,9 @@ def run(args: argparse.Namespace) -> None:
     from experiments.reports import payload_report
     from ident.files.readers import is_log
     from ident.mechanism.mechanism import Mechanism
-    from ident.payload.identification import identify_payload
+    from ident.payload.beyond_sensor import identify_payload
     from ident.payload.load import identify_load
-    from ident.payload.mounting import place_of
-    from ident.payload.payload import Payload
+    from ident.payload.payload import Payload, place_of
     from ident.recordings.log import read_log
     from sim.models.mechanism import mechanism
 

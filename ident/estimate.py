@@ -21,20 +21,18 @@ from ident.estimation.accumulator import accumulate
 from ident.estimation.preparation import Part, Prepared
 from ident.estimation.samples import Samples, joined
 from ident.files.objects import load_object, save_object
+from ident.judgement.agreement import Comparison, compared
 from ident.judgement.candidates import ESTIMATE
 from ident.judgement.checks import Checks, checked
-from ident.judgement.comparison import Comparison, compared
-from ident.judgement.evidence import Evidence, Unmodelled
+from ident.judgement.evidence import Evidence, SetupFinding, Unmodelled, setup_findings
 from ident.judgement.finding import Finding
-from ident.judgement.idle import idle_channels
 from ident.judgement.judges import findings
-from ident.judgement.residuals import correlation_time, explained_by_motion
-from ident.judgement.setup_findings import SetupFinding, setup_findings
+from ident.judgement.residuals import correlation_time, explained_by_motion, idle_channels
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
-from ident.model.stated import column_place, stated_values, with_values
+from ident.model.axes import column_place, stated_values, with_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.body_bounds import scaled_root
 from ident.parameters.body_prior import BodyPrior, Rotors

@@ -6,14 +6,8 @@ from functools import cache
 import driven_arm
 import numpy as np
 import pytest
-from coded import coded
 
 import ident
-from experiments.cli import options
-from ident.errors import InputError
-from ident.estimation.preparation import prepared
-from ident.judgement.body_findings import rotor_findings
-from ident.judgement.torque_checks import friction_shares
 from ident.mechanism.drives import Actuator, Drive
 from ident.parameters.prior import DRIVE_KNOWN
 from ident.setup import PRIORS
@@ -93,17 +87,6 @@ def test_the_model_s_values_are_a_prior_where_the_motion_tells_little():
     assert std["Ia(bend)"] > 0.2 * DRIVE_KNOWN * 0.05
 
 
-def test_a_rotor_that_no_model_states_is_not_held_by_the_prior_of_the_links():
-    """The links' inertias, known to .1 %, take up the rotor of the joint about the vertical axis."""
-    mechanism = driven_arm.mechanism(armature=(0.0, 0.0, 0.0))
-    known = {"mass": 1e-3, "center": 1e-4, "inertia": 1e-3}
-    estimate = ident.identify(mechanism, driven_arm.log(), known=known)
-    (taken,) = [each for name, each in estimate.fit.equations.absorbed.items() if name == "Ia(turn)"]
-    moved = estimate.psi - estimate.fit.equations.from_model[: estimate.base.rank]
-    k = np.argmax(np.abs(taken))
-    assert moved[k] == pytest.approx(driven_arm.TRUE["armature"][0] * taken[k], rel=0.02)
-
-
 def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():
     estimate = weighted()
     drives, stated = estimate.drives, driven_arm.mechanism().drives
@@ -118,33 +101,6 @@ def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():
     assert geared.with_value("viscous", 0.5).viscous == 0 and geared.with_value("stribeck", 1.0) == geared
 
 
-def test_nothing_is_fitted_beyond_what_is_asked_for():
-    assert not weighted(drive=()).fit.equations.drives
-    assert weighted(drive=("viscous",)).fit.equations.drives == ("Fv(turn)", "Fv(lift)", "Fv(bend)")
-    assert coded(weighted(drive=()), "friction_not_fitted") and not coded(weighted(), "friction_not_fitted")
-
-
-def test_only_joints_with_a_measured_torque_have_drives():
-    recording = driven_arm.log()
-    measured = {name: x for name, x in recording.measured.items() if name != "bend_torque"}
-    ready = prepared(driven_arm.mechanism(), replace(recording, measured=measured), cutoff=8.0, drive=None)
-    assert ready.equations.drives and not any("bend" in name for name in ready.equations.drives)
-
-
-@pytest.mark.parametrize(
-    ("given", "drive"),
-    [(["auto"], None), (["none"], ()), ([], ()), (["viscous", "spring"], ("viscous", "spring"))],
-)
-def test_the_option_takes_auto_none_or_a_list(given, drive):
-    assert options.drives(given) == drive
-
-
-@pytest.mark.parametrize("alone", ["auto", "none"])
-def test_auto_and_none_stand_alone(alone):
-    with pytest.raises(InputError, match=f"--drive takes {alone} alone, or a list out of rotor, viscous"):
-        options.drives([alone, "viscous"])
-
-
 def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
     recording = driven_arm.log()
     torque = recording["bend_torque"].copy()
@@ -156,15 +112,3 @@ def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
     k = estimate.base.names.index("Izz1")
     assert estimate.fit.equations.from_drives[k] == pytest.approx(0.2, abs=1e-6)
     assert not any("bend" in name for name in estimate.fit.equations.drives)
-
-
-def test_findings_on_rotors_take_equations_that_absorb_some():
-    """Bodies far from the model's ask whether rotors that are not fitted explain them."""
-    estimate = weighted(drive=("viscous", "rotor"))
-    equations = estimate.fit.equations
-    assert equations.absorbed
-    wider = equations.with_drives((*equations.drives, "Fc(turn)", "Ia(turn)"))
-    assert len(wider.from_drives) == wider.parameters.rank + len(wider.drives)
-    evidence = estimate.evidence
-    assert {finding.code for finding in rotor_findings(evidence, ["column", "upper"])} == {"rotor_inseparable"}
-    assert set(friction_shares(estimate.fit, estimate.logs[0].used)) == set(driven_arm.JOINTS)

@@ -17,7 +17,7 @@ from experiments.document.writer import sentences
 from ident.display.plots import Figure
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
-from sim.markers.scaled_file import write_scaled
+from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.names import joint_name
 

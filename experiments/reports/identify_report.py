@@ -21,19 +21,18 @@ from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import ESTIMATE, about_best
-from ident.judgement.codes.row import listed, number_of
-from ident.judgement.finding import line_of
+from ident.judgement.finding import line_of, listed, number_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
-from ident.model.stated import column_place
+from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.servo import Servo
 from ident.recordings.several_files import name_of
 from ident.tolerances import DRIVE
 from sim.models.mechanism import Origin
 from sim.models.model_update import write_model
-from sim.models.opensim.mechanism import OpenSimOrigin
-from sim.models.urdf import parsed
+from sim.models.opensim.reading import OpenSimOrigin
+from sim.models.xml_files import parsed
 
 SPECTRA = "Amplitude spectra of the channels and of their residuals."
 """Caption."""

@@ -22,7 +22,7 @@ from ident.payload.payload import QUANTITIES, UNITS, Payload, RigidBody, SensorP
 from ident.recordings.several_files import name_of
 from ident.tolerances import INTERVAL
 from sim.models.model_update import write_model
-from sim.models.urdf import parsed
+from sim.models.xml_files import parsed
 
 OUTPUTS = (*RESULTS, "payload.json", "payload.txt", "model.xml", "model.urdf")
 """Patterns of the files that it writes."""

@@ -45,17 +45,6 @@ def test_what_a_channel_does_not_see_is_zero(seed):
         assert rows[start, c].any()
 
 
-def test_forces_leave_out_all_columns_of_inertias():
-    """In a chain, forces depend at most on the mass and the three first moments of each body."""
-    rng = np.random.default_rng(0)
-    tree = random_tree(rng, 12, kinds=("revolute",), chain=True)
-    equations = Equations.of_wrench(Mechanism(tree, rng.normal(size=3)))
-    samples = Samples(Motion(*random_states(rng, tree, SAMPLES)), np.zeros((SAMPLES, 6)))
-    _, first = equations.order(samples)
-    inertias = sum(name.startswith("I") for name in equations.names)
-    assert min(first[:3]) >= inertias > 30
-
-
 @pytest.mark.parametrize("seed", range(12))
 def test_gram_matrices_are_those_of_all_rows(seed):
     equations, samples = random_equations(seed)

@@ -1,18 +1,15 @@
 """Angles from markers: exact without noise, and with noise within the stated covariance."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
-import mujoco
 import numpy as np
 import pytest
 from marked import errors, labels_of, marked_person, trial
 
-from ident.errors import InputError
 from sim.markers.frame_fit import Kinematics
 from sim.markers.marked_model import marked_model
-from sim.markers.recording import swaps
-from sim.markers.trial_fit import check_fit, fit_trial
+from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_recording import swaps
 
 FRAMES = 60
 
@@ -97,25 +94,3 @@ def test_labels_are_exchanged_where_each_marker_is_far_nearer_to_the_others_plac
         outlying=np.ones((1, 2), bool),
     )
     assert [swap.labels for swap in swaps(postures, measured)] == [("a", "b")] * exchanged
-
-
-def test_markers_of_something_else_are_refused(person):
-    marked, *_, x = person
-    check_fit(postures := fit_trial(marked, x[:3]))
-    with pytest.raises(InputError, match=r"The markers are 0\.2 m from where the model can have them: check"):
-        check_fit(replace(postures, sigma=0.2))
-
-
-def test_slides_and_fixed_joints():
-    spec = mujoco.MjSpec.from_string("""<mujoco><worldbody><body name="a"><joint name="s" type="slide" axis="1 0 0"/>
-        <geom size=".1"/><site name="p" pos="0 0 .1"/><body name="b" pos="0 0 .3"><joint name="h" axis="0 1 0"/>
-        <joint name="stuck" axis="1 0 0"/><geom size=".1"/><site name="q" pos=".1 .05 .2"/></body></body>
-        </worldbody></mujoco>""")
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    data.qpos = [0.2, 0.5, 0.3]
-    mujoco.mj_kinematics(model, data)
-    marked, _ = marked_model(spec, ["p", "q"], fix={"stuck": [0.3]})
-    postures = fit_trial(marked, np.array([data.site_xpos]))
-    np.testing.assert_allclose(postures.qpos, [[0.2, 0.5, 0.3]], atol=1e-9)
-    assert marked.dof_names == ["s", "h"]

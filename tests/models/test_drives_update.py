@@ -10,7 +10,6 @@ import pytest
 
 import ident
 import sim
-from ident.errors import ModelError
 from ident.estimation.loads import predicted_channels
 from ident.mechanism.drives import Drive
 from sim.models.model_update import write_model
@@ -87,16 +86,6 @@ def test_gains_of_position_actuators_are_set_whatever_their_classes_have(tmp_pat
     assert same == {"c": arm.drives["c"]} and Drive().with_servo(1.0, 1.0) == Drive()
 
 
-def test_specifications_and_urdf_as_mjcf_are_written_as_well(tmp_path):
-    arm = driven_arm.mechanism()
-    write_model(tmp_path / "new.xml", arm, arm.known, NEW)
-    assert sim.mechanism(tmp_path / "new.xml").drives["turn"] == NEW["turn"]
-    (tmp_path / "arm.urdf").write_text(URDF, encoding="utf-8")
-    arm = sim.mechanism(tmp_path / "arm.urdf")
-    write_model(tmp_path / "of_urdf.xml", arm, arm.known, NEW)
-    assert sim.mechanism(tmp_path / "of_urdf.xml").drives["bend"].rotor == 0.03125
-
-
 def test_of_urdf_only_the_numbers_of_dynamics_change(tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF, encoding="utf-8")
     arm = sim.mechanism(tmp_path / "arm.urdf")
@@ -109,21 +98,6 @@ def test_of_urdf_only_the_numbers_of_dynamics_change(tmp_path):
     assert (tmp_path / "new.urdf").read_text(encoding="utf-8") == expected
     write_model(tmp_path / "same.urdf", arm, arm.known, arm.drives)
     assert (tmp_path / "same.urdf").read_text(encoding="utf-8") == URDF
-
-
-@pytest.mark.parametrize(
-    ("drives", "message"),
-    [
-        ({"turn": Drive(viscous=-1.0)}, "Joint 'turn' needs a damping of at least 0, got -1"),
-        ({"knee": Drive()}, "drives names 'knee', which is none of turn, lift, bend"),
-        ({"turn": Drive(rotor=np.nan)}, "Joint 'turn' needs a finite rotor inertia, got nan"),
-    ],
-)
-def test_bad_drives_are_one_sentence_and_nothing_is_written(tmp_path, drives, message):
-    arm = driven_arm.mechanism()
-    with pytest.raises(ModelError, match=message):
-        write_model(tmp_path / "new.xml", arm, arm.known, drives)
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("stated", [True, False])

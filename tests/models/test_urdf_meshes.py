@@ -2,7 +2,6 @@
 
 import os
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -10,7 +9,6 @@ from ident.errors import ModelError
 from sim.models.mechanism import mechanism
 from sim.models.model_update import updated_spec, write_model
 from sim.models.notes import ModelNote
-from sim.models.shapes import shapes
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -78,48 +76,11 @@ def test_meshes_are_found_in_the_packages_of_the_environment_and_of_an_option(tm
     assert mechanism(path).source.model.nmesh == 1
 
 
-def test_names_of_files_and_whole_paths_are_taken(tmp_path):
-    put(tmp_path / "far off/b.obj")
-    for name in (f"file://{tmp_path}/far%20off/b.obj", f"{tmp_path}/far off/b.obj"):
-        assert mechanism(robot(tmp_path / "arm.urdf", collision=name)).source.model.nmesh == 1
-
-
-def test_meshes_that_are_another_packages_are_not_taken(tmp_path):
-    path = robot(tmp_path / "arm/urdf/arm.urdf", collision="package://hand/meshes/b.obj")
-    put(tmp_path / "arm/meshes/b.obj")
-    put(tmp_path / "arm/package.xml", "<package><name>arm</name></package>")
-    with pytest.warns(ModelNote, match=r"A mesh is not found.*package://hand/meshes/b\.obj; --packages FOLDER"):
-        assert mechanism(path).source.model.nmesh == 0
-
-
 def test_meshes_that_cannot_be_read_are_named_with_what_is_wrong(tmp_path):
     for name, text in {"flat.obj": "v 0 0 0\n", "b.dae": "<COLLADA/>", "b.stl": "solid b\nendsolid b\n"}.items():
         put(tmp_path / name, text)
         with pytest.warns(ModelNote, match=f"A mesh is not what MuJoCo reads.*: {name}: .*; STL, OBJ and MSH"):
             assert mechanism(robot(tmp_path / "arm.urdf", collision=name)).source.model.nmesh == 0
-
-
-def test_visuals_are_shown_where_there_are_no_collisions_and_missed_only_then(tmp_path):
-    put(tmp_path / "b.obj")
-    shown = mechanism(robot(tmp_path / "arm.urdf", visual="b.obj"))
-    assert shown.source.model.geom_contype.tolist() == [0] and len(shapes(shown)) == 1
-    both = mechanism(robot(tmp_path / "arm.urdf", visual="gone.dae", collision="b.obj"))
-    assert both.source.model.geom_contype.tolist() == [1]
-    with pytest.warns(ModelNote, match=r"A mesh is not found.*: gone\.stl;"):
-        other = mechanism(robot(tmp_path / "arm.urdf", visual="b.obj", collision="gone.stl"))
-    assert other.source.model.geom_contype.tolist() == [0]
-    stated = '<mujoco><compiler discardvisual="true"/></mujoco>'
-    assert mechanism(robot(tmp_path / "arm.urdf", visual="b.obj", extension=stated)).source.model.ngeom == 0
-
-
-def test_a_written_model_has_the_meshes_that_were_found(tmp_path):
-    put(tmp_path / "in/b.obj")
-    arm = mechanism(robot(tmp_path / "in/arm.urdf", collision="b.obj"))
-    (tmp_path / "out").mkdir()
-    write_model(tmp_path / "out/arm.xml", arm, 2 * arm.known)
-    assert mujoco.MjModel.from_xml_path(str(tmp_path / "out/arm.xml")).nmesh == 1
-    write_model(tmp_path / "out/arm.urdf", arm, 2 * arm.known)
-    assert 'filename="b.obj"' in (tmp_path / "out/arm.urdf").read_text(encoding="utf-8")
 
 
 def test_joints_may_hang_on_a_world_that_is_not_declared(tmp_path):

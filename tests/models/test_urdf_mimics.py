@@ -6,12 +6,11 @@ import pytest
 import sim
 from ident.errors import ModelError
 from ident.estimation.loads import stated_drive_torques
+from ident.mechanism.body import Follower
 from ident.mechanism.constraint import Relation
-from ident.mechanism.follower import Follower
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 from sim.models.model_update import write_model
-from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -53,17 +52,6 @@ def test_a_mimic_is_written_back_as_it_was(tmp_path):
     assert element in (tmp_path / "new.urdf").read_text()
 
 
-def test_a_mimic_of_a_fixed_joint_has_no_effect(tmp_path):
-    assert not read(tmp_path, joint("left"), joint("right", '<mimic joint="left"/>', "fixed")).mimics
-
-
-def test_a_leader_that_is_fixed_holds_its_mimic(tmp_path):
-    arm = read(tmp_path, RIGHT, joint("left"), joint("free")).fixed({"left": [0.2]})
-    assert arm.tree.joints == ("free",) and {*arm.tree.still} == {"left", "right"}
-    right = arm.tree.poses(np.zeros(1))[arm.tree.names.index("of_right")]
-    np.testing.assert_allclose(np.arctan2(right[1, 0], right[0, 0]), 0.1 - 1.5 * 0.2, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("joints", "message"),
     [
@@ -97,14 +85,6 @@ def test_a_leader_that_is_fixed_holds_its_mimic(tmp_path):
 def test_wrong_mimics_are_one_sentence(tmp_path, joints, message):
     with pytest.raises(ModelError, match=message):
         read(tmp_path, *joints)
-
-
-@pytest.mark.filterwarnings("default::sim.models.notes.ModelNote")
-def test_a_mimic_of_a_joint_that_the_file_lacks_moves_by_itself(tmp_path):
-    """As in models whose hands were renamed, but not what their joints mimic."""
-    with pytest.warns(ModelNote, match=r"has no joint of the name .* move by themselves: 'left' \('nail'\)"):
-        arm = read(tmp_path, joint("left", '<mimic joint="nail"/>'))
-    assert not arm.mimics and arm.joints == ("left",)
 
 
 def test_friction_and_rotor_of_a_mimic_act_on_its_leader(tmp_path):

@@ -71,10 +71,3 @@ def test_inverse_dynamics_of_mujoco_agrees(activity, rail):
         force = motion.base.T[i, :3, :3] @ wrench[i, :3]
         np.testing.assert_allclose(data.qfrc_inverse[:3], force, atol=0.01)
         np.testing.assert_allclose(data.qfrc_inverse[3:6], wrench[i, 3:], atol=0.01)
-
-
-def test_an_unknown_activity_is_named():
-    with pytest.raises(ident.InputError, match=r"one of standing, .* got 'sleeping'"):
-        person.motion(PERSON.tree, "sleeping", TIME)
-    with pytest.raises(ident.InputError, match="The rail is out of reach"):
-        person.motion(PERSON.tree, "squats", TIME, Style(size=4))

@@ -95,7 +95,7 @@ def test_what_is_missing_is_named(files, tmp_path, capsys):
 
 
 def test_a_flange_is_refused_before_anything_is_fitted(files, monkeypatch, capsys):
-    monkeypatch.setattr("ident.payload.identification.identify_payload", None)
+    monkeypatch.setattr("ident.payload.beyond_sensor.identify_payload", None)
     for flange, sentence in (
         ("tcp", "body or site, got 'tcp'; bodies and sites are"),
         ("link5", "is on 'link5', which"),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ident.recordings.sampled import Sampled, side_by_side
+from ident.recordings.sampled import Sampled
 from ident.trajectory.angles_alone import UNSETTLED, smoothed
 
 
@@ -20,26 +20,6 @@ def test_a_frequency_passes_as_the_formula_says(rate, share):
     expected = wave(middle, frequency) / (1 + share**6)
     np.testing.assert_allclose(q, expected, rtol=0, atol=0.002)
     np.testing.assert_allclose(ddq, -((2 * np.pi * frequency) ** 2) * expected, rtol=0, atol=0.01 / T**2)
-
-
-def test_coordinates_of_their_own_rates_pass_alike():
-    T, share = 0.05, 0.9
-    times = np.arange(0, 10, 0.001), np.arange(0.0003, 10, 0.02)
-    both = side_by_side([Sampled(time, wave(time, share / (2 * np.pi * T))) for time in times])
-    middle = times[0][abs(times[0] - 5) < 3]
-    q, *_ = smoothed(both, T).evaluate(middle)
-    expected = wave(middle, share / (2 * np.pi * T)) / (1 + share**6)
-    np.testing.assert_allclose(q, np.repeat(expected, 2, axis=1), rtol=0, atol=0.005)
-
-
-def test_few_samples_among_many_times_are_fitted_as_if_they_were_alone():
-    time, T = np.arange(20_000) / 1000, 0.005
-    few = np.linspace(0, 19_999, 6).astype(int)
-    among = np.full((20_000, 1), np.nan)
-    among[few] = 0.1 + wave(time[few], 0.1)
-    x = np.hstack([wave(time), among])
-    together, alone = smoothed(Sampled(time, x), T), smoothed(Sampled(time[few], among[few]), T)
-    np.testing.assert_allclose(together.evaluate(time)[0, :, 1], alone.evaluate(time)[0, :, 0], atol=1e-6)
 
 
 def test_either_side_of_a_gap_is_smoothed_by_itself():
@@ -70,12 +50,3 @@ def test_missing_samples_and_isolated_outliers_change_little():
     noise = clean.evaluate(middle) - smoothed(Sampled(time, exact), 0.05).evaluate(middle)
     change = other.evaluate(middle) - clean.evaluate(middle)
     assert (change[:3].std(axis=1) < noise[:3].std(axis=1)).all()
-
-
-def test_a_touch_without_noise_is_no_outlier():
-    time, width, size = np.arange(0, 2, 0.005), 0.01, 0.001
-    z = (time - 1.001) / width
-    touch = size * np.exp(-(z**2) / 2)
-    ddq = smoothed(Sampled(time, wave(time) + touch[:, None]), 0.0025).evaluate(time)[2]
-    expected = -((2 * np.pi * 0.7) ** 2) * wave(time) + ((z**2 - 1) * touch / width**2)[:, None]
-    assert abs(ddq - expected)[abs(time - 1) < 0.2].max() < 0.05 * size / width**2

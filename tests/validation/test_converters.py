@@ -1,19 +1,15 @@
 """Converters of published files, each on a small file of its format, and on what is none."""
 
 import io
-import pickle
 import re
 import sqlite3
 import struct
 import zipfile
 
-import mujoco
 import numpy as np
 import pytest
 
 from experiments.studies.validation.converters import (
-    clamped,
-    declared_world,
     joint_states,
     noisy,
     tensors,
@@ -21,23 +17,6 @@ from experiments.studies.validation.converters import (
 )
 from experiments.studies.validation.files import convert
 from ident.errors import InputError
-from sim.models.mechanism import mechanism
-
-URDF = """<?xml version="1.0"?>
-<robot name="pendulum">
-<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>
-<link name="base"/>
-<joint name="j" type="continuous"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/></joint>
-<link name="bob"><inertial><origin xyz="0 0 -1"/><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-</robot>
-"""
-
-MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody>
-<body name="trunk"><freejoint name="root"/><geom type="mesh" mesh="shell"/>
-<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
-<body name="leg"><joint name="hip" axis="0 1 0"/><geom type="sphere" size="0.1"/></body></body></worldbody>
-<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
 
 
 def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
@@ -62,21 +41,6 @@ def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
     mass, *rest = (float(x) for x in re.findall(r"[\d.]+", made))
     assert made.endswith("<mesh>2</mesh>") and 0 < abs(mass / 2 - 1) <= 0.2
     assert rest[2] == pytest.approx(3 * rest[1]) and rest[3] == rest[4] == rest[5] != 1
-
-
-def test_the_link_world_is_declared_once(tmp_path):
-    (tmp_path / "in.urdf").write_text(URDF, encoding="utf-8")
-    declared_world(tmp_path / "in.urdf", tmp_path / "out.urdf")
-    assert mechanism(tmp_path / "out.urdf").joints == ("j",)
-    declared_world(tmp_path / "out.urdf", tmp_path / "again.urdf")
-    assert (tmp_path / "again.urdf").read_bytes() == (tmp_path / "out.urdf").read_bytes()
-
-
-def test_a_floating_model_is_clamped(tmp_path):
-    (tmp_path / "in.xml").write_text(MJCF, encoding="utf-8")
-    clamped(tmp_path / "in.xml", tmp_path / "out.xml")
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
-    assert (model.njnt, model.nmesh, model.nkey, model.ngeom) == (1, 0, 0, 1)
 
 
 def cdr(seconds, joints, *numbers):
@@ -137,13 +101,6 @@ def test_a_bag_without_joint_states_or_a_damaged_one_is_a_sentence(tmp_path):
     assert not (tmp_path / "out.csv").exists()
 
 
-class Named:
-    """A name of a module, as pickles hold it."""
-
-    def __init__(self, module, name, *arguments):
-        self.module, self.name, self.arguments = module, name, arguments
-
-
 def tensor_file(path, tables, rebuild=("torch._utils", "_rebuild_tensor_v2")):
     """Writes a tensor file by hand: opcodes of its dictionary, and the numbers of each storage."""
     out = io.BytesIO()
@@ -176,13 +133,3 @@ def test_a_tensor_file_becomes_a_table(tmp_path):
     assert head.startswith("time,q_FL_hip_joint,q_FL_thigh_joint") and head.endswith("u_RR_calf_joint")
     table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(table, np.column_stack([np.arange(3) / 200, q, u]), rtol=1e-6)
-
-
-def test_a_tensor_file_runs_no_code(tmp_path):
-    table = {"time": np.zeros(1, "<f4")}
-    tensor_file(tmp_path / "in.pt", table, rebuild=("os", "system"))
-    with pytest.raises(InputError, match=r"'os\.system' is not read"):
-        convert("tensors", tmp_path / "in.pt", tmp_path / "out.csv")
-    (tmp_path / "none.pt").write_bytes(pickle.dumps({}))
-    with pytest.raises(InputError, match="it is damaged"):
-        convert("tensors", tmp_path / "none.pt", tmp_path / "out.csv")

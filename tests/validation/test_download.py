@@ -8,7 +8,6 @@ import pytest
 from loopback import server as loopback
 
 from experiments.data.validation import Entry, Source, SourceFile
-from experiments.studies.validation import download as downloads
 from experiments.studies.validation.download import address, cache, download
 from experiments.studies.validation.files import Places, checked, fetched
 from ident.errors import InputError
@@ -44,37 +43,10 @@ def test_a_refused_connection_is_a_sentence(tmp_path):
     assert not (tmp_path / "a.csv").exists()
 
 
-def test_a_missing_file_is_a_sentence(tmp_path):
-    with server(status=404) as (url, _), pytest.raises(InputError, match="the server says 404"):
-        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
-
-
-def test_a_file_that_is_too_large_is_not_taken(tmp_path, monkeypatch):
-    monkeypatch.setattr(downloads, "LARGEST", 1000)
-    with server() as (url, _), pytest.raises(InputError, match="larger than the largest size"):
-        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
-
-
-def test_one_that_broke_off_is_not_kept(tmp_path):
-    with (
-        server(CONTENT[:1000], whole=len(CONTENT)) as (url, _),
-        pytest.raises(InputError, match="after 1000 of 768000"),
-    ):
-        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("location", ["http://[::1", "https://exam ple.org/a", "https://example.org:port/", "data:,x"])
 def test_a_redirection_to_no_address_is_a_sentence(location, tmp_path):
     with server(status=302, location=location) as (url, _), pytest.raises(InputError, match="cannot be downloaded"):
         download(f"{url}/a.csv", tmp_path / "a.csv")
-
-
-def test_a_server_that_sends_byte_by_byte_is_left(tmp_path, monkeypatch):
-    monkeypatch.setattr(downloads, "DEADLINE", 0.2)
-    with server(CONTENT[:500], pause=0.01) as (url, _), pytest.raises(InputError, match=r"took more than 0\.2 s"):
-        download(f"{url}/a.csv", tmp_path / "a.csv")
-    assert not list(tmp_path.iterdir())
 
 
 ENTRY = Entry(
@@ -84,20 +56,11 @@ ENTRY = Entry(
 )
 
 
-def test_an_address_has_repository_commit_and_path():
-    assert address(ENTRY, ENTRY.files[0]) == "https://raw.githubusercontent.com/somebody/arms/0123abc/data/a%20b.csv"
-
-
 @pytest.mark.parametrize("licence", ["", "proprietary"])
 def test_what_may_not_be_copied_is_not_downloaded(licence):
     entry = replace(ENTRY, source=replace(ENTRY.source, licence=licence))
     with pytest.raises(InputError, match=r"lets nobody copy it.*--data"):
         address(entry, entry.files[0])
-
-
-def test_a_file_of_unknown_origin_is_not_downloaded():
-    with pytest.raises(InputError, match=r"where 'b.csv' is published is not known.*--data"):
-        address(ENTRY, SourceFile("b.csv"))
 
 
 def test_files_are_fetched_once(tmp_path, monkeypatch):
@@ -118,14 +81,6 @@ def test_a_local_file_with_another_hash_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes(CONTENT[:-1])
     with pytest.raises(InputError, match="another file than the one that was tried"):
         checked(ENTRY, tmp_path)
-
-
-def test_a_file_without_any_hash_is_fetched_and_said_to_be_unchecked(tmp_path, capsys):
-    entry = replace(ENTRY, tried=False, files=(SourceFile("a.csv", "data/a.csv"),))
-    with server() as (url, _):
-        fetched(entry, tmp_path, url)
-    assert f"Unchecked, as the registry holds no hash of it: {url}" in (error := capsys.readouterr().err)
-    assert SHA256 in error and checked(entry, tmp_path) == ("a.csv",)
 
 
 def test_a_published_file_is_converted_after_its_download(tmp_path):

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from malformed_logs import JOINTS, PLAIN, WRENCH, N, Q, T
 from written_formats import write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
-from ident.errors import InputError, LogError
+from ident.errors import LogError
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -86,34 +84,6 @@ def test_damaged_files_are_one_sentence(tmp_path, kind, way):
     assert path.exists()
 
 
-DAMAGES = st.lists(st.tuples(st.floats(0, 1), st.sampled_from("sdi"), st.binary(min_size=1, max_size=9)), max_size=2)
-
-
-@settings(
-    max_examples=20,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@pytest.mark.parametrize("kind", KINDS)
-@given(damages=DAMAGES)
-def test_any_file_is_read_or_refused(tmp_path, kind, damages):
-    path = tmp_path / f"log.{kind}"
-    if not (tmp_path / kind).exists():
-        write(path)
-        (tmp_path / kind).write_bytes(path.read_bytes())
-    data = bytearray((tmp_path / kind).read_bytes())
-    for where, how, new in damages:
-        at = int(where * (len(data) - 1)) if len(data) > 1 else 0
-        data[at : at + {"s": len(new), "d": 7 * len(new), "i": 0}[how]] = b"" if how == "d" else new
-    path.write_bytes(data)
-    try:
-        read_log(path, MECHANISM)
-    except InputError as error:
-        assert "\n" not in str(error)
-
-
 def changed(old, new):
     return lambda text: text.replace(old, new, 1)
 
@@ -169,33 +139,6 @@ def test_damaged_marker_files(tmp_path, damage, message):
     assert message in refusal(tmp_path / "log.trc")
 
 
-def test_matlab_files_that_are_refused(tmp_path):
-    path = tmp_path / "log.mat"
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(600))
-    assert "version 7.3 are not read; save it in MATLAB with save(NAME, '-v7')" in refusal(path)
-    write_mat(path, {"q_hip": T[:-1], **{name: x for name, x in PLAIN.items() if name != "q_hip"}})
-    assert "joint 'hip' needs a column of its positions" in refusal(path)
-    write_mat(path, {}, name="nothing")
-    assert "at least 10 samples, it has 0" in refusal(path)
-    write_mat(path, {"x": np.zeros(3_000_000)})
-    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 1 MB .*--max-size"):
-        read_log(path, MECHANISM, limit=1_000_000)
-
-
-def test_parquet_files_that_are_refused(tmp_path):
-    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
-    path = tmp_path / "log.parquet"
-    write_parquet(path, {**PLAIN, "q_hip": pyarrow.array([None, *Q[1:, 1]])})
-    assert "row 0, column 'q_hip' is empty or NaN, as are 1 of 40" in refusal(path)
-    write_parquet(path, {**PLAIN, "q_hip": ["x"] * N})
-    assert "joint 'hip' needs a column of its positions" in refusal(path)
-    write_parquet(path, {"x": np.zeros(0)})
-    assert "at least 10 samples, it has 0" in refusal(path)
-    write_parquet(path, {"x": np.zeros(3_000_000)})
-    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 1 MB"):
-        read_log(path, MECHANISM, limit=1_000_000)
-
-
 def test_bags_that_are_refused(tmp_path):
     pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
     states = {joint: [(x, 0, 0) for x in Q[:, k]] for k, joint in enumerate(JOINTS)}
@@ -236,12 +179,3 @@ def test_c3d_files_that_are_refused(tmp_path):
     data[8:10] = (60000).to_bytes(2, "little")
     path.write_bytes(data)
     assert "it ends before the 60000 frames that its header promises" in refusal(path, mapping)
-
-
-def test_a_file_without_wrenches_is_refused_where_there_are_no_joints(tmp_path):
-    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
-    path = tmp_path / "log.c3d"
-    write_c3d(path, 100.0, {"KNEE": np.stack([T, T, T], axis=1)})
-    hand = Mechanism(Tree((Body("hand", -1, np.eye(4), np.zeros(6)),)), np.array([0, 0, -9.81]))
-    with pytest.raises(LogError, match=r"columns of joints or wrenches, and none is .*has KNEE\.x, KNEE\.y"):
-        read_log(path, hand)

@@ -2,14 +2,13 @@
 
 import json
 import shutil
-import sys
 
 import numpy as np
 import pytest
-from malformed_logs import JOINTS, N, Q, T
+from malformed_logs import JOINTS, N, Q
 from written_formats import write_lerobot
 
-from ident.errors import InputError, LogError
+from ident.errors import LogError
 from ident.files.readers import files_in, read_tables
 
 pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
@@ -76,26 +75,6 @@ def test_an_episode_is_read_by_the_names_of_its_components(tmp_path, version, k)
     assert files_in(tmp_path / f"pick#{k}") == (folder / "meta/info.json", folder / "data/chunk-000" / name)
 
 
-def test_lists_of_any_length_are_read_where_all_have_that_of_the_description(tmp_path):
-    folder = dataset(tmp_path / "d", [0], 2)
-    path = folder / "data/chunk-000/episode_000000.parquet"
-    content = parquet.read_table(path)
-    state = content.column("observation.state").combine_chunks()
-    at = content.column_names.index("observation.state")
-    as_lists = state.to_pylist()
-    parquet.write_table(content.set_column(at, "observation.state", pyarrow.array(as_lists)), path)
-    np.testing.assert_array_equal(
-        table(folder).cells["observation.state.hip.pos"], episode(0)["observation.state"][:, 1]
-    )
-    as_lists[7] = [1.0, 2.0, 3.0]
-    parquet.write_table(content.set_column(at, "observation.state", pyarrow.array(as_lists)), path)
-    assert "frame 7 needs 2 numbers in 'observation.state', as meta/info.json has them; it has 3." in refusal(folder)
-    parquet.write_table(content.set_column(at, "observation.state", pyarrow.array(T)), path)
-    assert "'observation.state' needs vectors of 2 numbers, as meta/info.json has them; it has double." in refusal(
-        folder
-    )
-
-
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_episode_that_is_absent_or_not_chosen(tmp_path, version):
     folder = dataset(tmp_path / "d", (0, 1, 2, 5), version)
@@ -154,18 +133,3 @@ def test_data_that_are_refused(tmp_path):
     assert "has its first episode in meta/episodes/chunk-000/file-000.parquet; here is none." in refusal(
         tmp_path / "d#1"
     )
-
-
-def test_an_episode_takes_no_more_memory_than_is_allowed(tmp_path):
-    many = {0: {"observation.state": np.zeros((100_000, 50))}, 1: {"observation.state": np.zeros((20, 50))}}
-    write_lerobot(tmp_path / "d", many, 3)
-    with pytest.raises(LogError, match=r"takes 41 MB in memory where at most 3 MB"):
-        list(read_tables(tmp_path / "d#0", limit=3_000_000))
-    assert len(next(read_tables(tmp_path / "d#1", limit=3_000_000)).rows) == 20
-
-
-def test_the_library_is_named_where_it_is_missing(tmp_path, monkeypatch):
-    folder = dataset(tmp_path / "d", [0])
-    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(InputError, match=r"the extra 'parquet' brings: pip install multicontact\[parquet\]"):
-        table(folder)
