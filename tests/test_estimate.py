@@ -2,12 +2,10 @@
 
 from functools import cache
 
-import driven_arm
 import numpy as np
 from recorded_faults import PENDULUM, estimated, faulty
 
 import ident
-from ident.judgement.residuals import correlation_time
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 
@@ -38,13 +36,3 @@ def test_condition_numbers_are_those_of_the_regressor_as_it_is_and_with_unit_nor
     np.testing.assert_allclose(numbers["raw"], np.linalg.cond(Y), rtol=1e-9)
     np.testing.assert_allclose(numbers["unit_norm"], np.linalg.cond(Y / np.linalg.norm(Y, axis=0)), rtol=1e-9)
     assert numbers["weighted"] == ordinary().condition_number
-
-
-def test_the_correlation_is_that_of_the_first_recording():
-    arm = driven_arm.mechanism()
-    logs = [driven_arm.log(6.0, 50.0, seed=seed, noise=noise) for seed, noise in ((0, 1.0), (1, 30.0))]
-    estimate = ident.identify(arm, logs, estimator="ordinary", cutoff=8.0)
-    first = estimate.logs[0]
-    residual = estimate.fit.residual(first.used)
-    assert len(estimate.residual) > len(residual)
-    np.testing.assert_array_equal(estimate.correlation, correlation_time(residual, first.log.recording.rate))

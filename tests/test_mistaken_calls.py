@@ -243,18 +243,11 @@ def test_a_mistaken_call_is_one_sentence(call, message, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("fix", "as_if"),
-    [
-        ({"joint2": -0.3}, {"joint2": [-0.3]}),
-        ({"joint2": np.float32(0.5)}, {"joint2": [0.5]}),
-        ("joint2", {"joint2": ()}),
-        (["joint2"], {"joint2": ()}),
-    ],
-)
-def test_a_joint_is_fixed_by_a_number_or_by_its_name_alone(fix, as_if):
-    assert fixed(fix).tree == fixed(as_if).tree
-    assert fixed(fix).tree.joints == ("joint1",)
+def test_a_folder_that_is_missing_is_one_sentence(tmp_path):
+    saves = [(estimates.quick().save, "npz"), (LOG.save, "npz"), (LOG.save, "csv")]
+    for save, end in [*saves, (lambda path: mc.write_model(path, PENDULUM, PENDULUM.known), "xml")]:
+        with pytest.raises(mc.InputError, match=r"nowhere' does not exist; make it first\.$"):
+            save(tmp_path / "nowhere" / f"new.{end}")
 
 
 def test_a_misspelt_command_names_those_that_are_near():

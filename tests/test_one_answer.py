@@ -1,7 +1,6 @@
 """One recording with the same options gives one answer, by both commands and in Python."""
 
 import json
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -67,18 +66,3 @@ def test_commands_and_python_agree(tmp_path, files, offsets, other):
         assert_the_same([np.transpose(each) for each in values])
     else:
         assert by_stream["offsets"] == {}
-
-
-def test_memory_is_that_of_the_channels():
-    """A robust fit of a long recording holds a few copies of its 29 numbers per sample, but no regressor of 78."""
-    spec = scenes.load("double_pendulum")
-    arm, short = sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM, samples=500)
-    peaks = []
-    for copies in (20, 60):
-        channels = {name: np.concatenate([x] * copies) for name, x in short.measured.items()}
-        recording = ident.Recording(np.arange(500 * copies) / 100, channels)
-        tracemalloc.start()
-        ident.identify(arm, recording, estimator="ordinary")
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert (peaks[1] - peaks[0]) / (500 * 40) < 8 * 150

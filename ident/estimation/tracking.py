@@ -26,8 +26,9 @@ from ident.recordings.tracker import tracked_bodies
 WIDTH, REFERENCES = 6, 12
 """Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
 
-ALTERNATIONS = 50
-"""Rounds in which the rotations of both frames are fitted in turn, from each of the 24 turns by right angles."""
+COARSE, FINE = 20, 1000
+"""Rounds in which the rotations of both frames are fitted in turn, from each of the 24 turns by right angles, and from
+the best one of these: where the bodies hardly turn they converge slowly."""
 
 UNIT = 0.01
 """Largest deviation of a quaternion's norm from 1."""
@@ -117,19 +118,24 @@ def _rotations(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Rotations X and Y with `X R_body Y` nearest to the measured ones, X the same for all that are not stated."""
     every = [np.einsum("nij,nkl->ijkl", M[:, :3, :3], A[:, :3, :3]) for A, M in pairs]
-    best, most = list[tuple[np.ndarray, np.ndarray]](), -np.inf
-    for first in Rotation.create_group("O").as_matrix():
-        shared = first
-        for _ in range(ALTERNATIONS):
+
+    def alternated(shared: np.ndarray, rounds: int) -> tuple[float, list[np.ndarray], list[np.ndarray]]:
+        """Score, X and Y after some rounds from the X of all that are not stated."""
+        for _ in range(rounds):
             X = [shared if frame is None else frame[:3, :3] for frame, _ in stated]
             free = [np.einsum("ijkl,ik->lj", K, R) for K, R in zip(every, X, strict=True)]
             Y = [_nearest(S) if own is None else own[:3, :3] for S, (_, own) in zip(free, stated, strict=True)]
-            back = [np.einsum("ijkl,lj->ik", K, S) for K, S in zip(every, Y, strict=True)]
-            shared = _nearest(sum(R for R, (frame, _) in zip(back, stated, strict=True) if frame is None) + 0 * first)
-        score = sum(float((S * own).sum()) for S, own in zip(free, Y, strict=True))
-        if score > most:
-            best, most = list(zip(X, Y, strict=True)), score
-    return best
+            back = zip(every, Y, stated, strict=True)
+            shared = _nearest(
+                sum(np.einsum("ijkl,lj->ik", K, S) for K, S, (frame, _) in back if frame is None) + 0 * shared
+            )
+        return sum(float((S * own).sum()) for S, own in zip(free, Y, strict=True)), X, Y
+
+    starts = (alternated(start, COARSE) for start in Rotation.create_group("O").as_matrix())
+    best = max(starts, key=lambda each: each[0])
+    unknown = [R for R, (frame, _) in zip(best[1], stated, strict=True) if frame is None]
+    _, X, Y = alternated(unknown[0], FINE) if unknown else best
+    return list(zip(X, Y, strict=True))
 
 
 def _nearest(matrix: np.ndarray) -> np.ndarray:

@@ -95,7 +95,13 @@ def _exact_setup(kinds: Sequence[str]) -> str:
     )
 
 
-FINDINGS.update({f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False) for kind in SETUP})
+FINDINGS.update(
+    {
+        f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False)
+        for kind, row in SETUP.items()
+        if not row.constant
+    }
+)
 FINDINGS.update(
     gravity_direction=Row(_gravity, doubt=True),
     channels_late=Row(_late, doubt=True),

@@ -34,6 +34,10 @@ OPEN = 0.5
 """A quantity is identifiable if its standard deviation is below this fraction of its size: the mass itself, `SIZE` for
 the centre of mass, the mean moment of inertia for inertias."""
 
+GUESSED = 1.0
+"""Width of the prior body, a guess with the mass and centre of the same data: of 72 fits of eight simulated tools 96 %
+or more of each quantity's intervals hold; with a width estimated from the same data, at the least noise 71 % of Izz."""
+
 
 class RigidBody(NamedTuple):
     """A rigid body in some frame.
@@ -157,7 +161,7 @@ class Payload(Brief):
         """Physically consistent bodies with the estimated ψ; their prior is only a guess from the same wrenches."""
         estimate, part = self.estimate, self.estimate.prepared.mechanism
         covariance, base = estimate.covariance, estimate.base
-        return consistent_parameters(estimate.psi, covariance, base, part.known, bodies=part.bodies, widest=True)
+        return consistent_parameters(estimate.psi, covariance, base, part.known, bodies=part.bodies, width=GUESSED)
 
     @property
     def model(self) -> np.ndarray | None:

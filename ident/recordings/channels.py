@@ -101,14 +101,11 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
 
 def _with_saved(mapping: ColumnMapping, stated: Mapping[str, Any]) -> ColumnMapping:
     """The mapping with what a saved recording states and the mapping does not."""
-    own = {name: (x, getattr(mapping, name)) for name, x in stated.items() if name in (*STATED, "servos")}
-    return replace(
-        mapping,
-        **{
-            name: {**x, **here} if isinstance(x, Mapping) else x if here == getattr(ColumnMapping, name) else here
-            for name, (x, here) in own.items()
-        },
-    )
+    own = dict[str, Any]()
+    for name, x in ((name, x) for name, x in stated.items() if name in (*STATED, "servos")):
+        here = getattr(mapping, name)
+        own[name] = {**x, **here} if isinstance(x, Mapping) else x if here == getattr(ColumnMapping, name) else here
+    return replace(mapping, **own)
 
 
 def _of_joint(table: Table, joint: str, joint_kind: str, kind: str) -> Columns:

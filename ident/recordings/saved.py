@@ -68,7 +68,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
         joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
         for joint, lead in fields["followers"].items()
     }
-    annotations["trackers"] = {
+    others["trackers"] = {
         name: {key: x if isinstance(x, str) else x.tolist() for key, x in vars(tracker).items() if x is not None}
         for name, tracker in fields["trackers"].items()
     }

@@ -11,6 +11,7 @@ from experiments.document import pictures
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.tabular import Table
 from experiments.document.writer import Output, written
+from experiments.reports import index
 
 
 class Cells(HTMLParser):
@@ -103,3 +104,18 @@ def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     assert full.groups() == [("arm", "kg, m", [0, 1])] and full.shown_columns() == [1, 3]
     alone = Table("t", ("channel", "x"), (("Fx", 1.0), ("Mx", 2.0)), units=("N", "N m"))
     assert alone.groups() == [("", "N", [0]), ("", "N m", [1])] and alone.shown_columns() == [0, 2]
+
+
+def test_errors_stand_beside_the_papers():
+    table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
+    assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
+    assert index.compared(table).columns[:4] == table.columns
+
+
+def test_the_papers_columns_stand_alone_beside_ours():
+    columns = ("name", "true_scene", "true_paper", "error", "paper_error", "std")
+    table = Table("", columns, (("a", 1.0, 1.0, 0.123, 0.1, 9.0),), caption="Errors", digits={"paper_error": (1,)})
+    shown = index.printed(table)
+    assert shown.columns == ("name", "true_paper", "true_scene", "paper_error", "error") and shown.title == "Errors"
+    assert shown.headings() == ["name", "true, paper", "true, ours", "error, paper", "error, ours"]
+    assert shown.texts()[0][3:] == ["0.1", "0.1"]

@@ -103,7 +103,7 @@ def test_derivatives_are_central_differences(seed):
     """With respect to states and all kinds of parameters, including the set-up's."""
     rng = np.random.default_rng(seed)
     kinds = (*SCREWS, "revolute", "ball")
-    m = random_measurement(rng, 3, kinds, moving=bool(seed % 2), torques=seed > 1, contacts=1)
+    m = random_measurement(rng, 3, kinds, moving=bool(seed % 2), torques=seed > 1, contacts=1, tracked=seed % 3)
     m = with_plate(replace(m, frame=None if seed > 3 else m.frame)) if seed % 3 else m
     check_derivatives(m, rng)
 
@@ -141,7 +141,7 @@ def check_derivatives(m, rng):
 
 
 def test_every_kind_of_set_up_parameter_is_among_those_differentiated():
-    m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
+    m = random_measurement(np.random.default_rng(0), 3, ("revolute",), tracked=1)
     commanded = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
     assert {each.kind for each in (*m.setup, *commanded.setup)} == set(PRIORS)
     assert {each.kind for each in m.setup} == set(PRIORS) - {"lag", "scale"}

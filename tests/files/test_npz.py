@@ -1,13 +1,18 @@
 """Malicious archives: every reader gives one sentence and takes little memory."""
 
 import io
+import json
 import struct
 import tracemalloc
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import refusal
 
+import scenes
+from experiments import identify, stream
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies.stream_progress import Progress
 from ident.errors import InputError
@@ -17,6 +22,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
+
+PENDULUM = Path(scenes.__file__).parent / "double_pendulum.xml"
 
 
 def npy(array):
@@ -101,3 +108,17 @@ def test_a_small_file_is_not_unpacked_to_a_large_one(tmp_path, stated):
             assert tracemalloc.get_traced_memory()[1] < 2_000_000, name
         finally:
             tracemalloc.stop()
+
+
+def test_the_limit_is_raised_by_an_option(tmp_path, capsys):
+    channels = {"time": np.arange(2000) / 100, "measured/wide": np.zeros((2000, 600))}
+    np.savez_compressed(tmp_path / "wide.npz", metadata=json.dumps({}), **channels)
+    given = [str(PENDULUM), str(tmp_path / "wide.npz"), "--out", str(tmp_path / "out")]
+    sentence = (
+        "takes 10 MB in memory where at most 9 MB are expected of it; if it may be so large, say so (--max-size)."
+    )
+    for main in (identify.main, stream.main):
+        assert sentence in refusal(main, [*given, "--max-size", "9"], capsys)
+        assert sentence[:20] not in refusal(main, given, capsys)
+    # Read in smaller pieces it takes less memory.
+    assert sentence[:20] not in refusal(stream.main, [*given, "--max-size", "9", "--piece", "1000"], capsys)

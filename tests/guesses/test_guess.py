@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import walker
 import wrist
-from guesses.odd_logs import DEG, GAINS, LOGS, arm, motors, text, vector, write
+from guesses.odd_logs import DEG, GAINS, LOGS, arm, motors, recording, text, vector, write
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -51,6 +51,34 @@ def test_gains_of_motors_come_with_deviations_that_hold_the_truth(tmp_path):
         torque = belief.quantities[f"joints.{joint}.torque"]
         deviation = float(torque.why[-1].split("±")[1].split()[0])
         assert abs(torque.gain - gain) < max(3 * deviation, 5e-4 * abs(gain)) and deviation < 0.1 * abs(gain)
+
+
+def angles():
+    return [recording()[f"{joint}_position"] for joint in JOINTS]
+
+
+def log_of(tmp_path, columns, wrench=None):
+    """A log of some columns beside the ground's force, or beside a whole wrench (N, 6)."""
+    r, path = recording(), tmp_path / "log.csv"
+    columns = {"time": r.time, **columns, **vector("F{}", r["ground_force"] if wrench is None else wrench[:, :3])}
+    path.write_text(text(columns | ({} if wrench is None else vector("M{}", wrench[:, 3:]))), encoding="utf-8")
+    return path
+
+
+def test_what_is_named_like_a_rate_but_is_none_is_left_out(tmp_path):
+    q1, q2 = angles()
+    noise = np.random.default_rng(0).normal(size=len(q1))
+    belief, columns = guessed(log_of(tmp_path, {"q_joint1": q1, "q_joint2": q2, "dq_joint1": noise}))
+    assert belief.quantities["joints.joint1.velocity"].column == "" and "dq_joint1" in belief.unused
+    assert any("named like the velocity of 'joint1'" in sentence for sentence in belief.notes)
+    assert "joint1_velocity" not in ident.read_log(tmp_path / "log.csv", arm(), columns).measured
+
+
+def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
+    wrench = 1e-9 * recording().wrench("ground").values
+    belief, _ = guessed(log_of(tmp_path, dict(zip(JOINTS, angles(), strict=True)), wrench))
+    assert not {"unit", "torque_unit"} & belief.groups["ground"].entries.keys()
+    assert sum("which no other unit explains" in note for note in belief.notes) == 2
 
 
 def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):

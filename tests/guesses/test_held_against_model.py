@@ -51,3 +51,12 @@ def test_no_name_of_a_joint_hides_that_it_is_absent(tmp_path, name):
     belief = believed_of(tmp_path, None, columns | {"room": np.sin(r.time)}, renamed)
     assert any("'first' may be in first_motor or in first_load" in sentence for sentence in belief.open)
     assert any(f"No column looks like the position of '{name}'" in sentence for sentence in belief.open)
+
+
+def test_torques_of_two_families_that_are_as_good_are_asked_about(tmp_path):
+    robot = seven()
+    raw = replace(robot, tau=robot.tau + 1e-3 * np.ptp(robot.tau, axis=0) * np.sin(30 * robot.time)[:, None])
+    columns = stamped(robot) | states(robot, "q_{}", "", "tau_{}") | states(raw, "", "", "tau_raw_{}")
+    belief = believed_of(tmp_path, robot, columns)
+    assert belief.complete and belief.of("torque") == {}
+    assert any(sentence.startswith("The torques may be those of tau_") for sentence in belief.open)

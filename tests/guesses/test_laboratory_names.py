@@ -12,6 +12,7 @@ from guesses.robots import seven
 import ident
 import sim
 from experiments import columns as command
+from experiments.guesses.belief import SURE
 from experiments.guesses.guess import believed
 from experiments.guesses.written import write_mapping
 from ident.estimation.loads import predicted_channels
@@ -96,6 +97,12 @@ def test_positions_and_torques_of_a_laboratory_are_known(tmp_path, position, tor
     assert {x.unit for x in belief.of("position").values()} == {"deg" if factor > 1 else "rad"}
 
 
+def test_a_velocity_whose_name_has_a_unit_shows_that_of_the_position(tmp_path):
+    rates = np.gradient(8 * Q, TIME, axis=0)
+    belief = belief_of(tmp_path, columns_of("{n}_position", 8 * Q) | columns_of("{n}_velocity [rad/s]", rates))
+    assert {(x.unit, x.sure) for x in belief.of("position").values()} == {("rad", SURE)}
+
+
 @pytest.mark.parametrize(
     ("measured", "commanded"),
     [
@@ -119,6 +126,14 @@ def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     (tmp_path / "c.toml").write_text(written)
     read = ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml")
     np.testing.assert_allclose(read["lift_command"], Q[:, 1] + 0.05 * TAU[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize("names", [("position", "torque"), ("actual position", "commanded position"), ("angle", "x")])
+def test_the_only_position_is_that_of_the_only_joint(tmp_path, names):
+    fixed = ARM.fixed({"pan": [0.0], "elbow": [0.0]})
+    belief = belief_of(tmp_path, dict(zip(names, (Q[:, 1], Q[:, 1] + 0.05 * np.roll(Q[:, 1], 3)), strict=True)), fixed)
+    assert mapped(belief, "position") == {"lift": names[0]}
+    assert mapped(belief, "command") == ({"lift": names[1]} if "command" in names[1] else {})
 
 
 WRIST = [

@@ -51,22 +51,6 @@ def test_a_missing_contact_is_found(body):
     assert check.explained > 1 - 1e-12
 
 
-def test_the_share_that_a_motion_explains_is_that_of_the_projection_onto_its_functions():
-    rng = np.random.default_rng(0)
-    q, dq, ddq = rng.normal(size=(3, 400, 1))
-    x = np.hstack([np.sin(q), np.cos(q), dq, ddq])
-    x = (x - x.mean(axis=0)) / x.std(axis=0)
-    rows = np.hstack([np.ones_like(q), x, *(x[:, [i]] * x[:, i:] for i in range(4))])
-    residual = np.hstack([0.5 * rows @ rng.normal(size=(15, 1)), np.zeros_like(q)]) + rng.normal(size=(400, 2))
-    r = residual - residual.mean(axis=0)
-    projected = rows @ np.linalg.lstsq(rows, r, rcond=1e-10)[0]
-    share = (projected**2).sum(axis=0) / (r**2).sum(axis=0)
-    shares = residuals.explained_by_motion(residual, Motion(q, dq, ddq))
-    # Thirteen functions of four hundred samples explain a thirtieth by chance, and rarely more than a tenth.
-    assert share[0] > 0.5 and share[0] - 0.1 < shares[0] < share[0]
-    assert shares[1] == 0
-
-
 def several_sines(rng, seconds, rate):
     """A motion of two joints."""
     time, w = np.arange(0, seconds, 1 / rate), 2 * np.pi * rng.uniform(0.2, 1.2, (2, 3))

@@ -86,3 +86,12 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, at_rest=0.4, **motors):
     )
     result.at_rest = {"joint1": np.nan, "joint2": at_rest}
     return list(torque_findings.reversal_findings(result))
+
+
+def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
+    (finding,) = reversals(monkeypatch, left=[1.0, 2.0])
+    assert finding.place.joints == ("joint1", "joint2")
+    assert finding.values == {"velocities": {"left": 0.05}, "at_rest": {"joint2": 0.4}}
+    (finding,) = reversals(monkeypatch, size=0.0, slip=0.05, left=[1.0, 2.0])
+    assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"left": 0.05}}
+    assert not reversals(monkeypatch, size=0.0, slip=0.05, left=[10.0, 20.0])

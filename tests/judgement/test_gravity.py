@@ -8,10 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import ident
+from ident.errors import InputError, LogError
 from ident.estimation.equations import COMPONENTS
+from ident.estimation.preparation import prepared
 from ident.judgement.gravity import gravity_check
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.recordings.recording import Recording
 
 ARM = driven_arm.mechanism(**driven_arm.NONE)
 MOUNTS = [(0, 0, 0), (180, 0, 0), (90, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0), (0, 45, 0), (-35, 30, 0)]
@@ -103,3 +106,20 @@ def test_the_first_finding_says_what_to_write_and_with_it_the_estimate_is_usable
     ):
         assert right.verdict().usable and np.allclose(right.prepared.mechanism.gravity, [0, 0, 9.81])
         assert any("[180, 0, 0]" in note for note in right.prepared.notes)
+
+
+def test_the_orientation_is_stated_once(tmp_path):
+    log = log_of((180, 0, 0))
+    recording = ident.read_log(log, ARM, {"base": {"rpy_deg": [180, 0, 0]}})
+    recording.save(tmp_path / "log.npz")
+    assert Recording.load(tmp_path / "log.npz").base_rpy_deg == (180.0, 0.0, 0.0)
+    with pytest.raises(InputError, match="twice"):
+        prepared(ARM.mounted((0, 90, 0)), recording)
+    with pytest.raises(InputError, match="same direction of gravity"):
+        ident.identify(ARM, [recording, ident.read_log(log_of((180, 0, 0), seed=2), ARM)])
+    for rpy in ([180, 0], [180, 0, "up"], "down", [0, 0, np.inf]):
+        with pytest.raises(LogError, match="roll, pitch and yaw in degrees"):
+            ident.read_log(log, ARM, {"base": {"rpy_deg": rpy}})
+    poses = np.tile(np.eye(4), (len(recording.time), 1, 1))
+    with pytest.raises(InputError, match="twice"):
+        prepared(ARM, replace(recording, base=poses))

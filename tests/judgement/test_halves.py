@@ -5,8 +5,56 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.judgement.agreement import widening
+from ident.judgement.agreement import LEAST_ADDED, disagreements, widening
 from ident.judgement.fit_findings import halves_findings
+
+
+def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
+    """A trajectory estimate of one parameter, from the estimate of each piece and its precision.
+
+    Args:
+        estimates: Estimate of each piece (k,).
+        precision: Its precision (k,).
+        known: Precision of the prior; `mean` is its mean.
+        counts: Number of pieces of each recording; by default one recording.
+        scatter: Variance of each piece's right side; by default its precision (k,).
+    """
+    estimates, precision = np.array(estimates, float), np.array(precision, float)
+    scatter = precision if scatter is None else np.array(scatter, float)
+    counts = counts or (len(estimates),)
+    theta = (precision @ estimates + known * mean) / (precision.sum() + known)
+    starts = np.cumsum([0, *counts])
+    each = lambda x: np.array([[x]])  # noqa: E731
+    fit = SimpleNamespace(
+        theta=np.array([theta]),
+        gradient=np.array([precision @ (estimates - theta) + known * (mean - theta)]),
+        free=np.array([True]),
+        counted=np.array([True]),
+        bounded=None,
+        noises=[SimpleNamespace(channels=np.ones(1))] * len(counts),
+        shares=[(each(P), np.array([P * (x - theta)])) for P, x in zip(precision, estimates, strict=True)],
+        scatter_shares=[each(K) for K in scatter],
+        prior=SimpleNamespace(precision=each(known), mean=np.array([mean]), weight=1.0),
+        precision=each(precision.sum() + known),
+        scatter=each(scatter.sum() + known),
+        covariance=each((scatter.sum() + known) / (precision.sum() + known) ** 2),
+    )
+    return SimpleNamespace(
+        fit=fit,
+        counts=counts,
+        measurement=SimpleNamespace(equations=SimpleNamespace(parameters=SimpleNamespace(rank=1))),
+        pieces_of=lambda which: slice(starts[which], starts[which + 1]),
+    )
+
+
+def test_what_adds_nothing_does_not_differ_by_rounding():
+    """A recording counts as adding at least a hundredth of the variance."""
+    estimates, precision = [1.0, 1.1, 0.9], [10.0, 20, 1e-9]
+    whole = joint(estimates, precision, counts=(1, 1, 1))
+    other = np.average(estimates[:2], weights=precision[:2])
+    moved = abs(other - whole.fit.theta[0])
+    assert disagreements(whole)[2] == pytest.approx(moved / np.sqrt(LEAST_ADDED / np.sum(precision)))
+    assert LEAST_ADDED < 0.02
 
 
 @pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -13,6 +14,7 @@ import ident
 import sim
 from ident.estimation.preparation import prepared
 from ident.judgement.torque_checks import torque_checks
+from ident.judgement.torque_findings import torque_findings
 from ident.setup import PRIORS
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
@@ -72,6 +74,22 @@ def test_opposite_signs_and_missing_factors_are_named():
     assert [joint for joint, check in by_joint.items() if check.flipped] == ["joint2"]
     assert [joint for joint, check in by_joint.items() if check.scaled] == ["joint4"]
     assert by_joint["joint4"].gain == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+def test_a_heavy_load_is_no_factor_although_one_explains_some_torques(friction):
+    result = checks(load=16.0, friction=friction)
+    assert any(check.scaled for check in result.joints)
+    assert result.load.body in ("tool", "link7") and result.load.better and result.load.against_factors < 0.1
+    assert not result.gains and not result.grossly_wrong
+    (finding,) = torque_findings(evidence_of(checks(load=40.0)))
+    # More than the whole arm: a load explains the torques far better, but the unit may be wrong as well.
+    assert finding.code == "torque_scale" and finding.values["load"] in ("tool", "link7")
+
+
+def evidence_of(result):
+    """Evidence with checks of torques alone."""
+    return SimpleNamespace(checks=SimpleNamespace(torques=result))
 
 
 def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():

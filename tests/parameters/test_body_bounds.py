@@ -19,6 +19,7 @@ from ident.parameters.consistency import consistent_parameters
 from ident.parameters.prior import KNOWN
 from ident.parameters.structure import Sensors
 from ident.parameters.unstated import guessed
+from ident.payload.payload import GUESSED
 
 EVERY = BaseParameters(parameter_names(1), tuple(range(10)), (), np.zeros((10, 0)), (1.0, 0.0))
 """All ten parameters of one body as base parameters."""
@@ -64,10 +65,26 @@ def test_intervals_of_a_body_have_the_truth_in_95_of_100_cases(noise=0.03):
         rng = np.random.default_rng(seed)
         truth, root = random_phi(rng, 1), rng.normal(size=(10, 10))
         C = noise**2 * (root @ root.T + 0.1 * np.eye(10)) * np.outer(abs(truth), abs(truth))
-        full = consistent_parameters(measured(rng, truth, C), C, EVERY, random_phi(rng, 1), widest=True)
+        full = consistent_parameters(measured(rng, truth, C), C, EVERY, random_phi(rng, 1), width=1.0)
         limits, own = full.intervals[0], with_centers(truth)[0]
         inside += (limits[:, 0] <= own) & (own <= limits[:, 1])
     assert 0.93 <= np.sum(inside) / 1000 <= 0.97 and np.min(inside) >= 88
+
+
+def test_a_guess_of_the_same_mass_and_centre_leaves_an_inertia_where_data_have_it():
+    """A measuring tape, guessed to be a ball of thrice its moments; a width from its mass would keep the ball."""
+    std = np.repeat([1.5e-4, 1e-5, 2e-5], [1, 3, 6])
+    tape, ball = (
+        parameters_from_com(0.136, np.array([0, 0, 0.027]), np.diag(x)) for x in ([3.5e-5, 5.7e-5, 3.1e-5], 3 * [9e-5])
+    )
+    z = []
+    for seed in range(10):
+        psi = tape + std * np.random.default_rng(seed).normal(size=10)
+        full = consistent_parameters(psi, np.diag(std**2), EVERY, ball, width=GUESSED)
+        z.append((full.phi - tape) / std)
+    assert np.sqrt(np.mean(np.square(z), axis=0)).max() < 1.6
+    kept = consistent_parameters(psi, np.diag(std**2), EVERY, ball)
+    assert np.abs((kept.phi - tape) / std).max() > 2
 
 
 def test_intervals_of_links_have_the_truth_in_95_of_100_cases_or_more():

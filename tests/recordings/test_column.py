@@ -51,19 +51,6 @@ def test_gain_constant_and_unit(tmp_path):
     assert log.unused == [] and log.notes == []
 
 
-def test_weights_of_several_columns_and_decimal_commas(tmp_path):
-    columns = {"time": T, "m1": Q[:, 0] + Q[:, 1], "m2": Q[:, 0] - Q[:, 1]}
-    mapping = """
-    [joints.ankle]
-    position = { columns = ["m1", "m2"], weights = [0.5, 0.5] }
-    [joints.hip]
-    position = { columns = ["m1", "m2"], weights = [1, -1], gain = 0.5 }
-    """
-    for content in (text(columns), text(columns, ";", ",")):
-        log = read(tmp_path, content, mapping)
-        np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "position"), Q, atol=1e-12)
-
-
 COUPLED = f"""
 [motors.wrist]
 joints = ["ankle", "hip"]
@@ -119,6 +106,12 @@ def test_selected_rows_and_times(tmp_path):
     (tmp_path / "c.toml").write_text("[select]\ntime = [0.1, 0.3]")
     pieces = list(read_log_pieces(tmp_path / "log.csv", MECHANISM, tmp_path / "c.toml", 10))
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T[10:31], atol=1e-12)
+
+
+def test_one_wrong_stamp_is_told(tmp_path):
+    wrong = {**PLAIN, "time": T + 3e8 * (np.arange(N) == N - 1)}
+    with pytest.raises(LogError, match=r"column 'time' jumps from 0\.38 s to 300000000\.4 s where 40 samples"):
+        read(tmp_path, wrong, "", gaps=True)
 
 
 def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):

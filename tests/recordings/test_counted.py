@@ -1,12 +1,25 @@
 """Logs without a column of times, with a rate stated in the mapping."""
 
+import numpy as np
 import pytest
-from malformed_logs import PLAIN
+from malformed_logs import PLAIN, Q
 from test_column import read
+from test_log import mechanism
 
+from experiments.columns import main
+from experiments.guesses.guess import believed
+from experiments.guesses.log_contents import log_contents
+from experiments.guesses.written import toml_text
 from ident.errors import LogError
+from ident.recordings.log import read_log
 
 UNTIMED = {name: x for name, x in PLAIN.items() if name != "time"}
+
+
+def written(path, columns):
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="")
+    return path
 
 
 @pytest.mark.parametrize(
@@ -25,3 +38,16 @@ UNTIMED = {name: x for name, x in PLAIN.items() if name != "time"}
 def test_a_rate_that_is_none_is_refused(tmp_path, mapping, message):
     with pytest.raises(LogError, match=message):
         read(tmp_path, UNTIMED, mapping)
+
+
+def test_columns_takes_a_rate_and_writes_it(tmp_path, capsys):
+    path = written(tmp_path / "log.csv", UNTIMED)
+    belief = believed(mechanism(), [path], rate=100.0)
+    (tmp_path / "c.toml").write_text(toml_text(belief), encoding="utf-8")
+    np.testing.assert_allclose(read_log(path, mechanism(), tmp_path / "c.toml").measured["hip_position"], Q[:, 1])
+    assert log_contents(written(tmp_path / "timed.csv", PLAIN), rate=7.0).rate == pytest.approx(100)
+    with pytest.raises(LogError, match="a log needs one, or --rate HZ"):
+        log_contents(written(tmp_path / "log.csv", {"a": np.cos(np.arange(50)), "b": np.sin(np.arange(50))}))
+    with pytest.raises(SystemExit):
+        main(["model.xml", "log.csv", "--rate", "-3"])
+    assert "needs a number of samples per second, in Hz, got '-3'" in capsys.readouterr().err

@@ -3,12 +3,15 @@
 import mujoco
 import numpy as np
 import pytest
+from malformed_logs import text as csv_text
 
 import ident
 import sim
+from experiments.studies.identification import prepare
 from ident.errors import LogError
 from ident.estimation.preparation import prepared
 from ident.recordings.log import read_log
+from sim.models.mechanism import mechanism
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -110,6 +113,20 @@ def test_a_joint_that_the_model_couples_needs_no_column(ref):
     mech = ready.mechanism
     Y = ident.joint_torque_regressor(mech.tree, *motion.states, gravity=mech.gravity)
     np.testing.assert_allclose(Y[..., : len(mech.known)] @ mech.known, expected, atol=1e-10)
+
+
+def test_commands_read_such_logs_also_with_columns_of_both_joints(tmp_path):
+    (tmp_path / "arm.xml").write_text(xml(coupled("tip", "left", "0 -1 0 0 0", "pair")))
+    columns = {"time": T, "lift_position": ANGLE, "left_position": GRIP, "right_position": GRIP, "left_torque": GRIP}
+    (tmp_path / "log.csv").write_text(csv_text(columns))
+    ready = prepare(tmp_path / "arm.xml", tmp_path / "log.csv", filters=False)
+    assert ready.recording.followers.keys() == {"tip"} and ready.equations.channels == ("left",)
+    (tmp_path / "own.csv").write_text(csv_text({**columns, "tip_position": -GRIP}))
+    own = prepare(tmp_path / "arm.xml", tmp_path / "own.csv", filters=False)
+    assert own.mechanism.tree.dependent == ("tip",) and own.equations.channels == ("left",)
+    assert own.equations.parameters.names == ready.equations.parameters.names
+    fixed = mechanism(tmp_path / "arm.xml", fix={"left": 0.1})
+    assert not fixed.mimics and fixed.tree.joints == ("lift", "right")
 
 
 def test_an_arm_is_estimated_with_its_followers():

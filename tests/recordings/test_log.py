@@ -99,23 +99,6 @@ def test_joints_by_name(tmp_path, names, suffix):
     np.testing.assert_array_equal(log.torques(JOINTS), np.stack([np.full(N, np.nan), T + 1], axis=1))
 
 
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_recordings_of_this_project(tmp_path, suffix):
-    channels = {f"{j}_{kind}": x for kind, s in (("position", Q), ("velocity", DQ)) for j, x in zip(JOINTS, s.T)}  # noqa: B905
-    channels |= {"ground_force": WRENCH[:, :3], "ground_torque": WRENCH[:, 3:], "contact_force": WRENCH[:, :3]}
-    channels |= {"leg_position": WRENCH[:, :3], "leg_orientation": WRENCH[:, :4]}
-    recording = Recording(T, channels, {k: x + 1 for k, x in channels.items()}, {"ground_force": "N"})
-    recording.save(tmp_path / f"r.{suffix}")
-    log = read_log(tmp_path / f"r.{suffix}", MECHANISM)
-    assert_plain(log)
-    np.testing.assert_array_equal(log.of_joints(JOINTS, "velocity"), DQ)
-    np.testing.assert_array_equal(log.wrench("ground").values, WRENCH)
-    assert log.notes == [
-        "Columns contact_force.x, contact_force.y, contact_force.z look like a wrench; without an entry under "
-        "[wrenches] it is not used.",
-    ]
-
-
 MAPPING = """
 time = { column = "t", unit = "ms" }
 [joints.ankle]

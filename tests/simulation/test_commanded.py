@@ -9,6 +9,8 @@ import pytest
 
 import ident
 import sim
+from experiments.data.errors import Following
+from experiments.reports.identify_report import following_lines, following_table
 from experiments.studies.identification import following
 from ident.errors import InputError
 from ident.recordings.commands import with_servos
@@ -64,3 +66,16 @@ def test_the_updated_model_follows_as_well_as_the_true_one():
     # Here the model as it came is the true one.
     assert (followed.after < 1.2 * followed.before).all() and followed.seconds == pytest.approx(4.8, abs=0.1)
     assert followed.units == ("rad",) * 3
+
+
+def test_the_report_says_how_well_models_follow():
+    made = Following(("a", "b"), ("rad", "m"), np.array([0.02, 0.03]), np.array([0.01, 0.033]), 9.4)
+    assert made.better == 1
+    (line,) = following_lines(made)
+    assert "follows 1 of 2 joints better than the model as it came" in line and "0.80 of the other's" in line
+    table = following_table(made)
+    assert table.rows[0][0] == "a" and table.rows[1][3] == pytest.approx(1.1)
+    came = Following(("a",), ("rad",), np.array([np.nan]), np.array([0.01]), 9.4)
+    assert came.better == 1 and "and the model as it came diverges." in following_lines(came)[0]
+    assert following_table(came).rows[0][1] is None
+    assert "diverges" in following_lines(Following(("a",), ("rad",), np.array([0.1]), np.array([np.nan]), 1.0))[0]

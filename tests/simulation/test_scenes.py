@@ -6,8 +6,6 @@ from mechanisms import LENGTH_1, tilted_axis
 import scenes
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
-from sim.motion.excitation import BOWING
-from sim.simulation.simulate import simulate
 
 MODEL = scenes.load("double_pendulum").compile()
 
@@ -47,20 +45,3 @@ def test_sensors_of_links_read_their_pose_in_the_base_frame():
 def test_senseless_tilts_are_refused(tilt, azimuth):
     with pytest.raises(ValueError, match="from 0° to below 90°"):
         scenes.load("double_pendulum", tilt_deg=tilt, azimuth_deg=azimuth)
-
-
-def test_a_person_bows_as_told():
-    spec = scenes.load("bowing")
-    model = spec.compile()
-    assert float(model.body_mass.sum()) == pytest.approx(72)
-    phi = parameters_from_model(model, "foot").reshape(-1, 10)
-    assert len(phi) == 3 and (np.linalg.eigvalsh(pseudo_inertia(phi)) > 0).all()
-    recording = simulate(spec, BOWING, samples=500)
-    assert recording.provenance["tracking_error_rad"] < 1e-3
-    angles = [f"{joint}_position" for joint in tree_from_model(spec, "foot").joints]
-    assert angles == ["ankle_position", "hip_position"]
-    assert {name: recording.noise[name] for name in angles} == pytest.approx(
-        dict.fromkeys(angles, np.radians(0.5)), rel=1e-4
-    )
-    # Markers measure nothing but angles.
-    assert set(recording.measured) == {"ground_force", "ground_torque", *angles}

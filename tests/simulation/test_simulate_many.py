@@ -96,3 +96,13 @@ def test_threads_and_company_make_no_difference(scene):
         together = simulate_many(spec, DOUBLE_PENDULUM, seeds=seeds, samples=60, threads=threads)
         for one, other in zip(together, alone, strict=True):
             assert_same(one, other)
+
+
+def test_servos_that_lose_the_excitation_are_refused():
+    spec = scenes.load("double_pendulum")
+    spec.actuator("servo1").forcerange = [-20, 20]
+    with pytest.raises(
+        ValueError, match=r"lost the excitation after 0\.\d\d s by 0\.\d\d rad: it must stay within"
+    ) as e:
+        simulate_many(spec, DOUBLE_PENDULUM, seeds=range(3), threads=2)
+    assert "servo of joint 'joint1'" in str(e.value)

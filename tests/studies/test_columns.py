@@ -71,6 +71,14 @@ def test_bad_logs_end_with_a_sentence(tmp_path, capsys, content, sentence):
     assert not path.with_suffix(".toml").exists()
 
 
+def test_other_logs_need_the_same_columns(tmp_path, capsys):
+    path, _ = write(tmp_path, laboratory)
+    another = tmp_path / "another.csv"
+    another.write_text(path.read_text().replace("Joint 2 angle", "Joint 2 winkel"))
+    message = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
+    assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in message
+
+
 def test_the_mapping_never_takes_the_place_of_what_is_read(tmp_path, capsys):
     path, _ = write(tmp_path, laboratory)
     message = refusal(columns.main, [MODEL, str(path), "--base", "base", "--out", str(path), "--force"], capsys)

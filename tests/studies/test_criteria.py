@@ -8,7 +8,6 @@ import pytest
 from scipy.linalg import block_diag
 
 import scenes
-from experiments.data.outcomes import geometric_mean
 from experiments.studies import criteria, excitation
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
@@ -63,21 +62,6 @@ def test_what_a_model_knows_is_carried_through_the_regrouping(pendulum):
     np.testing.assert_allclose(L.T @ L, B @ S @ B.T, atol=1e-14)
     m1 = np.sqrt(np.sum((0.2 * phi[::10]) ** 2))
     assert np.linalg.norm(L, axis=0)[0] == pytest.approx(m1)
-
-
-def test_what_is_known_counts_as_one_more_measurement(pendulum):
-    L = criteria.known_root(pendulum)
-    known = np.linalg.norm(L, axis=0)
-    rows = pendulum.regressor(*PAPERS.states) / np.repeat([0.5, 0.05], 3)[:, None]
-    M = np.einsum("nci,ncj->ij", rows, rows)
-    left = np.sqrt(np.diag(np.linalg.inv(M + np.linalg.inv(L.T @ L))))
-    quality = criteria.quality(pendulum, PAPERS)["geometric_mean_of_relative_deviations"]
-    assert quality == pytest.approx(geometric_mean(left / known), rel=1e-6)
-    value, _ = criteria.cost(pendulum, "deviations", len(TIME))(*PAPERS.states)
-    assert np.exp(value) == pytest.approx(quality, rel=1e-9)
-    # If some samples are left out, the remaining ones represent all.
-    half, _ = criteria.cost(pendulum, "deviations", len(TIME))(*(x[::2] for x in PAPERS.states))
-    assert half == pytest.approx(value, abs=0.01)
 
 
 def test_what_cannot_be_seen_stays_as_known(pendulum):

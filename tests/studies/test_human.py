@@ -103,7 +103,6 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
         assert value in message
 
 
-@pytest.mark.slow
 def test_recordings_are_saved_as_they_were_simulated(tmp_path):
     study = persons.at_a_rail()
     for number, (activity, recording) in enumerate(zip(study.activities, study.recordings, strict=True), start=1):

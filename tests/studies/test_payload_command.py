@@ -76,6 +76,15 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     assert "set_target_payload" in page and "&lt;inertial" in page
 
 
+def test_what_is_missing_is_named(files, tmp_path, capsys):
+    out = ["--out", str(tmp_path / "none")]
+    assert "needs the wrench 'wrist', its wrenches are none: say in the columns file under [wrenches.wrist]" in refusal(
+        payload.main, [*files[:-2], *out], capsys
+    )
+    assert "either --sensor NAME, or --loaded LOG" in refusal(payload.main, [*files[:2], *out], capsys)
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_flange_is_refused_before_anything_is_fitted(files, monkeypatch, capsys):
     monkeypatch.setattr("ident.payload.beyond_sensor.identify_payload", None)
     for flange, sentence in (

@@ -5,9 +5,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from commands import refusal
 
 import scenes
+from experiments import human
 from experiments.data.person import Laboratory
+from experiments.reports.human_report import measured
 from experiments.studies.person_markers import Faults, drawn
 from experiments.studies.person_recordings import BASE, SENSORS, humanoid, moved, recorded
 from ident.recordings.wrench import transform_wrench
@@ -100,3 +103,11 @@ def test_angles_from_markers_are_as_good_as_they_are_said_to_be():
         assert np.abs(marked.base - exact.base)[:, :3, 3].max() < (0.005 if skin == 0 else 0.03)
     assert 0.9 < errors[0.0][0] < 1.1 and errors[0.0][1] == pytest.approx(0.002, rel=0.05)
     assert errors[0.004][0] < 1.3 and errors[0.004][1] > 0.004
+
+
+def test_noise_of_angles_is_not_stated_of_markers(tmp_path, capsys):
+    given = ["--from", "markers", "--noise", "5", "--out", str(tmp_path / "out")]
+    assert "(--noise) belongs to --from angles or correlated" in refusal(human.main, given, capsys)
+    assert measured(Laboratory(markers=True)).endswith("markers, with noise of 2 mm, on skin that moves by 4 mm.")
+    assert measured(Laboratory(2.0, 0.9)) == "Angles have noise of 2°, correlated at 0.9 from sample to sample."
+    assert measured(Laboratory()) == "Angles have noise of 0.5°, white."

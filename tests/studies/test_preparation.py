@@ -4,13 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 from random_models import ARM, inverse_dynamics
-from scipy.spatial.transform import Rotation
 
 from experiments.studies.identification import prepare
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.recorded_motion import base_motion_from_poses
 from ident.identification import identified
-from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import STATES
 from sim.models.mujoco_model import parameters_from_model
@@ -87,30 +84,6 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
     if wrench:
         truth = prepared.equations.parameters.regroup(parameters_from_model(model, "base"))
         np.testing.assert_allclose(result.psi, truth, atol=1e-6)
-
-
-def flight(rng):
-    """A free body's smooth motion in MuJoCo's coordinates, by numerical differences of its attitude."""
-    position, velocity, acceleration = waves(rng, 3)
-    attitude = [0.5 * x for x in waves(rng, 3)]
-    R = Rotation.from_rotvec(attitude[0])
-    quat = R.as_quat(scalar_first=True)
-    h = 1e-5
-    ahead, behind = (Rotation.from_rotvec(attitude[0] + s * h * attitude[1] + h * h / 2 * attitude[2]) for s in (1, -1))
-    spin = (behind.inv() * ahead).as_rotvec() / (2 * h)
-    return np.hstack([position, quat]), velocity, acceleration, spin
-
-
-def test_the_base_moves_as_its_poses_say():
-    q, velocity, acceleration, spin = flight(np.random.default_rng(0))
-    T = BaseMotion.from_free_joint(q, np.zeros((len(q), 6)), np.zeros((len(q), 6))).T
-    motion = base_motion_from_poses(T, RATE, 20.0)
-    inner = slice(100, -100)
-    alpha = np.gradient(spin, 1 / RATE, axis=0, edge_order=2)
-    expected = BaseMotion.from_free_joint(q, np.hstack([velocity, spin]), np.hstack([acceleration, alpha]))
-    np.testing.assert_allclose(motion.T[inner], expected.T[inner], atol=1e-4)
-    np.testing.assert_allclose(motion.V[inner], expected.V[inner], atol=2e-3)
-    np.testing.assert_allclose(motion.dV[inner], expected.dV[inner], atol=0.05)
 
 
 def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):

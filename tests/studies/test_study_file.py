@@ -1,8 +1,12 @@
 """Study files: all entries take effect, and unknown ones are errors."""
 
+import copy
 import csv
+import functools
 import json
 import re
+import tomllib
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -153,6 +157,34 @@ def test_what_nobody_would_read_is_refused_in_one_sentence(tmp_path, capsys, old
     error = refusal(study.main, [str(path), "--out", str(tmp_path / "out")], capsys)
     assert error.count("\n") == 1
     assert re.search(message, error)
+
+
+def places(entries, path=()):
+    """Paths of all entries, tables and leaves."""
+    for key, value in entries.items() if isinstance(entries, dict) else enumerate(entries):
+        yield (*path, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*path, key))
+
+
+@pytest.mark.parametrize("text", [OWN, "several_contacts"])
+def test_whatever_stands_in_a_file_is_understood_or_refused(text, tmp_path):
+    folder = files("experiments.studies")
+    whole = tomllib.loads(text if text == OWN else folder.joinpath(f"{text}.toml").read_text(encoding="utf-8"))
+    refused = 0
+    for path in places(whole):
+        for wrong in (-1, 2.5, float("nan"), "x", True, [], ["x"], [[1]], {}, {"x": 1}, None):
+            entries = copy.deepcopy(whole)
+            place = functools.reduce(lambda entry, key: entry[key], path[:-1], entries)
+            if wrong is None:
+                del place[path[-1]]
+            else:
+                place[path[-1]] = wrong
+            try:
+                study_entries.from_entries(entries, tmp_path)
+            except InputError:
+                refused += 1
+    assert refused > 400
 
 
 def test_a_study_that_is_not_there_is_named(capsys, tmp_path):

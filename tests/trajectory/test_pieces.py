@@ -90,6 +90,13 @@ def test_contacts_and_torques_may_have_clocks_of_their_own():
         assert np.isnan(piece.measured[without]).all() and np.isfinite(piece.measured[~without]).mean() > 0.94
 
 
+def test_a_coordinate_that_is_away_for_too_long_is_one_sentence():
+    own = streams(np.random.default_rng(0))
+    own["joint2_position"][1][2:480] = np.nan
+    with pytest.raises(ident.InputError, match=r"Coordinate 2 needs at least 3 samples from 0 to 4.71 s, it has 2; "):
+        identified(own)
+
+
 @pytest.mark.parametrize(("samples", "counts"), [([943, 250], (3, 1)), ([300], (2,))])
 def test_recordings_are_cut_into_six_pieces_of_two_seconds_or_more(samples, counts):
     """Over all recordings; a single recording has two pieces at least, so that one is predicted from the other."""

@@ -6,7 +6,6 @@ from scipy.interpolate import BSpline
 
 from ident.trajectory.algebra.banded import WINDOW, Banded
 from ident.trajectory.algebra.spline import DEGREE, LOCAL, ORDER, Spline
-from ident.trajectory.algebra.whitening import innovations
 
 
 def problem(seed, width=WINDOW):
@@ -109,17 +108,3 @@ def test_penalty_is_the_integral_of_the_squared_jerk(seed):
     np.testing.assert_allclose(spline.squared_jerk(c), expected, rtol=1e-4)
     windows = c[np.arange(spline.intervals)[:, None] + np.arange(LOCAL)]
     np.testing.assert_allclose(np.einsum("skj,kl,slj->j", windows, spline.penalty, windows), expected, rtol=1e-4)
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.7])
-def test_halves_have_the_variances_that_are_said(rho):
-    """Uncorrelated, since innovations are their sum and have variance one."""
-    rng, std = np.random.default_rng(0), np.array([0.1, 3.0])
-    x = rng.normal(size=(40000, 2))
-    for k in range(1, len(x)):
-        x[k] = rho * x[k - 1] + np.sqrt(1 - rho**2) * x[k]
-    new = innovations(std * x, np.arange(len(x)), std, np.array([rho, rho]))
-    squares, number = new.sums
-    np.testing.assert_allclose(squares, number, rtol=0.04)
-    share = number[1:] / number[1:].sum(axis=0)
-    np.testing.assert_allclose(share, [[(1 - rho) / 2] * 2, [(1 + rho) / 2] * 2])
