@@ -7,14 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 
 ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"

@@ -8,15 +8,7 @@ from scipy import linalg
 from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import ESTIMATE, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    number_of,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, number_of, percent
 from ident.parameters.prior import known_covariance
 from ident.tolerances import CONDITION_LIMIT
 

@@ -9,15 +9,7 @@ import numpy as np
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    bracketed,
-    doubts_first,
-    listed,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, doubts_first, listed
 from ident.judgement.fit_findings import course_findings, halves_findings
 from ident.judgement.residual_findings import model_error_findings, quality_findings
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings, stuck_findings

@@ -5,14 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    bracketed,
-    listed,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed
 from ident.recordings.resolution import white_noise
 from ident.recordings.wrench import GROUND
 from ident.tolerances import LEFT, POOR, UNEXPLAINED

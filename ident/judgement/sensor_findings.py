@@ -9,15 +9,7 @@ import numpy as np
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    in_log,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, in_log, listed, percent
 from ident.recordings.resolution import UNIFORM
 
 MOST = 0.5

@@ -7,16 +7,7 @@ import numpy as np
 
 from ident.estimation.units import coefficient_unit
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    bracketed,
-    followed,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, followed, listed, percent
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place

@@ -13,14 +13,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import coefficient_unit
 from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.setup import SETUP
 from ident.tolerances import INTERVAL, KILONEWTONS, SIGNIFICANT
