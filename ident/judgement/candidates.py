@@ -177,7 +177,4 @@ def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
     )
 
 
-FINDINGS.update(
-    worse_than_candidate=Row(_worse, doubt=True),
-    candidate_better=Row(_better, doubt=False),
-)
+FINDINGS.update(worse_than_candidate=Row(_worse, doubt=True), candidate_better=Row(_better, doubt=False))

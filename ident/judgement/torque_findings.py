@@ -244,10 +244,7 @@ FINDINGS.update(
     torque_sign=Row(_opposite, doubt=True),
     torque_scale=Row(_scaled, doubt=True),
     torque_scale_estimated=Row(_basis, doubt=False),
-    body_not_carried=Row(
-        _not_carried,
-        doubt=False,
-    ),
+    body_not_carried=Row(_not_carried, doubt=False),
     friction_not_fitted=Row(_friction, doubt=None),
     drive_at_bound=Row(_bound, doubt=False),
     breakaway_friction=Row(_near_reversals, doubt=False),

@@ -213,6 +213,4 @@ def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
     )
 
 
-FINDINGS.update(
-    unmodelled=Row(_unmodelled, doubt=True),
-)
+FINDINGS.update(unmodelled=Row(_unmodelled, doubt=True))

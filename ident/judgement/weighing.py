@@ -196,8 +196,7 @@ FINDINGS.update(
         doubt=True,
     ),
     kilonewtons=Row(
-        "The force is at most {largest:.3g} N, but the mechanism weighs {weight:.4g} N: its unit may be kN.",
-        doubt=True,
+        "The force is at most {largest:.3g} N, but the mechanism weighs {weight:.4g} N: its unit may be kN.", doubt=True
     ),
     mass_by_setup=Row(
         "By the estimated set-up the mechanism has {mass:.2f} ± {std:.2g} kg. The wrenches weigh {weighed:.2f} kg, the "
