@@ -134,10 +134,6 @@ def _stuck(channels: Mapping[str, float], in_fitted: Sequence[str]) -> str:
     )
 
 
-def _constant(channels: Sequence[str]) -> str:
-    return f"Constant, though the motion would change it: {listed(channels)}. Check the sensor and its columns."
-
-
 def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str = "") -> str:
     checks = {"weight": "The weight", "contact": "A contact left out", "torques": "Joint torques"}
     reasons = {
@@ -154,6 +150,8 @@ FINDINGS.update(
     clipped_channel=Row(_clipped, doubt=False),
     coarse_steps=Row(_coarse, doubt=False),
     stuck_channels=Row(_stuck, doubt=True),
-    constant_channels=Row(_constant, doubt=True),
+    constant_channels=Row(
+        "Constant, though the motion would change it: {channels}. Check the sensor and its columns.", doubt=True
+    ),
     unchecked=Row(_unchecked, doubt=False),
 )

@@ -177,13 +177,6 @@ def _all(offsets: Mapping[str, Sequence[Any]]) -> str:
     return listed(_offset(channel, *offset) for channel, offset in offsets.items())
 
 
-def _inseparable(channels: Sequence[str]) -> str:
-    return (
-        f"This motion does not separate constant offsets of {listed(channels)} from masses and first moments, which "
-        "take them up. Tare these channels."
-    )
-
-
 FINDINGS.update(
     weight_differs=Row(
         "The wrenches weigh {measured:.2f} kg, the model {model:.2f} kg. Check unmeasured contacts and supports, "
@@ -207,5 +200,9 @@ FINDINGS.update(
     large_offsets=Row(_large, doubt=True),
     offsets_taken_out=Row(_taken_out, doubt=False),
     offsets_not_fitted=Row(_not_fitted, doubt=True),
-    inseparable_offsets=Row(_inseparable, doubt=False),
+    inseparable_offsets=Row(
+        "This motion does not separate constant offsets of {channels} from masses and first moments, which "
+        "take them up. Tare these channels.",
+        doubt=False,
+    ),
 )
