@@ -17,8 +17,9 @@ USUAL = (-np.pi, np.pi)
 """Range over which functions are fitted if neither the coordinate nor a table has one."""
 
 
-POINT = "PointConstraint"
-"""Tag of constraints that close loops."""
+WELD = "WeldConstraint"
+CLOSING = "PointConstraint", WELD
+"""Tags of constraints that close loops."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def dependences(
         ignore: Names of constraints to leave out.
 
     Raises:
-        ModelError: A constraint is neither of points nor between two coordinates, or dependences are circular.
+        ModelError: A constraint neither closes a loop nor is between two coordinates, or dependences are circular.
     """
     couplers = _couplers(model, coordinates, ignore)
     out: dict[str, Dependence] = {}
@@ -118,7 +119,7 @@ def _couplers(
 ) -> dict[str, tuple[str, Curve]]:
     """Leaders and functions of the coordinates that constraints make dependent, by name."""
     couplers = {}
-    for element in (each for each in enforced(model, ignore) if each.tag != POINT):
+    for element in (each for each in enforced(model, ignore) if each.tag not in CLOSING):
         if element.tag != "CoordinateCouplerConstraint":
             raise ModelError(
                 f"The equations of a tree do not hold the forces of {label(element)}; leave it out with --ignore "
