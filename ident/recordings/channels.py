@@ -7,11 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
 from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
 from ident.files.table import BASE, Table, short
-from ident.geometry.quaternion import without_jumps
+from ident.geometry.se3 import without_jumps
 from ident.recordings.columns.mapping import STATED, ColumnMapping, check_no_column_twice
 from ident.recordings.followers import moved, with_followers
 from ident.recordings.plausibility import turns_of, with_continuous_angles
@@ -19,6 +20,7 @@ from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.saved import annotations
 from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
+from ident.recordings.tracker import TRACKED
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
@@ -126,7 +128,7 @@ def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping
     else:
         quantity = "time" if room == "time" else {"force": "force", "torque": "torque"}.get(kind, "length")
     stated = {table.units.get(column, "") for column in columns.read}
-    if not columns.read or "" in stated or len(stated) > 1 or kind in ("quaternion", "pose"):
+    if not columns.read or "" in stated or len(stated) > 1 or kind in ("quaternion", "pose", "orientation"):
         return columns
     units = list(UNITS[quantity])
     unit = next((u for u in units if stated == {"deg"} and u.startswith("deg")), units[0])
@@ -166,7 +168,7 @@ def read_channels(
             # Its turns show its unit, however far it goes.
             mapping.columns[key] = replace(columns, unit="rad")
     channels = {
-        key: _read(table, key, columns, notes, gaps and not key.startswith("base."))
+        key: _read(table, key, columns, notes, key.startswith(TRACKED) or (gaps and not key.startswith("base.")))
         for key, columns in mapping.columns.items()
         if key != "time" and not key.endswith(".point")
     }
@@ -179,7 +181,9 @@ def read_channels(
             f"Columns {', '.join(others)} look like a wrench; without an entry under [wrenches] it is not used."
         )
     for key, x in channels.items():
-        if key == "base.quaternion" or (key.startswith("joints.") and key.endswith(".position") and x.shape[1] == 4):
+        if key.endswith(".orientation") and x.shape[1] == 3:
+            x = Rotation.from_rotvec(x).as_quat(scalar_first=True)
+        if x.shape[1] == len(BALL["position"]):
             channels[key] = _continuous(table, key, x)
     return about_origins(table, channels, mapping.plates, notes, gaps=gaps)
 

@@ -280,7 +280,8 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
             continue
         channel = f"{name}_{kind}"
         if channel in measured:
-            raise LogError(f"a joint and a wrench are both named '{name}', and both have torques; rename the wrench.")
+            others = "a wrench or a tracked pose"
+            raise LogError(f"a joint and {others} are both named '{name}', and both have a {kind}; rename the latter.")
         measured[channel] = x[:, 0] if x.shape[1] == 1 else x
         if key in repaired.streams:
             time, values = repaired.streams[key]

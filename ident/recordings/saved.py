@@ -13,9 +13,10 @@ from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.schema import value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower
 from ident.recordings.columns.entries import Row
 from ident.recordings.servo import Scale, Servo
+from ident.recordings.tracker import Tracker
 from ident.recordings.wrench import Sensor
 
 
@@ -35,6 +36,7 @@ KINDS: Mapping[str, Any] = {
     "scales": Mapping[str, Scale],
     "couplings": Mapping[str, Row],
     "followers": Mapping[str, Follower],
+    "trackers": Mapping[str, Tracker],
     "stated": Stated,
 }
 """Types of metadata that are more than JSON, by name."""
@@ -65,6 +67,10 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     others["followers"] = {
         joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
         for joint, lead in fields["followers"].items()
+    }
+    others["trackers"] = {
+        name: {key: x if isinstance(x, str) else x.tolist() for key, x in vars(tracker).items() if x is not None}
+        for name, tracker in fields["trackers"].items()
     }
     stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {
         name: fields[name] or None for name in ("still", "loaded")

@@ -3,8 +3,7 @@ import pytest
 
 from ident.errors import InputError, LogError
 from ident.geometry import se3
-from ident.mechanism.body import Body
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
@@ -117,12 +116,6 @@ def test_channels_by_role():
     np.testing.assert_array_equal(RECORDING.joint_noise(["elbow"])[1], [0.0])
 
 
-def test_noise_free_swaps_the_truth_in():
-    np.testing.assert_array_equal(RECORDING.noise_free["imu"], CHANNELS["imu"] + 1)
-    with pytest.raises(LogError, match="no true values"):
-        _ = Recording(RECORDING.time, CHANNELS).noise_free
-
-
 def test_missing_channels_are_named_with_those_there_are():
     with pytest.raises(LogError, match="'knee_position'; it has arm_orientation, arm_position"):
         RECORDING.joint_states(["knee"])
@@ -180,23 +173,10 @@ def test_files_that_are_no_recordings(tmp_path):
         RECORDING.save(tmp_path / "r.mat")
 
 
-def test_components_are_read_by_name(tmp_path):
-    (tmp_path / "r.csv").write_text("\ufefftime,q.x,q.y,q.z,q.w,f.z,f.y,f.x\n0,1,2,3,4,5,6,7\n", encoding="utf-8")
-    recording = Recording.load(tmp_path / "r.csv")
-    np.testing.assert_array_equal(recording["q"], [[4, 1, 2, 3]])
-    np.testing.assert_array_equal(recording["f"], [[7, 6, 5]])
-
-
 @pytest.mark.parametrize("name", ["time", "a,b", "a.b", "true:a", "base:a", "#a", " a", "a\n", "", "12"])
 def test_names_that_a_file_could_not_hold_are_refused(name):
     with pytest.raises(ValueError, match="name cannot be"):
         Recording([0.0], {name: [1.0]}).save("r.csv")
-
-
-@pytest.mark.parametrize("level", [-1.0, np.nan, np.inf, "loud", None])
-def test_noise_levels_must_be_levels(level):
-    with pytest.raises(LogError, match="noise of channel 'a' needs a standard deviation"):
-        Recording([0.0], {"a": [1.0]}, noise={"a": level})
 
 
 CELLS = ["1", "-0.0", "1e-400", "5e-324", "0.1", "1.7976931348623157e308", "9007199254740993", "\u0661", " 7 "]

@@ -16,7 +16,7 @@ from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.identification import identify_payload
+from ident.payload.beyond_sensor import identify_payload
 from ident.payload.payload import QUANTITIES, UNITS, described
 from ident.recordings.log import read_log
 
