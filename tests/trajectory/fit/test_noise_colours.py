@@ -1,6 +1,7 @@
 """White and slow noise, separated by their residuals."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.studies.noise_processes import autoregressive
-from ident.trajectory.fit.noise_colours import _amplitudes, noise_colours, some_responses
+from ident.trajectory.fit.noise_colours import _amplitudes, _Bands, noise_colours, some_responses
 from ident.trajectory.fit.sandwich import with_scatter
 
 TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
@@ -45,6 +46,19 @@ def test_a_channel_without_residual_has_no_noise():
     own, counts, _ = powers(2000)
     a = _amplitudes(np.zeros(len(counts)), counts.astype(float), np.zeros(len(counts)), *own.T)
     assert a == pytest.approx(np.zeros(5), abs=1e-9)
+
+
+def test_spectra_are_those_of_noise_that_was_drawn_without_its_slowest_part():
+    """A fit follows slow noise, and with it the jump between the ends, which would leak into all frequencies."""
+    rng, number = np.random.default_rng(0), 120
+    drawn = np.stack([autoregressive(rng, number, 0.95) for _ in range(2000)], axis=1)
+    time, one = 0.02 * np.arange(number), np.ones((number, len(drawn[0])))
+    slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, number), 3)
+    left = drawn - slow @ np.linalg.lstsq(slow, drawn, rcond=None)[0]
+    stream = SimpleNamespace(time=time, step=0.02, residual=left, clear=one > 0, std=one[0])
+    bands = _Bands.of(stream, np.geomspace(0.2, 25, 25), np.array([0, -0.02 / np.log(0.95)]))
+    fast = bands.summed(one[: len(bands.frequency)])[1, 10:]
+    assert bands.observed[10:].mean(axis=1) == pytest.approx(fast[:, 0], rel=0.05)
 
 
 def test_white_noise_of_a_pendulum_is_white():
