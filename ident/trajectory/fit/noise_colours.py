@@ -135,9 +135,9 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
 
 def _at_floor(fit: TrajectoryFit, stream: Stream) -> np.ndarray:
     """Mask of the coordinates whose noise is at its floor (s,)."""
-    if not isinstance(stream.which, int):
+    if stream.by_row is not None:
         return np.zeros(len(stream.std), bool)
-    floors = [noise.floor_states[stream.which] for noise in fit.noises]
+    floors = [noise.floor_states for noise in fit.noises]
     return np.asarray(stream.std <= AT_FLOOR * np.max(floors, axis=0))
 
 

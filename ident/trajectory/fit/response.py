@@ -69,10 +69,9 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """Signals measured at the same times: coordinates, a derivative of them, or channels that share a clock.
+    """Signals measured at the same times: coordinates, or channels that share a clock.
 
     Attributes:
-        which: Order of the derivative, or the channels.
         time: Sample times, s (N,).
         bases: Values of the spline functions at samples or nodes; for channels, of the first two derivatives as well.
         nodes: Nodes at which channels are evaluated, None for the samples.
@@ -85,7 +84,6 @@ class Stream:
             θ (M, s, p); None of coordinates.
     """
 
-    which: int | slice
     time: np.ndarray
     bases: Sequence[sparse.csr_matrix]
     nodes: Nodes | None
@@ -121,7 +119,7 @@ class Response:
     """Piece linearised at an estimate.
 
     Attributes:
-        streams: Coordinates by order of the derivative, then channels.
+        streams: Coordinates, then channels.
         zeros: Columns of the coordinates' zeros, by coordinate.
         eliminated: Normal equations with the trajectory eliminated.
         spline: Spline space of the trajectory.
@@ -193,7 +191,7 @@ class Response:
             inside = (stream.time >= first) & (stream.time < last)
             scale, weight = stream.weights.scale[inside], stream.weight(omega)
             if stream.by_row is None:
-                own = (np.abs(powers[:, stream.which]) ** 2)[:, None] * weight * (scale**2).sum(axis=0)
+                own = weight * (scale**2).sum(axis=0)
                 information += own[:, None] * np.eye(n)
             else:
                 by = (stream.by_states[inside] * scale[..., None]).transpose(1, 2, 0)
@@ -225,18 +223,15 @@ def response(
     """
     every = np.arange(len(theta))
     equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
-    streams = []
-    for kind, new in equations.states.items():
-        bases = [piece.at_coordinates.matrices[kind]]
-        streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None))
+    bases = piece.at_coordinates.matrices[:1]
+    streams = [Stream(piece.time, bases, None, *_of(equations.states), noise.states, None)]
     for each in equations.channels:
         bases = (each.at if each.nodes is None else each.nodes.sampling).matrices
         std, slack = noise.channels[each.channels], None if piece.slack is None else piece.slack[:, each.channels]
         by_states, by_theta = each.by_sample
         by_row = by_states.reshape(*by_theta.shape[:2], -1), by_theta.copy()
-        streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, by_row))
-    zeros = dict(measurement.zeros) if 0 in equations.states else {}
-    return Response(streams, zeros, equations.eliminated, piece.spline, noise.jerk)
+        streams.append(Stream(piece.when, bases, each.nodes, *_of(each.new), std, slack, by_row))
+    return Response(streams, dict(measurement.zeros), equations.eliminated, piece.spline, noise.jerk)
 
 
 def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:

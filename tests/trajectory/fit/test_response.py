@@ -43,10 +43,10 @@ def test_a_trajectory_follows_what_elimination_says(inertia):
     scales = [np.full((samples, 1), 1 / each) for each in std]
     by_states = inertia[..., None] * [0.0, 0.0, 1.0]
     streams = [
-        Stream(which, every, at.matrices[:size], None, Weights(scale, 0 * scale), 0 * scale, scale > 0, *rest)
-        for which, size, scale, rest in (
-            (0, 1, scales[0], (std[:1], None)),
-            (slice(0, 1), 3, scales[1], (std[1:], None, (by_states, np.zeros((samples, 1, 0))))),
+        Stream(every, at.matrices[:size], None, Weights(scale, 0 * scale), 0 * scale, scale > 0, *rest)
+        for size, scale, rest in (
+            (1, scales[0], (std[:1], None)),
+            (3, scales[1], (std[1:], None, (by_states, np.zeros((samples, 1, 0))))),
         )
     ]
     here = Response(streams, {}, None, spline, np.array([jerk]))
