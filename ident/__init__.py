@@ -46,17 +46,17 @@ if TYPE_CHECKING:
     from ident.estimation.equations import Equations
     from ident.estimation.samples import Samples
     from ident.identification import identify
-    from ident.mechanism.axes import recover_axes
     from ident.mechanism.body import Body
     from ident.mechanism.dh import Frame, tree_from_mdh
     from ident.mechanism.mechanism import Mechanism
     from ident.mechanism.motion import BaseMotion, Motion
+    from ident.mechanism.recovered_axes import recover_axes
     from ident.mechanism.tree import Tree
     from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
     from ident.parameters.base_parameters import BaseParameters, find_base_parameters
     from ident.parameters.consistency import consistent_parameters
     from ident.parameters.structure import Sensors
-    from ident.payload.identification import identify_payload
+    from ident.payload.beyond_sensor import identify_payload
     from ident.payload.load import identify_load
     from ident.recordings.log import read_log
     from ident.recordings.recording import Recording
@@ -122,11 +122,11 @@ _MODULES = {
     "find_base_parameters": "ident.parameters.base_parameters",
     "identify": "ident.identification",
     "identify_load": "ident.payload.load",
-    "identify_payload": "ident.payload.identification",
+    "identify_payload": "ident.payload.beyond_sensor",
     "joint_torque_regressor": "ident.model.regressor",
     "least_squares": "ident.regression.ordinary",
     "read_log": "ident.recordings.log",
-    "recover_axes": "ident.mechanism.axes",
+    "recover_axes": "ident.mechanism.recovered_axes",
     "total_wrench": "ident.recordings.wrench",
     "tree_from_mdh": "ident.mechanism.dh",
 }

@@ -21,20 +21,18 @@ from ident.estimation.accumulator import accumulate
 from ident.estimation.preparation import Part, Prepared
 from ident.estimation.samples import Samples, joined
 from ident.files.objects import load_object, save_object
+from ident.judgement.agreement import Comparison, compared
 from ident.judgement.candidates import ESTIMATE
 from ident.judgement.checks import Checks, checked
-from ident.judgement.comparison import Comparison, compared
-from ident.judgement.evidence import Evidence, Unmodelled
+from ident.judgement.evidence import Evidence, SetupFinding, Unmodelled, setup_findings
 from ident.judgement.finding import Finding
-from ident.judgement.idle import idle_channels
 from ident.judgement.judges import findings
-from ident.judgement.residuals import correlation_time, explained_by_motion
-from ident.judgement.setup_findings import SetupFinding, setup_findings
+from ident.judgement.residuals import correlation_time, explained_by_motion, idle_channels
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import Verdict
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
-from ident.model.stated import column_place, stated_values, with_values
+from ident.model.axes import column_place, stated_values, with_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.body_bounds import scaled_root
 from ident.parameters.body_prior import BodyPrior, Rotors
@@ -510,22 +508,26 @@ class Estimate:
 
     def plot(self) -> "Figure":
         """Base parameters with 95 % intervals beside the model's, as a matplotlib figure."""
-        from ident.display.plots import parameters_plot
+        from ident.display.plots import NOTEBOOK, parameters_figure
 
-        return parameters_plot(self.names, self.psi, self.interval(), self.fit.equations.from_model[: len(self)])
+        half = np.diff(self.interval(), axis=1)[:, 0] / 2
+        model = self.fit.equations.from_model[: len(self)]
+        return parameters_figure(NOTEBOOK, self.names, self.psi, half, model)
 
     def plot_fit(self) -> "Figure":
         """Measured and predicted channels on the held-out part, as a matplotlib figure."""
-        from ident.display.plots import fit_plot
+        from ident.display.plots import NOTEBOOK, channel_labels, fit_figure
 
-        return fit_plot(self.fit.equations, *self.held_out.curves)
+        held = self.held_out
+        slow = held.interrupted(~held.moving, by=False)
+        return fit_figure(NOTEBOOK, channel_labels(self.fit.equations), held.curves, slow)
 
     def plot_spectra(self) -> "Figure":
         """Spectra of the channels and of their residuals, as a matplotlib figure."""
-        from ident.display.plots import spectra_plot
+        from ident.display.plots import NOTEBOOK, channel_labels, spectra_figure
 
-        held, rate = self.held_out, self.prepared.recording.rate
-        return spectra_plot(self.fit.equations, rate, held.samples.measured, held.residual)
+        held, labels = self.held_out, channel_labels(self.fit.equations, "/√Hz")
+        return spectra_figure(NOTEBOOK, labels, self.prepared.recording.rate, (held.samples.measured, held.residual))
 
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` file that `load` reads back, in the same version; the model's file is not part of it.

@@ -30,6 +30,9 @@ missed no parameter by more than 2 standard deviations, 3 missed one by 8 (none 
 SAME = 1e-9
 """Share of a recording's time by which times of the same recording differ at most, as by rounding in a file."""
 
+FITTED = "A log to fit besides the first"
+"""Such a log in messages."""
+
 LEAST_HELD_OUT = 2
 """Least number of held-out samples: a signal's standard deviation needs two."""
 
@@ -138,13 +141,16 @@ def problem_of(
     _check_different(logs, judges)
     first = logs[0].equations
     for other, role in [
-        *((log, "A log to fit besides the first") for log in logs[1:]),
+        *((log, FITTED) for log in logs[1:]),
         *((j, "A log to judge by") for j in judges),
     ]:
         if other.equations.channels != first.channels:
             raise InputError(
                 f"{role} needs the channels {', '.join(first.channels)}; it has {', '.join(other.equations.channels)}."
             )
+        if role == FITTED and (tracked := [x.recording.trackers.keys() for x in (logs[0], other)])[0] != tracked[1]:
+            named = (", ".join(names) or "none" for names in tracked)
+            raise InputError("{} needs the tracked poses {}; it has {}.".format(role, *named))
         moves = [log.samples.motion.base is not None for log in (logs[0], other)]
         if moves[0] != moves[1] or not np.allclose(other.mechanism.gravity, logs[0].mechanism.gravity):
             raise InputError(

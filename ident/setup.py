@@ -69,6 +69,7 @@ class SetupKind:
         common: True if the channels of one instrument, a wrench or all joint torques, also share an error that is as
             uncertain as each one's own, as of an amplifier or of a calibration weight.
         stated: True if it is estimated wherever a standard deviation is stated, and nowhere searched for.
+        constant: True if it is a constant that nobody knows, which is always estimated and no error.
     """
 
     std: float
@@ -88,6 +89,7 @@ class SetupKind:
     weighs: bool = False
     common: bool = False
     stated: bool = False
+    constant: bool = False
 
 
 def _later(elapsed: "np.ndarray") -> "np.ndarray":
@@ -216,6 +218,24 @@ SETUP: Mapping[str, SetupKind] = {
         short="another place of joint '{of}' along {axis} of its parent's frame",
         label="shift of joint {of} along {axis} of its parent's frame",
         note="Inertias of an updated model belong to that place; --write-geometry writes it, too.",
+    ),
+    "tracker_origin": SetupKind(
+        std=1.0,
+        unit=LENGTH,
+        of="trackers",
+        sentence="The frame of the {of} is {size} further along {sign}{axis} than where it was aligned",
+        short="another place of the {of} along {axis}",
+        label="shift of the {of} along {axis}",
+        constant=True,
+    ),
+    "tracker_rotation": SetupKind(
+        std=1.0,
+        unit=ANGLE,
+        of="trackers",
+        sentence="The frame of the {of} is turned by {size} about {sign}{axis} from where it was aligned",
+        short="a turn of the {of} about {axis}",
+        label="turn of the {of} about {axis}",
+        constant=True,
     ),
 }
 """Every kind of set-up error by its name, in the order of the parameters."""

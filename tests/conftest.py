@@ -24,7 +24,7 @@ FIRST = (
     *PEOPLE,
     *(f"studies/test_{name}.py" for name in ("monte_carlo", "trajectory_identification", "identify", "misaligned")),
     "tests/test_against_mujoco.py",
-    *(f"studies/test_{name}.py" for name in ("multicontact", "chair")),
+    "studies/test_multicontact.py",
 )
 """The slowest files, which start first so that none is left alone at the end."""
 

@@ -31,6 +31,7 @@ from experiments import (
     validate,
 )
 from experiments.__main__ import main as everything
+from experiments.data import paper
 from experiments.document.writer import PAGE
 from experiments.runs import workers
 from experiments.studies import human as persons_study
@@ -103,6 +104,12 @@ def _sweep(folder):
     return 0
 
 
+def _paper(folder):
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(paper, "SAMPLES", 200)
+        return everything(_out(folder))
+
+
 def _out(folder):
     return ["--out", str(folder / "out"), *PNG]
 
@@ -122,7 +129,7 @@ COMMANDS = {
     "misaligned": lambda folder: misaligned.main(["--out", str(folder / "out"), *SHORT, *TRIALS]),
     "multicontact": lambda folder: multicontact.main(["--out", str(folder / "out"), *SHORT]),
     "study": lambda folder: study.main(["several_contacts", "--out", str(folder / "out"), *SHORT]),
-    "paper": lambda folder: everything(_out(folder)),
+    "paper": _paper,
 }
 """Functions that write a command's page into `out` in a folder, by names of `experiments.cli.command`; 0 on success."""
 

@@ -7,12 +7,14 @@ from mechanisms import JOINTS, random_phi, random_pose, random_tree
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.measurement import Measurement
-from ident.estimation.setup import setup_parameters
+from ident.estimation.setup import TRACKER, setup_parameters
+from ident.estimation.tracking import Tracked
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import drive_names
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
+from ident.recordings.tracker import Tracker
 from ident.recordings.wrench import Sensor
 from ident.tolerances import DRIVE
 from ident.trajectory.fit.piece import Noise
@@ -30,6 +32,7 @@ def random_measurement(
     setup=True,
     components=range(6),
     commanded=False,
+    tracked=0,
 ):
     """Measurement with all kinds of channels, set-up parameters, drives and offsets that are asked for."""
     tree, gravity = random_tree(rng, bodies, kinds), 5 * rng.normal(size=3)
@@ -48,15 +51,16 @@ def random_measurement(
         equations = replace(equations, servos=rng.uniform(0.1, 3, size=(2, n)), scales=(0.1,) * n)
     hands = {f"hand{k}": Sensor(str(rng.choice(tree.names)), random_pose(rng)) for k in range(contacts)}
     frame = random_pose(rng) if wrench else np.eye(4)
-    return Measurement(
-        equations, frame, components, hands, setup_parameters(equations, list(hands)) if setup else (), moving
-    )
+    trackers = {f"tool{k}": Tracker(tree.names[-1]) for k in range(tracked)}
+    own = setup_parameters(equations, list(hands), trackers=trackers) if setup else ()
+    poses = {name: Tracked(len(tree.bodies) - 1, random_pose(rng), random_pose(rng), TRACKER) for name in trackers}
+    return Measurement(equations, frame, components, hands, own, moving, poses)
 
 
 def random_inputs(rng, measurement, samples=3, setup=0.05):
-    """States (3, N, n) with quaternions of any length, contacts (N, 2, 6 k) and θ (p,)."""
+    """States (3, N, n) with quaternions of any length, contacts and poses (N, 2, 6 k), and θ (p,)."""
     states = rng.uniform(-1.5, 1.5, size=(3, samples, measurement.coordinates))
-    wrenches = rng.normal(size=(samples, 2, 6 * len(measurement.contacts)))
+    wrenches = rng.normal(size=(samples, 2, 6 * (len(measurement.contacts) + len(measurement.tracked))))
     theta = rng.normal(size=len(measurement.names))
     theta[len(measurement.equations.names) :] *= setup
     return states, wrenches, theta

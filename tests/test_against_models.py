@@ -1,6 +1,5 @@
 """Other people's models against MuJoCo: URDF files of example-robot-data, MJCF of robosuite and of dm_control."""
 
-import warnings
 from importlib.metadata import PackageNotFoundError, files
 
 import mujoco
@@ -12,7 +11,6 @@ from random_models import random_model_states
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mujoco_model import compiled, gravity_in_base, parameters_from_model, state_columns, tree_from_model
-from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.extras
 
@@ -113,16 +111,3 @@ def test_what_mujoco_reads_is_read(package):
             mechanisms += 1
     assert mechanisms == MECHANISMS[package]
     assert not wrong
-
-
-def test_notes_name_the_bodies_and_the_couplings():
-    by_name = {path.name: path for path in paths("example-robot-data", ".urdf")}
-    for name, note in {"allegro_left_hand.urdf": "link_11.0, ", "human.urdf": "left_upperleg_virtual, "}.items():
-        with pytest.warns(ModelNote, match=note):
-            compiled(by_name[name])
-    with pytest.warns(ModelNote, match="of panda_finger_joint1, panda_finger_joint2"):
-        tree_from_model(by_name["panda.urdf"])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        fixed = tree_from_model(by_name["panda.urdf"], fix={f"panda_finger_joint{k}": [0.02] for k in (1, 2)})
-    assert len(fixed.joints) == 7

@@ -7,9 +7,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments import identify, misaligned
-from ident.estimation.preparation import prepared
-from ident.parameters.prior import KNOWN, body_covariance, known_covariances
+from ident.parameters.prior import body_covariance, known_covariances
 
 RECORDING = shortened(faulty(0), 120)
 DEVIATION = "needs a standard deviation, zero or false, got"
@@ -72,41 +70,3 @@ def test_how_well_bodies_are_known_is_checked(known, message):
 def test_bodies_are_known_by_their_names(known):
     with pytest.raises(ident.ModelError, match="prior_known needs standard deviations by the bodies' names"):
         replace(PENDULUM, prior_known=known)
-
-
-def test_what_is_not_said_of_a_body_is_as_usual():
-    phi = PENDULUM.known[:10]
-    np.testing.assert_array_equal(body_covariance(phi, {"mass": 0.1}), body_covariance(phi, {**KNOWN, "mass": 0.1}))
-    np.testing.assert_array_equal(body_covariance(phi, {"mass": False}), body_covariance(phi, {**KNOWN, "mass": 0}))
-
-
-def test_a_tiny_deviation_is_none():
-    estimates = [ident.identify(PENDULUM, RECORDING, setup={"delay": x}, known=True) for x in (0, 1e-300)]
-    np.testing.assert_array_equal(estimates[0].psi, estimates[1].psi)
-    assert not any(name.startswith("delay") for name in estimates[1].trajectory.fit.names)
-
-
-def test_drives_that_are_named_twice_count_once():
-    tree, rng = PENDULUM.tree, np.random.default_rng(0)
-    states = rng.normal(size=(3, 8, len(tree.freedoms)))
-    once, twice = (
-        ident.joint_torque_regressor(tree, *states, gravity=PENDULUM.gravity, drive=["coulomb", *more, "viscous"])
-        for more in ([], ["coulomb"])
-    )
-    np.testing.assert_array_equal(twice, once)
-    torques = once @ np.r_[PENDULUM.known, 0.5, 0.5, 0.1, 0.1]
-    channels = {
-        f"{joint}_{kind}": x[:, k]
-        for k, joint in enumerate(tree.joints)
-        for kind, x in zip(("position", "velocity", "acceleration", "torque"), (*states, torques), strict=True)
-    }
-    ready = prepared(PENDULUM, ident.Recording(np.arange(8) / 100, channels), drive=["coulomb", "coulomb"])
-    assert ready.equations.drives == tuple(f"Fc({joint})" for joint in tree.freedoms)
-
-
-def test_the_estimator_s_former_name_is_accepted():
-    with pytest.raises(ident.InputError, match="The trajectory estimate filters nothing"):
-        ident.identify(PENDULUM, faulty(), estimator="joint", cutoff=5.0)
-    given = identify.parser().parse_args(["model.xml", "log.csv", "--estimator", "joint"])
-    assert given.estimator == "trajectory"
-    assert misaligned.parser().parse_args(["--joint-trials", "5"]).trajectory_trials == 5

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from opensim_files import quietly_read
-from opensim_walker import leg
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench
 from slow_pendulum import TIME, motion
 
 import ident
-import scenes
 import sim
 from ident.identification import checked_setup
+from ident.mechanism.motion import Motion
 from ident.recordings.columns.mapping import stated_mapping
 from ident.setup import PRIORS
 
@@ -46,6 +44,18 @@ def test_a_link_that_is_15_percent_longer_is_found_though_no_robot_is_so_inexact
     assert (abs(taken.psi - TRUTH) > 3 * taken.std_setup).any()
     home = estimate.fit.equations.mechanism.tree.bodies[2].home
     np.testing.assert_allclose(home[:3, 3], [0, 0, 0.425 + finding.value])
+
+
+def test_predictions_are_those_of_all_bodies_at_the_displaced_joints():
+    """Those parameters included that no channel shows where joints lie as in the model."""
+    estimate, (base, first, second) = identified(1.15), PENDULUM.tree.bodies
+    assert (estimate.held_out.ratio < 1.05 * estimate.rivals["least squares"]).all() and not estimate.verdict().doubts
+    states, home = motion(np.random.default_rng(1), 1.0), second.home.copy()
+    home[:3, 3] *= 1.15
+    tree = replace(PENDULUM.tree, bodies=(base, first, replace(second, home=home)))
+    expected = ident.base_wrench_regressor(tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    errors = estimate.predict(Motion(*states)) - expected
+    assert (errors.std(axis=0) < NOISE).all()
 
 
 def test_a_model_written_with_its_joints_displaced_predicts_other_motions(tmp_path):
@@ -92,28 +102,3 @@ def test_what_is_stated_of_centres_is_checked(centre, message):
         with pytest.raises(ident.InputError) as error:
             read({"centre": centre})
         assert str(error.value) == f"setup.{message}"
-
-
-def test_centres_are_stated_for_all_joints_or_for_some():
-    tree = PENDULUM.tree
-    assert stated_mapping({"setup": {"centre": 0.002, "zero_deg": 0}}, tree).setup == {"centre": 0.002, "zero": 0}
-    by_joint = {"centre(joint2)": 0.03}
-    assert stated_mapping({"setup": {"centre": {"joint2": 0.03}}}, tree).setup == by_joint
-    assert checked_setup({"centre": {"joint2": 0.03}}, tree.compounds) == by_joint
-    assert checked_setup(by_joint, tree.compounds) == by_joint
-
-
-def test_several_joints_between_two_bodies_are_one():
-    compounds = sim.mechanism(scenes.load("humanoid"), base="pelvis").tree.compounds
-    assert {"left_hip_flexion", "left_knee", "left_ankle", "lumbar_bending"} <= {*compounds}
-    assert "left_hip_rotation" not in compounds and len(compounds["left_hip_flexion"]) == 3
-
-
-def test_joints_that_only_follow_have_their_leaders_name(tmp_path):
-    """So has an OpenSim knee whose turn and slides follow its coordinate; a coordinate alone carries nothing."""
-    tree = quietly_read(leg(tmp_path)).tree
-    assert {joint: tree.names[own[-1]] for joint, own in tree.compounds.items()} == {
-        "tx": "pelvis",
-        "hip": "femur",
-        "knee": "tibia",
-    }

@@ -1,6 +1,5 @@
 """Joints with servos, whose commands stand in for torques: how they are read, and what they identify."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -16,9 +15,8 @@ from docs.tools.noise.conditions import CONDITIONS
 from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
-from ident.files.schema import value_of
 from ident.recordings.commands import with_servos
-from ident.recordings.servo import Scale, Servo
+from ident.recordings.servo import Servo
 from ident.setup import PRIORS
 
 MAPPING = 'time = "time"\n' + "".join(
@@ -112,15 +110,6 @@ def test_joints_that_rest_at_reversals_are_no_lag(number):
 
 
 @pytest.mark.slow
-def test_rotors_of_joints_with_held_commands():
-    """The mean of a command over the time that it is held, which its samples miss by `kp T²/24` of rotor inertia."""
-    answer = identified(Case.drawn(CONDITIONS["commands_sinusoids_fine"], 0, 1), "trajectory")
-    rotors = [k for k, name in enumerate(answer.names) if name.startswith("Ia(")]
-    assert len(rotors) == 2
-    assert (np.abs(answer.values - answer.true)[rotors] < 3 * answer.std[rotors]).all()
-
-
-@pytest.mark.slow
 def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
     fitted = ident.identify(mechanism(actuators=True), recording())
     exact = ident.identify(mechanism(actuators=True), recording(), setup={"lag": 0.0})
@@ -132,17 +121,6 @@ def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
     shares = {row["parameter"]: row["std_setup"] / row["std"] for row in cells}
     assert tables[0].marked == {f"Fv({joint})" for joint in driven_arm.JOINTS} and shares["Fv(lift)"] > 3
     assert not parameters_table(ident.identify(driven_arm.mechanism(), driven_arm.log(seconds=5.0))).footnote
-
-
-def test_least_squares_takes_commands_as_well():
-    exact = dict.fromkeys(PRIORS, 0.0)
-    arm = mechanism(actuators=True)
-    estimate = ident.identify(arm, recording(), estimator="weighted", cutoff=6.0, setup=exact)
-    drives = dict(zip(estimate.fit.names, estimate.fit.values, strict=True))
-    # The low-pass smears reversals, and nothing takes the half sample of lag out.
-    assert 0.3 < drives["Fc(lift)"] < 0.9
-    assert (estimate.held_out.ratio < 0.1).all()
-    assert not estimate.offsets and not any(name.startswith("offset") for name in estimate.fit.names)
 
 
 @pytest.mark.parametrize(
@@ -174,27 +152,6 @@ def test_commands_in_degrees_are_named(tmp_path):
         stated = stated.replace(f'command = "u{k}"', f'command = {{ column = "u{k}", unit = "deg" }}')
     log = read(tmp_path, stated, scale=180 / np.pi)
     np.testing.assert_allclose(log["turn_command"], driven_arm.commanded(seconds=2.0)[1]["turn_command"], atol=1e-9)
-
-
-def test_a_ball_has_no_command(tmp_path):
-    body = '<body name="b"><joint name="hip" type="ball"/><geom size="0.1"/></body>'
-    arm = sim.mechanism(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>"))
-    with pytest.raises(LogError, match=r"hip. has no entry 'command'; valid are position, velocity"):
-        read(tmp_path, '[joints.hip]\ncommand = "u0"\nkp = 1\n', arm=arm)
-
-
-@pytest.mark.parametrize("end", ["npz", "csv"])
-def test_servos_are_saved_with_a_recording(tmp_path, end):
-    log = replace(recording(), scales={"bend": 0.25})
-    log.save(tmp_path / f"log.{end}")
-    again = ident.Recording.load(tmp_path / f"log.{end}")
-    assert again.servos == log.servos and again.scales == log.scales
-    with pytest.raises(LogError, match=r"scales.turn needs a number above 0 and at most 1, got high"):
-        value_of("scales", {"turn": "high"}, Mapping[str, Scale])
-    with pytest.raises(LogError, match=r"servos.turn needs a table of entries, got 3"):
-        value_of("servos", {"turn": 3}, Mapping[str, Servo])
-    with pytest.raises(LogError, match=r"servos.turn.kp needs a number above 0, got -1"):
-        value_of("servos", {"turn": {"kp": -1}}, Mapping[str, Servo])
 
 
 WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))
@@ -278,13 +235,6 @@ def test_least_squares_say_that_they_take_as_exact_what_is_stated_as_uncertain(t
 def test_uncertainties_that_would_have_no_effect_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         ident.identify(mechanism(actuators=True), recording(), **options)
-
-
-def test_a_recording_s_and_a_mapping_s_scale_is_refused_as_well(tmp_path):
-    with pytest.raises(InputError, match=r"setup\.scale needs zero or false"):
-        ident.identify(mechanism(actuators=True), replace(recording(), setup={"scale": 0.2}))
-    with pytest.raises(LogError, match=r"\[setup\] has no entry 'scale'"):
-        read(tmp_path, f"{MAPPING}[setup]\nscale = 0.2\n")
 
 
 def test_the_table_of_scales_has_stated_and_estimated_gains():

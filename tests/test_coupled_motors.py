@@ -91,32 +91,6 @@ def test_intervals_hold_the_motors_drives_as_often_as_they_say():
     assert (np.abs(z) < 1.96).mean() > 0.9 and np.sqrt(np.square(z).mean()) < 1.3
 
 
-@pytest.mark.slow
-def test_friction_of_joints_leaves_more():
-    own, others = estimate(), estimate("joints")
-    assert {"Fv(lift)", "Fc(bend)"} <= set(others.fit.names) and not set(TRUE) & set(others.fit.names)
-    assert (others.held_out.ratio[1:] > 10 * own.held_out.ratio[1:]).all()
-    assert (own.held_out.ratio < 0.02).all() and own.verdict().usable
-
-
-def test_least_squares_has_coupled_motors_as_well():
-    fit = estimate(estimator="weighted", cutoff=8.0).fit
-    values = dict(zip(fit.names, fit.values, strict=True))
-    assert {name: values[name] for name in TRUE} == pytest.approx(TRUE, rel=0.1)
-
-
-def test_a_rotor_that_takes_up_another_one_may_be_negative():
-    """About parallel axes one of three inertias is left for two rotors: the first less five times the second."""
-    parallel = (0, 1, 0)
-    result = ident.identify(mechanism(parallel), columns(1, parallel), columns=mapping())
-    fit = result.fit
-    k = fit.names.index("Ia(wrist 1)")
-    assert "Ia(wrist 2)" not in fit.names and fit.equations.mixed == ("Ia(wrist 1)",)
-    assert fit.values[k] == pytest.approx(1.5e-4 - 5 * 1.2e-4, abs=3 * fit.std[k])
-    assert any("from the links' inertias and from Ia(wrist 1)" in note for note in result.prepared.notes)
-    assert (result.held_out.ratio < 0.02).all()
-
-
 def test_a_model_s_file_keeps_what_it_states_of_coupled_joints(tmp_path):
     stated = mechanism(damping=(0.5, 0.4, 0.3))
     result = ident.identify(stated, columns(), columns=mapping(), estimator="weighted", cutoff=8.0)

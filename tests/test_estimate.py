@@ -1,15 +1,11 @@
 """Numbers of an estimate for comparison with published ones."""
 
-import json
-from dataclasses import replace
 from functools import cache
 
-import driven_arm
 import numpy as np
 from recorded_faults import PENDULUM, estimated, faulty
 
 import ident
-from ident.judgement.residuals import correlation_time
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 
@@ -40,29 +36,3 @@ def test_condition_numbers_are_those_of_the_regressor_as_it_is_and_with_unit_nor
     np.testing.assert_allclose(numbers["raw"], np.linalg.cond(Y), rtol=1e-9)
     np.testing.assert_allclose(numbers["unit_norm"], np.linalg.cond(Y / np.linalg.norm(Y, axis=0)), rtol=1e-9)
     assert numbers["weighted"] == ordinary().condition_number
-
-
-def test_relative_rms_is_over_the_signal_with_its_mean():
-    held = ordinary().held_out
-    residual, signal = (np.linalg.norm(x, axis=0) for x in (held.residual, held.samples.measured))
-    np.testing.assert_allclose(held.relative_rms, residual / signal, rtol=1e-12)
-    errors = ordinary().to_dict()["held_out"]["Fz"]
-    assert errors["relative_rms"] < 0.1 * errors["ratio"], "most of Fz is weight"
-
-
-def test_dependent_columns_have_no_number_in_the_file():
-    values = ordinary().singular_values.copy()
-    values[-1] = 0
-    estimate = replace(ordinary(), singular_values=values)
-    assert estimate.condition_number == np.inf and estimate.to_dict()["condition_number"] is None
-    json.dumps(estimate.to_dict(), allow_nan=False)
-
-
-def test_the_correlation_is_that_of_the_first_recording():
-    arm = driven_arm.mechanism()
-    logs = [driven_arm.log(6.0, 50.0, seed=seed, noise=noise) for seed, noise in ((0, 1.0), (1, 30.0))]
-    estimate = ident.identify(arm, logs, estimator="ordinary", cutoff=8.0)
-    first = estimate.logs[0]
-    residual = estimate.fit.residual(first.used)
-    assert len(estimate.residual) > len(residual)
-    np.testing.assert_array_equal(estimate.correlation, correlation_time(residual, first.log.recording.rate))

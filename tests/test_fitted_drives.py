@@ -6,16 +6,9 @@ from functools import cache
 import driven_arm
 import numpy as np
 import pytest
-from coded import coded
 
 import ident
-from experiments.cli import options
-from ident.errors import InputError
-from ident.estimation.preparation import prepared
-from ident.judgement.body_findings import rotor_findings
-from ident.judgement.torque_checks import friction_shares
 from ident.mechanism.drives import Actuator, Drive
-from ident.parameters.prior import DRIVE_KNOWN
 from ident.setup import PRIORS
 
 TRUE = {
@@ -58,50 +51,10 @@ def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
     assert np.abs(z).max() < 3.5
 
 
-def test_what_the_links_absorb_of_the_model_s_rotors_is_taken_out_of_the_bodies():
-    estimate = weighted()
-    arm, rank = driven_arm.mechanism(), estimate.base.rank
-    # MuJoCo's armature of a joint about a fixed axis acts as inertia of the link about it.
-    k = estimate.base.names.index("Izz1")
-    absorbed = estimate.fit.equations.from_drives[:rank]
-    assert absorbed[k] == pytest.approx(0.2, abs=1e-6)
-    np.testing.assert_allclose(estimate.psi_of_links, estimate.psi - absorbed)
-    np.testing.assert_allclose(estimate.psi_updated, estimate.base.regroup(estimate.consistent().phi) + absorbed)
-    np.testing.assert_allclose(estimate.consistent().phi, arm.known, rtol=1e-6, atol=1e-9)
-    (note,) = [note for note in estimate.prepared.notes if "take them up" in note]
-    assert "Ia(turn), Ia(lift) cannot be told" in note and "with the model's Ia(turn), Ia(lift)" in note
-    ignorant = weighted(stated=False)
-    np.testing.assert_allclose(ignorant.fit.equations.from_drives, 0)
-    np.testing.assert_allclose(ignorant.psi_of_links, ignorant.psi)
-
-
 def test_the_model_with_its_drives_predicts_as_well_as_the_estimate_of_the_same_bodies():
     estimate = weighted()
     np.testing.assert_allclose(estimate.rivals["model"], estimate.held_out.ratio, rtol=0.1)
     assert (weighted(stated=False).rivals["model"] > 5 * estimate.rivals["model"]).all()
-
-
-def test_the_model_s_values_are_a_prior_where_the_motion_tells_little():
-    short, exact = driven_arm.log(3.0, 50.0, size=0.05), dict.fromkeys(PRIORS, 0.0)
-    estimate = ident.identify(driven_arm.mechanism(), short, setup=exact, known=True)
-    model = dict(zip(estimate.fit.names, estimate.fit.equations.from_model, strict=False))
-    std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
-    for name, value in TRUE.items():
-        assert model[name] == pytest.approx(value)
-        assert std[name] < 1.01 * DRIVE_KNOWN * value
-        assert abs(values(estimate)[name] - value) < 4 * std[name], name
-    assert std["Ia(bend)"] > 0.2 * DRIVE_KNOWN * 0.05
-
-
-def test_a_rotor_that_no_model_states_is_not_held_by_the_prior_of_the_links():
-    """The links' inertias, known to .1 %, take up the rotor of the joint about the vertical axis."""
-    mechanism = driven_arm.mechanism(armature=(0.0, 0.0, 0.0))
-    known = {"mass": 1e-3, "center": 1e-4, "inertia": 1e-3}
-    estimate = ident.identify(mechanism, driven_arm.log(), known=known)
-    (taken,) = [each for name, each in estimate.fit.equations.absorbed.items() if name == "Ia(turn)"]
-    moved = estimate.psi - estimate.fit.equations.from_model[: estimate.base.rank]
-    k = np.argmax(np.abs(taken))
-    assert moved[k] == pytest.approx(driven_arm.TRUE["armature"][0] * taken[k], rel=0.02)
 
 
 def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():
@@ -118,33 +71,6 @@ def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():
     assert geared.with_value("viscous", 0.5).viscous == 0 and geared.with_value("stribeck", 1.0) == geared
 
 
-def test_nothing_is_fitted_beyond_what_is_asked_for():
-    assert not weighted(drive=()).fit.equations.drives
-    assert weighted(drive=("viscous",)).fit.equations.drives == ("Fv(turn)", "Fv(lift)", "Fv(bend)")
-    assert coded(weighted(drive=()), "friction_not_fitted") and not coded(weighted(), "friction_not_fitted")
-
-
-def test_only_joints_with_a_measured_torque_have_drives():
-    recording = driven_arm.log()
-    measured = {name: x for name, x in recording.measured.items() if name != "bend_torque"}
-    ready = prepared(driven_arm.mechanism(), replace(recording, measured=measured), cutoff=8.0, drive=None)
-    assert ready.equations.drives and not any("bend" in name for name in ready.equations.drives)
-
-
-@pytest.mark.parametrize(
-    ("given", "drive"),
-    [(["auto"], None), (["none"], ()), ([], ()), (["viscous", "spring"], ("viscous", "spring"))],
-)
-def test_the_option_takes_auto_none_or_a_list(given, drive):
-    assert options.drives(given) == drive
-
-
-@pytest.mark.parametrize("alone", ["auto", "none"])
-def test_auto_and_none_stand_alone(alone):
-    with pytest.raises(InputError, match=f"--drive takes {alone} alone, or a list out of rotor, viscous"):
-        options.drives([alone, "viscous"])
-
-
 def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
     recording = driven_arm.log()
     torque = recording["bend_torque"].copy()
@@ -156,15 +82,3 @@ def test_what_is_absorbed_survives_a_channel_that_is_flat_in_the_fitted_part():
     k = estimate.base.names.index("Izz1")
     assert estimate.fit.equations.from_drives[k] == pytest.approx(0.2, abs=1e-6)
     assert not any("bend" in name for name in estimate.fit.equations.drives)
-
-
-def test_findings_on_rotors_take_equations_that_absorb_some():
-    """Bodies far from the model's ask whether rotors that are not fitted explain them."""
-    estimate = weighted(drive=("viscous", "rotor"))
-    equations = estimate.fit.equations
-    assert equations.absorbed
-    wider = equations.with_drives((*equations.drives, "Fc(turn)", "Ia(turn)"))
-    assert len(wider.from_drives) == wider.parameters.rank + len(wider.drives)
-    evidence = estimate.evidence
-    assert {finding.code for finding in rotor_findings(evidence, ["column", "upper"])} == {"rotor_inseparable"}
-    assert set(friction_shares(estimate.fit, estimate.logs[0].used)) == set(driven_arm.JOINTS)

@@ -5,10 +5,15 @@ import subprocess
 import sys
 from importlib.util import find_spec
 
+import estimates
 import pytest
 
 import ident
+import multicontact as mc
+import scenes
 import sim
+from ident.display.html import PAGES
+from ident.errors import InputError
 
 PUBLIC = [(package, name) for package in (ident, sim) for name in package.__all__]
 
@@ -104,23 +109,12 @@ def test_names_that_are_not_public_are_refused(package):
     assert len(package.__all__) <= 30
 
 
-def test_the_version_is_known():
-    assert re.match(r"\d", ident.__version__)
-
-
 def test_libraries_are_imported_when_they_are_needed():
     code = (
         "import ident, sim, sys; assert not {'mujoco', 'numpy', 'scipy'} & set(sys.modules); "
         "ident.Tree; sim.mechanism; assert {'mujoco', 'numpy'} <= set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_nothing_that_is_slow_to_import_is_needed_to_identify():
-    slow = {*(f"scipy.{name}" for name in ("signal", "stats", "optimize", "interpolate", "ndimage")), "matplotlib"}
-    code = f"import ident, sim, sys; ident.identify; sim.simulate; sim.mechanism; print(*({slow} & set(sys.modules)))"
-    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert run.stdout.split() == []
 
 
 @pytest.mark.slow
@@ -139,3 +133,49 @@ def test_clients_are_typed(tmp_path, pytestconfig):
     assert all(error.startswith("mistaken_") for error in errors), checked.stdout
     for k, name in enumerate(MISTAKEN.values()):
         assert any(error.startswith(f"mistaken_{k}.py") and name in error for error in errors), checked.stdout
+
+
+HOSTILE = {"experiments/__init__.py": "raise SystemExit('the wrong experiments')", "scenes.txt": ""}
+"""Files of a user's folder that has experiments of its own."""
+
+
+def test_it_has_the_names_of_both_packages_and_no_others():
+    assert {*mc.__all__} == {*ident.__all__, *sim.__all__, "scenes", "report"} and mc.__all__ == sorted(mc.__all__)
+    for package in (ident, sim):
+        assert all(getattr(mc, name) is getattr(package, name) for name in package.__all__)
+    assert mc.scenes is scenes and mc.__version__ == ident.__version__ and dir(mc) == mc.__all__
+    with pytest.raises(AttributeError, match="module 'multicontact' has no attribute 'robot'"):
+        _ = mc.robot
+
+
+def test_nothing_is_imported_before_it_is_needed():
+    code = "import multicontact, sys; assert not {'mujoco', 'numpy', 'ident', 'sim', 'matplotlib'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with experiments of its own."""
+    for name, content in HOSTILE.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    return tmp_path
+
+
+def test_a_report_is_the_page_of_the_command_and_the_notebook_links_it(tmp_path):
+    estimate = estimates.quick()
+    try:
+        page = mc.report(estimate, tmp_path / "arm")
+        assert page == tmp_path / "arm" / "report.html" and "Replay" in estimate._repr_html_()
+        names = {path.name for path in page.parent.iterdir()}
+        assert {"estimate.json", "model.xml", "table_base_parameters.csv", "figure_held_out.png"} <= names
+        assert not any(name.endswith((".pdf", ".svg")) for name in names)
+        text = page.read_text(encoding="utf-8")
+        assert "A mechanism, identified from 1 recording" in text
+        arm = mc.mechanism(page.parent / "model.xml")
+        assert arm.known == pytest.approx(estimate.consistent().phi, abs=1e-9)
+    finally:
+        PAGES.pop(estimate, None)
+    for formats in ("png", [], ["gif"]):
+        with pytest.raises(InputError, match="formats needs some of pdf, png, svg; got"):
+            mc.report(estimate, tmp_path / "arm", formats=formats)

@@ -20,12 +20,6 @@ def test_damaged_input_is_refused_or_accepted(capsys):
     assert sum(counts.values()) == 30 and min(counts["accepted"], counts["refused"]) >= 5
 
 
-def test_a_case_is_the_same_whatever_ran_before():
-    with cases.Runner(2) as runner:
-        first, other, again = ((ending.what, ending.story.splitlines()[0]) for ending in map(runner.run, (3, 4, 3)))
-    assert first == again != other
-
-
 @pytest.mark.parametrize(
     ("wrong", "kind", "what"),
     [

@@ -24,13 +24,6 @@ def test_ends_of_a_recording_are_not_judged_however_short(samples):
     np.testing.assert_array_equal(held.time, recording.time[inside])
 
 
-def test_a_held_out_part_begins_where_the_fitted_one_ends():
-    recording = shortened(faulty(1), 500)
-    time = ident.identify(PENDULUM, recording).held_out.time
-    assert time[0] == pytest.approx(recording.time[300], abs=0.011)
-    assert time[-1] < recording.time[-1] - UNSETTLED
-
-
 def test_nothing_in_a_gap_is_judged_or_fitted_by_least_squares():
     recording = ident.Recording.from_streams(swinging.streams(np.random.default_rng(2), gap=GAP))
     log = prepared(swinging.pendulum(), recording)
@@ -45,13 +38,6 @@ def test_nothing_in_a_gap_is_judged_or_fitted_by_least_squares():
     psi = ident.find_base_parameters(swinging.pendulum()).regroup(swinging.pendulum().known)
     noise = np.repeat([0.5, 0.05], 3)
     assert (np.sqrt((held.residual_with(psi) ** 2).mean(axis=0))[[0, 1, 2, 4, 5]] < 1.2 * noise[[0, 1, 2, 4, 5]]).all()
-
-
-def test_a_zero_that_was_found_is_taken_out_of_what_is_judged():
-    estimate = ident.identify(PENDULUM, faulty(3, zero=(3, 0)), held_out=faulty(4, zero=(3, 0)))
-    clean = ident.identify(PENDULUM, faulty(3), held_out=faulty(4))
-    assert [each.name for each in estimate.setup] == ["zero(joint1)"]
-    assert (estimate.held_out.ratio < 1.1 * clean.held_out.ratio + 0.01).all()
 
 
 def test_recordings_that_are_judged_follow_one_another():

@@ -82,33 +82,6 @@ def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_sho
     assert not on_link.in_frame().identifiable[0]
 
 
-def test_links_and_drives_are_those_without_the_load(load, arm):
-    own = load.joint.fit.theta[10 : 10 + load.without.base.rank]
-    std = np.sqrt(np.diag(load.joint.fit.covariance))[10 : 10 + load.without.base.rank]
-    true = load.without.fit.equations.from_model[: len(own)]
-    assert np.abs((own - true) / std).max() < 4
-    # Twice the data: no parameter is known less well than from the recordings without the load alone.
-    assert (std <= 1.01 * load.without.fit.std[: len(std)] / load.without.widening).all()
-
-
-def test_the_model_carries_the_load_on_its_body(load, arm):
-    added = load.phi_of_robot() - arm.known
-    at = 10 * arm.bodies.index("tool")
-    assert added[at] == pytest.approx(MASS, abs=0.05)
-    assert not np.delete(added, range(at, at + 10)).any()
-
-
-@pytest.mark.slow
-def test_a_load_of_known_mass_fixes_the_scale_of_torques(arm):
-    logs = (replace(arm_log(k, loaded=bool(k), scale=0.9), scales=dict.fromkeys(arm.joints, 0.2)) for k in (0, 1))
-    load = identify_load(arm, *logs, body="tool", mass=MASS)
-    assert load.in_frame().values[0] == pytest.approx(MASS, abs=1e-3)
-    scales = [each for each in load.sensor_parameters if each.name.startswith("scale(")]
-    assert len(scales) == len(arm.joints)
-    for each in scales:
-        assert abs(each.value - -0.1) < 3 * each.std < 0.06
-
-
 @pytest.mark.slow
 def test_a_box_in_a_hand_is_weighed_by_plates():
     """Bodies of a person that the motion does not determine are a prior, which the hand with the box leaves."""
@@ -125,13 +98,6 @@ def test_a_box_in_a_hand_is_weighed_by_plates():
     assert (
         abs(body.values[0] - 6) < 0.3 and (abs(body.values[:4] - [6, 0.05, 0.25, -0.05]) < 2 * body.std_setup[:4]).all()
     )
-
-
-@pytest.mark.slow
-def test_no_load_is_a_doubt(arm, logs):
-    load = identify_load(arm, logs[0], arm_log(2, loaded=False), body="tool")
-    assert "load_not_shown" in [finding.code for finding in load.findings if finding.doubt]
-    assert not load.verdict().usable
 
 
 def test_the_command_weighs_a_load(tmp_path, arm, load, logs, capsys, monkeypatch):
@@ -166,15 +132,6 @@ def test_bad_input_is_one_sentence(arm, logs, given, message):
     without, loaded = logs
     with pytest.raises(InputError, match=message):
         identify_load(arm, without, **{"loaded": loaded, **given})
-
-
-def test_the_command_needs_a_sensor_or_loaded_logs(tmp_path, capsys):
-    given = [str(MODEL), "a.csv", "--body", "tool", "--out", str(tmp_path)]
-    assert "either --sensor NAME, or --loaded LOG" in refusal(payload.main, given, capsys)
-    (tmp_path / "a.csv").write_text("time", encoding="utf-8")
-    twice = [str(MODEL), str(tmp_path / "a.csv"), "--loaded", str(tmp_path / "a.csv"), *given[2:]]
-    assert "can be fitted once only" in refusal(payload.main, twice, capsys)
-    assert "--mass is the known mass" in refusal(payload.main, [*given, "--sensor", "s", "--mass", "2"], capsys)
 
 
 def test_a_columns_file_states_the_body_with_the_load(tmp_path, arm, logs, monkeypatch, capsys):

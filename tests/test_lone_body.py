@@ -87,14 +87,6 @@ def test_poses_in_axes_that_do_not_stand_upright_are_noticed_and_stated(rpy, sig
     assert np.abs((body.values - TRUTH) / body.std_setup).max() < 4
 
 
-def test_forces_in_the_axes_of_the_base_are_no_opposite_sign():
-    tool, x, names = Mechanism.lone_body("tool"), dict(columns()), [f"f{k}" for k in "xyz"]
-    turns = Rotation.from_quat(np.stack([x[f"q{k}"] for k in "wxyz"], axis=1), scalar_first=True)
-    x |= dict(zip(names, turns.apply(np.stack([x[name] for name in names], axis=1)).T, strict=True))
-    with pytest.raises(ident.InputError, match="in the axes of the base"):
-        ident.identify_payload(tool, read_log(x, tool, COLUMNS), body="tool", sensor="ft")
-
-
 def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
     write_csv(tmp_path / "swing.csv", columns())
     text = (

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from typing import Any
 
 import driven_arm
 import estimates
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 import multicontact as mc
-from ident.annotations import fits
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 T, Q = np.arange(100) / 100, np.zeros((5, 3))
@@ -245,20 +243,6 @@ def test_a_mistaken_call_is_one_sentence(call, message, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("fix", "as_if"),
-    [
-        ({"joint2": -0.3}, {"joint2": [-0.3]}),
-        ({"joint2": np.float32(0.5)}, {"joint2": [0.5]}),
-        ("joint2", {"joint2": ()}),
-        (["joint2"], {"joint2": ()}),
-    ],
-)
-def test_a_joint_is_fixed_by_a_number_or_by_its_name_alone(fix, as_if):
-    assert fixed(fix).tree == fixed(as_if).tree
-    assert fixed(fix).tree.joints == ("joint1",)
-
-
 def test_a_folder_that_is_missing_is_one_sentence(tmp_path):
     saves = [(estimates.quick().save, "npz"), (LOG.save, "npz"), (LOG.save, "csv")]
     for save, end in [*saves, (lambda path: mc.write_model(path, PENDULUM, PENDULUM.known), "xml")]:
@@ -283,9 +267,3 @@ def test_what_is_meant_works():
     assert simulated(samples=np.int64(5), rate=np.float64(100), seed=np.int32(3)).rate == 100
     assert np.array_equal(BASE.regroup(ARM.known.tolist()), BASE.regroup(ARM.known))
     assert ["a"] not in estimates.quick()
-
-
-def test_annotations_that_cannot_be_checked_fit_anything():
-    assert fits(3, "Estimate") and fits(3, Any) and fits(3, mc.simulate.__annotations__["excitation"])
-    assert fits([1, 2], tuple[int, ...], exact=False) and not fits([1, 2], tuple[int, ...])
-    assert fits((1, "a"), tuple[int, str]) and not fits((1,), tuple[int, str])

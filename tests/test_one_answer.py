@@ -1,7 +1,6 @@
 """One recording with the same options gives one answer, by both commands and in Python."""
 
 import json
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ import ident
 import scenes
 import sim
 from experiments import identify, stream
-from ident.regression.ordinary import huber_white
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 SAMPLES = 600
@@ -68,26 +66,3 @@ def test_commands_and_python_agree(tmp_path, files, offsets, other):
         assert_the_same([np.transpose(each) for each in values])
     else:
         assert by_stream["offsets"] == {}
-
-
-def test_pieces_agree_in_python(tmp_path, files):
-    log, arm = tmp_path / "run.csv", sim.mechanism(files[0], base="base")
-    estimate = ident.identify(arm, ident.read_log(log, arm), estimator="ordinary", offsets=False, holdout=0)
-    first = ident.least_squares(ident.Equations.of_wrench(arm), ident.Recording.chunks(log, samples=50))
-    fit = huber_white(first, ident.Recording.chunks(log, samples=130), steady=True)
-    assert_the_same([(estimate.psi, estimate.std), (fit.psi, fit.std)])
-
-
-def test_memory_is_that_of_the_channels():
-    """A robust fit of a long recording holds a few copies of its 29 numbers per sample, but no regressor of 78."""
-    spec = scenes.load("double_pendulum")
-    arm, short = sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM, samples=500)
-    peaks = []
-    for copies in (20, 60):
-        channels = {name: np.concatenate([x] * copies) for name, x in short.measured.items()}
-        recording = ident.Recording(np.arange(500 * copies) / 100, channels)
-        tracemalloc.start()
-        ident.identify(arm, recording, estimator="ordinary")
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert (peaks[1] - peaks[0]) / (500 * 40) < 8 * 150

@@ -8,9 +8,10 @@ import pytest
 from measurements import random_measurement
 
 from ident.estimation.setup import SetupParameter, objects, setup_parameters
-from ident.judgement.place import Place
-from ident.judgement.setup_findings import place_of, sentence, setup_findings, short
+from ident.judgement.evidence import place_of, sentence, setup_findings, short
+from ident.judgement.finding import Place
 from ident.recordings.columns.mapping import DEVIATIONS
+from ident.recordings.tracker import Tracker
 from ident.setup import OWN, SETUP
 from ident.trajectory.setup_search import Deviation
 
@@ -70,6 +71,16 @@ ROWS = {
         "another place of joint 'knee' along z of its parent's frame",
         "shift of joint knee along z of its parent's frame",
     ),
+    ("tracker_origin", "tracker", 1): (
+        "The frame of the tracker is 30.00 ± 0.10 mm further along +y than where it was aligned",
+        "another place of the tracker along y",
+        "shift of the tracker along y",
+    ),
+    ("tracker_rotation", "markers of 'tool'", 0): (
+        "The frame of the markers of 'tool' is turned by 1.7189 ± 0.0057° about +x from where it was aligned",
+        "a turn of the markers of 'tool' about x",
+        "turn of the markers of 'tool' about x",
+    ),
 }
 NEGATIVE = {
     "late": "early",
@@ -104,18 +115,13 @@ def test_a_shift_along_a_link_is_away_from_its_other_end_or_towards_it(link, wor
     other = {"farther from": "nearer to", "nearer to": "farther from"}[words]
     assert words not in sentence(each, -0.0123, 0.0011) and other in sentence(each, -0.0123, 0.0011)
     fit = SimpleNamespace(names=[each.name], covariance=np.eye(1) * 0.0011**2, theta=np.array([0.0123]))
-    search = SimpleNamespace(deviations=(Deviation(0, ()),))
-    (finding,) = setup_findings(SimpleNamespace(fit=fit, search=search, setup={0: each}))
+    (finding,) = setup_findings(SimpleNamespace(fit=fit, deviations=(Deviation(0, ()),), setup={0: each}))
     assert finding.text.startswith(start)
-
-
-def test_every_kind_has_a_sentence_of_its_own_here():
-    assert [kind for kind, _, _ in ROWS] == list(SETUP)
 
 
 def test_every_kind_has_objects_and_every_parameter_a_place():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
-    every = objects(m.equations, ["hand"], held=True)
+    every = objects(m.equations, ["hand"], held=True, trackers={"tool": Tracker(m.tree.names[-1])})
     commanded = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
     of_commands = objects(commanded.equations, [], held=False)
     assert {row.of for row in SETUP.values()} == {*every}
@@ -135,21 +141,6 @@ def test_every_kind_has_objects_and_every_parameter_a_place():
     assert {place for name, place in places.items() if name.startswith("gravity")} == {Place()}
     alone = setup_parameters(m.equations, ["left", "right"], held=False)[0]
     assert place_of(alone) == Place(wrenches=("left", "right"))
-
-
-def test_a_parameter_of_one_log_is_named_and_placed_there():
-    """Names of objects may look like anything, because nobody reads them."""
-    shared = SetupParameter("delay", "plate of log 7", None, 0.05, place={"wrenches": ("plate of log 7",)})
-    own = SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
-    fit = SimpleNamespace(names=[shared.name, own.name], covariance=np.eye(2) * 1e-8, theta=np.array([0.02, 0.03]))
-    search = SimpleNamespace(deviations=(Deviation(1, (0,)),))
-    (finding,) = setup_findings(SimpleNamespace(fit=fit, search=search, setup={0: shared, 1: own}))
-    assert finding.name == "delay(plate of log 7) of log 2" and finding.alternatives == ("delay(plate of log 7)",)
-    assert finding.place == Place(wrenches=("plate of log 7",), log=1)
-    assert finding.text.startswith(
-        "The wrench 'plate of log 7' is 30.00 ± 0.10 ms late in log 2. The estimate includes"
-    )
-    assert own != shared and own == SetupParameter("delay", "plate of log 7", None, 0.05, 2, shared.place)
 
 
 def test_columns_files_and_arguments_take_every_kind():

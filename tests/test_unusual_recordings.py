@@ -24,12 +24,6 @@ RECORDING = faulty(0)
 ANGLES, WRENCH = RECORDING.of_joints(JOINTS, "position"), wrench_of(RECORDING)
 
 
-def test_clipped_samples_that_leave_the_filter_nothing_are_named():
-    clipped = np.clip(WRENCH, None, np.quantile(WRENCH, 0.9, axis=0))
-    with pytest.raises(ident.InputError, match=r"too few for 13 parameters\. Of those, \d+ are left: .* clipped"):
-        ident.identify(PENDULUM, angles_and_wrench(RECORDING.time, ANGLES, clipped), estimator="weighted")
-
-
 def on_a_curve(samples=400):
     """Angles that a spline reproduces exactly, and a noisy wrench."""
     t, none = RECORDING.time[:samples], np.zeros(samples)
@@ -90,26 +84,6 @@ def test_bodies_that_are_known_are_equations_of_the_trajectory_estimate_alone():
     for more in ({"alone": True, "wanted": False}, {"alone": False}):
         with pytest.raises(ident.InputError, match=r"too few for 159 .* The fit needs 28, .*; there are 25 and 25\.$"):
             fitted(**more)
-
-
-def test_joints_that_rest_need_no_cut_off():
-    """The error is about the motion, not about its filter."""
-    still = angles_and_wrench(RECORDING.time, np.zeros_like(ANGLES), WRENCH)
-    with pytest.raises(ExcitationError, match="the recorded motion excites"):
-        ident.identify(PENDULUM, still)
-    with pytest.raises(ident.InputError, match="state a cut-off in Hz"):
-        ident.identify(PENDULUM, still, estimator="weighted")
-
-
-def test_a_joint_that_rests_in_what_is_fitted_alone_is_noted():
-    recording = shortened(RECORDING, 300)
-    angles = ANGLES[:300].copy()
-    angles[:200, 1] = 0.25
-    recording = angles_and_wrench(recording.time, angles, WRENCH[:300])
-    estimate = ident.identify(PENDULUM, recording, setup=dict.fromkeys(PRIORS, 0))
-    sentence = f"'{JOINTS[1]}' rests at 0.25."
-    assert f"In what is fitted, {sentence}" in estimate.prepared.notes
-    assert sentence not in estimate.prepared.notes
 
 
 def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condition():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import InputError
-from ident.judgement.comparison import Comparison
+from ident.judgement.agreement import Comparison
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out", "page_columns")
 """Options without effect on results, and files, which are compared by content."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.simulated import SimulatedStudy
-from ident.mechanism.axes import angle
+from ident.mechanism.recovered_axes import angle
 
 CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
 """The wrench's components in the paper's names."""

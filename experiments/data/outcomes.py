@@ -15,8 +15,8 @@ from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from ident.regression.ordinary import Fit
 from sim.markers.lengths import Scaling
-from sim.markers.recording import Swap
 from sim.markers.trial_fit import Postures
+from sim.markers.trial_recording import Swap
 from sim.motion.excitation_design import Limits
 
 

@@ -16,8 +16,8 @@ from experiments.data.fitting import (
 )
 from experiments.data.study_file import StudyFile
 from ident.errors import InputError, ModelError
-from ident.mechanism.axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording

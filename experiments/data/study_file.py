@@ -10,7 +10,7 @@ import mujoco
 
 import scenes
 from ident.errors import InputError
-from sim.models.refusals import refusals
+from sim.models.notes import refusals
 from sim.motion.excitation import Excitation
 
 AXES = ("drawn", "recovered", "true")

@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from ident.display.plots import Sheet
+
 INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
 """Colours of curves, in the order of pages: black, red and blue as in the paper, then the remaining ones."""
 
@@ -13,12 +15,6 @@ and 516 pt, at 72.27 pt per inch)."""
 
 HEIGHTS = {1: 6.7, 2: 8.6}
 """Largest height of figures on those pages, inches, with room for a caption."""
-
-ROW, MARGIN = 0.16, 0.8
-"""Inches of a row, and of legend, ticks and label around them."""
-
-ABREAST = {1: 2, 2: 3}
-"""Panels side by side in a wide figure, by the columns of the page."""
 
 _PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
 """Number of columns of the page."""
@@ -39,6 +35,7 @@ def page_columns() -> int:
     return _PAGE.get()
 
 
-def most_rows() -> int:
-    """Largest number of rows of such a figure on a page."""
-    return ABREAST[page_columns()] * int((HEIGHTS[page_columns()] - MARGIN) / ROW)
+def current() -> Sheet:
+    """Sizes of figures for print on a page, with room for a caption."""
+    columns = page_columns()
+    return Sheet(*WIDTHS[columns], HEIGHTS[columns], {1: 2, 2: 3}[columns], row=0.16, panel=0.9, margin=0.8)

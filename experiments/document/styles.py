@@ -1,74 +1,42 @@
-"""Style of the paper's figures, and figures with a row for each parameter."""
+"""Style of the paper's figures; matplotlib is imported with the first one."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.resources import as_file, files
 from typing import Any
 
-import matplotlib as mpl
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from experiments.document.sheet import ABREAST, HEIGHTS, MARGIN, ROW, WIDTHS, page_columns
-
-COLUMN_ROWS = 24
-"""Largest number of rows in a figure of one column; more take the width of the page."""
-
-
-def row_panels(labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[Axes, np.ndarray]]]:
-    """A figure with a row for each label, one column wide or, with many rows, in panels across the page.
-
-    Returns:
-        The figure, and for each panel its axes and the indices of its rows, which are their ordinates as well.
-    """
-    across = 1 if len(labels) <= COLUMN_ROWS else ABREAST[page_columns()]
-    rows = max(1, -(-len(labels) // across))
-    width = column_width() if across == 1 else text_width()
-    figure = Figure(figsize=(width, MARGIN + ROW * rows))
-    panels = []
-    for k, ax in enumerate(figure.subplots(1, across, sharex=True, squeeze=False)[0]):
-        own = np.arange(len(labels))[k * rows : (k + 1) * rows]
-        ax.set_yticks(own, labels[k * rows : (k + 1) * rows])
-        ax.set_ylim((k + 1) * rows - 0.4, k * rows - 0.6)
-        panels.append((ax, own))
-    if across == 1:
-        panels[0][0].set_xlabel(xlabel)
-    else:
-        figure.supxlabel(xlabel, fontsize=mpl.rcParams["axes.labelsize"])
-    return figure, panels
+from experiments.document.sheet import WIDTHS, page_columns
+from ident.display.plots import Figure
 
 
 @contextmanager
 def paper_style() -> Iterator[None]:
     """Applies the style of the paper's figures, in the column width of the page, for the duration of a block."""
+    import matplotlib as mpl
+
     with mpl.rc_context(_papers()), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # of names, drawn as boxes
         mpl.rcParams["figure.figsize"] = [WIDTHS[page_columns()][0], mpl.rcParams["figure.figsize"][1]]
         yield
 
 
+@contextmanager
+def empty_figure(height: float, *, wide: bool = False) -> Iterator[Figure]:
+    """Yields a figure in this style, as wide as a column or as the page's text, with a height in inches."""
+    with paper_style():
+        from matplotlib.figure import Figure
+
+        yield Figure(figsize=(WIDTHS[page_columns()][wide], height))
+
+
 @cache
 def _papers() -> dict[Any, Any]:
     """All settings, the paper's before matplotlib's own; `rc_context` of a file would read all other styles first."""
+    import matplotlib as mpl
+
     with as_file(files("experiments.document") / "paper.mplstyle") as path:
         settings = mpl.rc_params_from_file(path, use_default_template=True)
     # Reading the backend chooses one, and imports all of pyplot.
     return {name: settings[name] for name in settings if name != "backend"}
-
-
-def column_width() -> float:
-    """Width of a column in inches, within `paper_style`."""
-    return float(mpl.rcParams["figure.figsize"][0])
-
-
-def text_width() -> float:
-    """Width of the page's text in inches, for figures across all columns."""
-    return WIDTHS[page_columns()][1]
-
-
-def text_height() -> float:
-    """Height of the page's text in inches, less room for a caption."""
-    return HEIGHTS[page_columns()]

@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from experiments.data.batch import LogAgreement, LogOutcome, spreads
-from experiments.document import styles, symbols, tabular
+from experiments.document import symbols, tabular
 from experiments.document.document import Card, Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
 from ident.display.brief import listed
+from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies
 from ident.judgement.verdict import Outcome as Verdict
 from ident.tolerances import INTERVAL
@@ -92,8 +92,7 @@ def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[st
     names, apart = [agreed.names[k] for k in agreed.most[:PANELS]], agreed.differ
     numbers = np.array([k for k, each in enumerate(outcomes, start=1) if not each.error])
     outcomes = [each for each in outcomes if not each.error]
-    with styles.paper_style():
-        figure = Figure(figsize=(styles.text_width(), 0.5 + 1.1 * len(names)))
+    with empty_figure(0.6 + 0.95 * len(names), wide=True) as figure:
         panels = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
         for name, ax in zip(names, panels, strict=True):
             values = np.array([each.values[name] for each in outcomes])
@@ -102,11 +101,10 @@ def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[st
                 if which.any():
                     dots = numbers[which], values[which], half[which]
                     ax.errorbar(*dots, fmt="o", ms=2.5, lw=0.8, color=color, label=label)
-            ax.set_ylabel(f"{symbols.named_symbol(name, bodies)}\n({outcomes[0].units[name]})", labelpad=2)
+            label_above(ax, f"{symbols.named_symbol(name, bodies)} ({outcomes[0].units[name]})")
         panels[-1].set_xlabel("Log")
-        panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-        figure.align_ylabels(panels)
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        panels[-1].locator_params(axis="x", integer=True)
+        add_legend(figure)
     return figure
 
 

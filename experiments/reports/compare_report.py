@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.data.comparison import Difference, Result
-from experiments.document import styles, symbols, tabular
+from experiments.document import sheet, symbols, tabular
 from experiments.document.document import Card, Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
+from experiments.document.styles import paper_style
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
+from ident.display.plots import Figure, add_legend, row_panels
 from ident.tolerances import INTERVAL
 
 OUTPUTS = (*RESULTS, "comparison.json")
@@ -125,9 +126,9 @@ def figure(difference: Difference) -> Figure:
     """Differences in units of their standard deviation from noise, with intervals from noise and from the set-up."""
     std = np.sqrt(np.diag(difference.comparison.covariance))
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
-    with styles.paper_style():
+    with paper_style():
         labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
-        drawn, panels = styles.row_panels(labels, "Difference in its standard deviations from noise")
+        drawn, panels = row_panels(sheet.current(), labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:
@@ -138,7 +139,7 @@ def figure(difference: Difference) -> Figure:
             ax.set_xscale("symlog", linthresh=LINEAR)
             ax.set_xticks([*-powers[::-1], 0, *powers])
             ax.minorticks_off()
-        drawn.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        add_legend(drawn)
     return drawn
 
 

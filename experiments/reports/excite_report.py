@@ -5,16 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
 from experiments.data.outcomes import Design, geometric_mean
 from experiments.data.paper import RANDOM_START
-from experiments.document import figures, styles, symbols, tabular
+from experiments.document import symbols, tabular
 from experiments.document.document import Document, Plot
+from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
+from experiments.document.writer import sentences
+from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies
 from ident.recordings.recording import STATES
 
@@ -76,78 +75,36 @@ def figure(design: Design) -> Figure:
         (-limits.acceleration, limits.acceleration),
     )
     first, last = (f"{each.quality['condition_number']:.3g}" for each in (before, after))
-    labels = (f"designed: condition number {last}", f"before: {first}", "limits")
-    with styles.paper_style():
-        drawing = Figure(figsize=(styles.text_width(), 0.55 + 1.15 * len(design.joints)))
+    with empty_figure(0.6 + 1.05 * len(design.joints), wide=True) as drawing:
         axes = drawing.subplots(len(design.joints), 3, sharex=True, squeeze=False)
         for (k, column), ax in np.ndenumerate(axes):
-            joint, (low, high) = design.joints[k], bounds[column]
+            low, high = (float(bound[k]) for bound in bounds[column])
             old, new = (each.motion.states[column][:, k] for each in (before, after))
             # A longer motion before is drawn as long as the designed one.
             old = old[: len(design.time)]
-            lines = _panel(ax, design.time, old, new, (float(low[k]), float(high[k])))
-            name = f"{symbols.label(joint)}\n" if column == 0 else ""
-            ax.set_ylabel(f"{name}{STATES[column]} ({design.units[joint]}{PER[column]})", labelpad=2)
+            ax.plot(design.time, new, color="C0", lw=1.0, zorder=3, label=f"designed: condition number {last}")
+            ax.plot(design.time[: len(old)], old, color="0.6", label=f"before: {first}")
+            for limit in (low, high):
+                ax.axhline(limit, color="C1", lw=0.7, ls="--", label="limits")
+            few_ticks(ax)
+            ax.set(xlim=(design.time[0], design.time[-1]), ylim=(1.08 * low - 0.08 * high, 1.08 * high - 0.08 * low))
+            unit = f"{design.units[design.joints[k]]}{PER[column]}"
+            label_above(ax, f"{symbols.label(design.joints[k])}, {STATES[column]} ({unit})")
         for ax in axes[-1]:
             ax.set_xlabel("Time (s)", labelpad=2)
-        figures.align_ylabels(axes.flat)
-        drawing.legend(lines, labels, loc="outside upper center", ncols=3)
+        add_legend(drawing)
     return drawing
-
-
-def _panel(
-    ax: Axes, time: np.ndarray, before: np.ndarray, after: np.ndarray, limits: tuple[float, float]
-) -> list[Line2D]:
-    """Draws one quantity of one joint, and returns the lines of the design, of the motion before, and of the limits."""
-    bounds = [ax.axhline(limit, color="C1", lw=0.7, ls="--", label="_limit") for limit in limits]
-    (old,) = ax.plot(time[: len(before)], before, color="0.6", label="_before")
-    (new,) = ax.plot(time, after, color="C0", lw=1.0, label="_designed")
-    room = 0.08 * (limits[1] - limits[0])
-    ax.set_ylim(limits[0] - room, limits[1] + room)
-    ax.set_xlim(time[0], time[-1])
-    ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
-    return [new, old, bounds[0]]
 
 
 def lines(design: Design) -> list[str]:
     """Sentences for the terminal and the page, besides the tables."""
-    before, after = design.before.mean_deviation, design.after.mean_deviation
-    first, last = (each.quality["condition_number"] for each in (design.before, design.after))
-    smaller = "" if design.start == RANDOM_START else f", {_change(after / before)}"
-    long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
-    seconds = [design.time[1] * count for count in (long, short)]
-    equal = _change(after / before * np.sqrt(short / long))
-    return [
-        f"{len(design.names)} base parameters: {with_bodies(design.names, design.bodies)}.",
-        *([f"{len(design.drives)} drives: {', '.join(design.drives)}."] if design.drives else []),
-        f"Predicted standard deviations (SI units), geometric mean before, {design.start}: {before:.2e}; after: "
-        f"{after:.2e}{smaller}.",
-        *(
-            [f"Before lasts {seconds[0]:.3g} s, after {seconds[1]:.3g} s; of one duration they differ by {equal}."]
-            if smaller and abs(short / long - 1) > ALIKE
-            else []
-            if smaller
-            else ["--log LOG compares the design with your own recording."]
-        ),
-        *_beyond(design),
-        f"Condition number before: {first:.3g}; after: {last:.3g}.",
-        f"Collisions: {design.collisions}.",
-    ]
-
-
-def _beyond(design: Design) -> list[str]:
-    """A sentence on the joints that moved faster before than the design may."""
     motion, limits = design.before.motion, design.limits
-    fast = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
-    fast |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
-    names = ", ".join(name for name, beyond in zip(design.joints, fast, strict=True) if beyond)
-    return [f"Before, {names} went faster than --velocity or --acceleration let the design go."] if names else []
-
-
-def _change(ratio: float) -> str:
-    """A ratio as a change in %."""
-    return f"{100 * (ratio - 1):+.0f} %"
+    beyond = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
+    beyond |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
+    long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
+    more = {"names": with_bodies(design.names, design.bodies), "compared": design.start != RANDOM_START}
+    more |= {"fast": [name for name, fast in zip(design.joints, beyond, strict=True) if fast], "alike": ALIKE}
+    return sentences("excite.txt", design=design, long=long, short=short, **more)
 
 
 def document(design: Design, model: str, provenance: dict[str, Any]) -> Document:

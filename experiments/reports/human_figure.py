@@ -1,12 +1,10 @@
 """Figure of the study of a person: errors of segments, and precision over contacts, motions and seconds."""
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
 
 from experiments.data.person import PersonStudy
-from experiments.document import styles
+from experiments.document.styles import empty_figure
+from ident.display.plots import Axes, Figure
 from ident.tolerances import INTERVAL
 
 COLORS = {"prior": "0.55", "estimate": "C0"}
@@ -21,8 +19,7 @@ SHARES = (0.15, 0.3, 0.6, 1.0)
 
 def figure(study: PersonStudy, feet_alone: PersonStudy) -> Figure:
     """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
-    with styles.paper_style():
-        drawing = Figure(figsize=(styles.column_width(), 7.2))
+    with empty_figure(7.2) as drawing:
         above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
         _segments(above, study)
         _growth(middle, study, feet_alone)
@@ -47,7 +44,7 @@ def _segments(ax: Axes, study: PersonStudy) -> None:
     ax.set_xlim(left=0)
     ax.set_xlabel("Error of the first moment (%)", labelpad=2)
     ax.set_title("(a) First moments of segments")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=6, columnspacing=1)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=7, columnspacing=1)
 
 
 def growth(study: PersonStudy) -> np.ndarray:
@@ -69,7 +66,7 @@ def _growth(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
     ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=20, ha="right")
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title(f"(b) Recordings of {study.seconds:g} s each")
-    ax.legend(loc="lower left", fontsize=6, ncols=1)
+    ax.legend(loc="upper right", fontsize=7)
 
 
 def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -94,8 +91,8 @@ def _predictions(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
         low, high = axis.get_view_interval()
         axis.set_ticks([tick for tick in ticks if low < tick < high])
         axis.set_major_formatter("{x:g}")
-        axis.set_minor_locator(NullLocator())
+    ax.minorticks_off()
     ax.set_xlabel("Seconds recorded", labelpad=2)
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title("(c) Wrench of motions not recorded")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=4, fontsize=6, columnspacing=1)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=3, fontsize=7, columnspacing=1)

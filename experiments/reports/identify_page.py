@@ -8,7 +8,7 @@ import numpy as np
 from experiments.document import pictures
 from experiments.document.pictures import Interval
 from experiments.document.replay import Replay, every_nth
-from experiments.document.sheet import most_rows
+from experiments.document.sheet import current
 from experiments.document.symbols import in_words, regrouped_in_words
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, unit_of
@@ -161,14 +161,6 @@ def held_out_caption(result: Estimate) -> str:
 def parameters_caption(result: Estimate) -> str:
     """Caption of the figure of parameters."""
     caption = "Base parameters with 95 % intervals that include the uncertainty of the set-up, and the model's values."
-    shown, rank = len(shown_parameters(result)), result.base.rank
+    shown, rank = min(current().most_rows, result.base.rank), result.base.rank
     some = f" Shown are the {shown} of {rank} with the narrowest relative intervals; the table has all."
     return caption + some * (shown < rank)
-
-
-def shown_parameters(result: Estimate) -> list[int]:
-    """Indices of the base parameters; if too many for a page, of those with the narrowest relative intervals."""
-    prior = result.fit.equations.from_model[: result.base.rank]
-    relative = result.std_setup / np.maximum(np.maximum(np.abs(result.psi), np.abs(prior)), 1e-300)
-    narrowest = sorted(range(result.base.rank), key=relative.__getitem__)
-    return sorted(narrowest[: most_rows()])

@@ -4,13 +4,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from experiments.data import paper
 from experiments.data.outcomes import Drawing
-from experiments.document import styles, tabular
+from experiments.document import tabular
 from experiments.document.document import Document, Plot
+from experiments.document.styles import empty_figure
+from ident.display.plots import Axes, Figure
 from ident.mechanism.tree import Tree
 
 FRAME_COLORS = ("C1", "C2", "C0")
@@ -45,8 +45,7 @@ def _numbers(values: np.ndarray) -> str:
 
 def figure_1(drawing: Drawing) -> Figure:
     """Figure 1: the mechanism on the left, its frames on the right."""
-    with styles.paper_style():
-        figure = Figure(figsize=(styles.column_width(), 2.8))
+    with empty_figure(2.8) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         for ax in (left, right):
             _draw_links(ax, drawing)

@@ -5,18 +5,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated import SimulatedStudy
-from experiments.document import styles, symbols, tabular
+from experiments.document import symbols, tabular
 from experiments.document.document import Document, Plot
+from experiments.document.styles import empty_figure
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
+from ident.display.plots import Axes, Figure, add_legend
 from ident.display.text import decimals_of
 
 MEANING = (
@@ -79,9 +79,8 @@ def _beside(distribution: Distribution) -> bool:
 
 def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = ()) -> Figure:
     """Chart of all parameters, a panel for each model: interval, mean, prediction and the paper's error."""
-    with styles.paper_style():
-        width = styles.column_width() if len(distributions) < 3 else styles.text_width()
-        figure = Figure(figsize=(width, 3.2))
+    wide = len(distributions) > 2
+    with empty_figure(3.2, wide=wide) as figure:
         panels = figure.subplots(1, len(distributions), sharey=True, squeeze=False)[0]
         for ax, (model, d) in zip(panels, distributions.items(), strict=True):
             _draw(ax, d)
@@ -89,8 +88,7 @@ def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (
         names = next(iter(distributions.values())).names
         panels[0].set_yticks(np.arange(len(names)), [symbols.named_symbol(name, bodies) for name in names])
         panels[0].invert_yaxis()
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=2 if len(distributions) < 3 else 4)
+        add_legend(figure, columns=4 if wide else 2)
     return figure
 
 

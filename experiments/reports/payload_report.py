@@ -2,17 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.document import tabular
-from experiments.document.document import Card, Document, Headline
+from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import Decimals, of_deviations, of_numbers
+from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_page, identify_report
+from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.preparation import length
 from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
@@ -20,7 +22,7 @@ from ident.payload.payload import QUANTITIES, UNITS, Payload, RigidBody, SensorP
 from ident.recordings.several_files import name_of
 from ident.tolerances import INTERVAL
 from sim.models.model_update import write_model
-from sim.models.urdf import parsed
+from sim.models.xml_files import parsed
 
 OUTPUTS = (*RESULTS, "payload.json", "payload.txt", "model.xml", "model.urdf")
 """Patterns of the files that it writes."""
@@ -112,22 +114,16 @@ class PayloadReport:
         """The forms as one text."""
         return "\n".join(f"{title}\n{text}\n" for title, text in self.forms().items())
 
-    def table(self) -> tabular.Table:
-        """Mass, centre of mass and inertia with their intervals, beside the model's."""
+    def table(self, *, brief: bool = False) -> tabular.Table:
+        """Mass, centre of mass and inertia with their intervals, beside the model's; briefly without deviations."""
         body, model = self.payload.in_frame(), self.payload.model
-        columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
-        columns["model"] = [None] * 10 if model is None else model.tolist()
-        columns["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
-        title = f"{self.payload.title}, in the frame of '{self.payload.body}'"
-        return tabular.Table(
-            title, *tabular.columns(**columns), decimals=6, digits=_digits(body), deviations=DEVIATIONS
-        )
+        more: dict[str, Any] = {"model": [None] * 10 if model is None else model.tolist()}
+        more["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
+        return _table(f"{self.payload.title}, in the frame of '{self.payload.body}'", body, more, brief=brief)
 
     def flange_table(self) -> tabular.Table:
         """The same in the flange's frame."""
-        columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(self.at_flange)}
-        title, digits = f"The same in the frame of '{self.flange}'", _digits(self.at_flange)
-        return tabular.Table(title, *tabular.columns(**columns), decimals=6, digits=digits, deviations=DEVIATIONS)
+        return _table(f"The same in the frame of '{self.flange}'", self.at_flange, {})
 
     def sensor_table(self, *, every: bool = True) -> tabular.Table:
         """Offsets, delay, gains and frame of the sensor, or those alone that are taken out."""
@@ -164,8 +160,21 @@ class PayloadReport:
             "estimate": payload.estimate.to_dict(),
         }
 
-    def text(self) -> str:
-        """Text for the terminal."""
+    def screen(self, cards: Sequence[Card]) -> str:
+        """Text for the terminal on 24 lines: verdict, mass, centre and inertia, and the first findings."""
+        where = f"payload.txt has them for {', '.join(self.forms())}; --verbose prints all numbers."
+        return "\n".join(
+            [
+                Headline.of(self.payload.verdict()).line,
+                "",
+                self.table(brief=True).text(),
+                *identify_report.first_lines(cards),
+                *wrapped(where).split("\n"),
+            ]
+        )
+
+    def verbose(self) -> str:
+        """Longer text for the terminal."""
         payload = self.payload
         taken_out = any(each.taken_out for each in payload.sensor_parameters)
         tables = [self.table().text(), *([self.sensor_table(every=False).text()] if taken_out else [])]
@@ -189,12 +198,13 @@ class PayloadReport:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
         caption = f"Measured and predicted channels on the {payload.estimate.held_out.part} part."
+        cards = [*map(Card.of, payload.findings)]
         return Document(
             f"Payload of {model.name if model else payload.body}, identified from {', '.join(map(name_of, logs))}",
             headline=Headline.of(payload.verdict()),
             verdict=str(payload.verdict()),
             pictures=[*identify_page.prediction(payload.estimate)],
-            findings=[*map(Card.of, payload.findings)],
+            findings=cards,
             lines=self.lines(),
             heading="The recording",
             tables={
@@ -203,26 +213,21 @@ class PayloadReport:
                 **({"table_sensor": self.sensor_table()} if payload.sensor_parameters else {}),
                 "table_held_out": identify_report.quality_table(payload.estimate),
             },
-            figures={"figure_held_out": identify_report.drawing("held_out", payload.estimate, caption)},
+            figures={"figure_held_out": Plot(partial(held_out_figure, payload.estimate), caption)},
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,
-            screen=self.text(),
+            screen=self.screen(cards),
+            verbose=self.verbose(),
         )
 
 
-def _columns(body: RigidBody) -> dict[str, list[float]]:
-    """Estimates, standard deviations and 95 % intervals."""
-    reach = INTERVAL * body.std_setup
-    numbers = body.values, body.std, body.std_setup, body.values - reach, body.values + reach
-    names = ("estimate", "std", "std_setup", "from_95", "to_95")
-    return {name: x.tolist() for name, x in zip(names, numbers, strict=True)}
-
-
-DEVIATIONS = {"estimate": "std_setup"}
-"""Columns of standard deviations by those of the estimates."""
-
-
-def _digits(body: RigidBody) -> dict[str, Decimals]:
-    """Decimals of columns that have no standard deviations beside them."""
-    return dict.fromkeys(("from_95", "to_95"), of_numbers(body.std_setup)) | {"std": of_deviations(body.std)}
+def _table(title: str, body: RigidBody, more: dict[str, Any], *, brief: bool = False) -> tabular.Table:
+    """Estimates and 95 % intervals, without `brief` also standard deviations, and more columns."""
+    std, reach = body.std_setup, INTERVAL * body.std_setup
+    deviations = {} if brief else {"std": body.std.tolist(), "std_setup": std.tolist()}
+    ends = {"from_95": (body.values - reach).tolist(), "to_95": (body.values + reach).tolist()}
+    estimate = {"quantity": QUANTITIES, "unit": UNITS, "estimate": body.values.tolist()}
+    digits = dict.fromkeys(("estimate", *ends), of_numbers(std)) | {"std": of_deviations(body.std)}
+    digits["std_setup"] = of_deviations(std)
+    return tabular.Table(title, *tabular.columns(**estimate, **deviations, **ends, **more), decimals=6, digits=digits)

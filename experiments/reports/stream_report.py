@@ -14,7 +14,7 @@ from experiments.document.terminal import wrapped
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import offset_unit, unit_of
 from ident.judgement.evidence import Evidence
-from ident.judgement.summary import summary
+from ident.judgement.judges import summary
 from ident.regression.ordinary import Fit
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 from itertools import cycle
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.data.key_numbers import wrench_error
 from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures
 from experiments.document.sheet import INKS
+from ident.display.plots import Figure
 
 TRUE_WIDTH = 1.6
 """Line width of the truth in points: it lies below the others and shows on both sides."""

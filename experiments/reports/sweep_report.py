@@ -5,11 +5,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments.data.outcomes import Sweep
-from experiments.document import figures, styles, symbols, tabular
+from experiments.document import figures, symbols, tabular
 from experiments.document.document import Document, Plot
+from experiments.document.styles import empty_figure
+from ident.display.plots import Figure, add_legend
 from ident.errors import InputError
 
 CHARTED = {
@@ -47,15 +48,13 @@ def chart(sweep: Sweep, titles: Mapping[str, str]) -> Figure:
     numeric = not isinstance(sweep.values[0], str)
     x = np.array(sweep.values) if numeric else np.arange(len(sweep.values))
     order = np.argsort(x)
-    with styles.paper_style():
-        figure = Figure(figsize=(styles.column_width(), 0.6 + 1.1 * len(titles)))
+    with empty_figure(0.6 + 1.1 * len(titles)) as figure:
         panels = figure.subplots(len(titles), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (name, title) in zip(panels, titles.items(), strict=True):
             numbers = sweep.numbers(name)
             mean = np.array([_statistics(column)[1] for column in numbers.T], dtype=float)
             ax.plot(x[order], mean[order], "o-" if numeric else "o", color="C0", ms=3, zorder=3, label="mean")
-            for row in numbers:
-                ax.plot(x, row, "o", color="0.6", ms=1.5, label="seed")
+            ax.plot(np.tile(x, len(numbers)), numbers.ravel(), "o", color="0.6", ms=1.5, label="seed")
             if np.nanmin(numbers) > 0 and np.nanmax(numbers) > 100 * np.nanmin(numbers):
                 ax.set_yscale("log")
             else:
@@ -65,8 +64,7 @@ def chart(sweep: Sweep, titles: Mapping[str, str]) -> Figure:
             panels[-1].set_xticks(x, [symbols.label(str(value)) for value in sweep.values])
             panels[-1].margins(x=0.2)
         panels[-1].set_xlabel(_label(sweep.option))
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles[:2], labels[:2], loc="outside upper center", ncols=2)
+        add_legend(figure)
     return figure
 
 

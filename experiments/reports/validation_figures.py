@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import NullLocator
 
-from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Published, Study, Validation
-from experiments.document import styles, symbols
+from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation
+from experiments.document import symbols
+from experiments.document.styles import empty_figure
+from ident.display.plots import Axes, Figure, add_legend
 from ident.tolerances import INTERVAL
 
 LOOKS = {MODEL: ("0.55", "D"), LEAST_SQUARES: ("C1", "s"), ESTIMATE: ("C0", "o")}
@@ -25,14 +24,18 @@ ROW, HEAD, FOOT = 0.13, 0.30, 0.75
 NEAR, FAR = -1.0, 3.0
 """Limits of the abscissa of the estimate over the published value; what is beyond is marked by arrows."""
 
-ACROSS, LINE = 3, 0.085
+ACROSS, LINE = 3, 0.1
 """Panels beside each other in the figure of known parameters, and inches of its rows."""
 
-WIDEST = 1.0
-"""Largest relative error that is drawn."""
+WIDEST = 100.0
+"""Largest relative error that is drawn, %."""
 
-TICKS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Ticks of ratios."""
+NOISE = "estimate, 95 % of the noise"
+HOLDS, MISSES = "estimate and its 95 % interval", "interval that misses the true value"
+"""Entries of legends."""
+
+TICKS = tuple(first * 10.0**power for power in range(-4, 3) for first in (1, 2, 5))
+"""Ticks of ratios, as far as they are on the abscissa."""
 
 LINEAR = 4.0
 """Difference in standard deviations up to which the abscissa is linear; it is logarithmic beyond."""
@@ -54,34 +57,27 @@ def truth_figure(study: Study) -> Figure:
     columns = min(len(shown), ACROSS)
     rows = -(-len(shown) // columns)
     most = [max(int(each.significant.sum()) for each in shown[k * columns :][:columns]) for k in range(rows)]
-    with styles.paper_style():
-        drawing = Figure(figsize=(styles.text_width(), sum(LINE * count + HEAD for count in most) + FOOT))
+    with empty_figure(sum(LINE * count + HEAD for count in most) + FOOT, wide=True) as drawing:
         axes = drawing.subplots(rows, columns, squeeze=False, height_ratios=most).ravel()
         for ax, each in zip(axes, shown, strict=False):
             mask, holds = each.significant, abs(each.z) <= INTERVAL
-            half = INTERVAL * np.hypot(each.std, each.tolerance)[mask] / abs(each.true[mask])
-            order, error = np.argsort(half), each.errors(each.values)
-            for row, k in enumerate(order):
-                color = "C0" if holds[mask][k] else "C3"
-                ends = 100 * np.clip([error[k] - half[k], error[k] + half[k]], -WIDEST, WIDEST)
-                ax.hlines(row, *ends, color=color, lw=2.2, alpha=0.35)
-                ax.plot(100 * error[k], row, "o", color=color, ms=2.6, mew=0)
-            ax.axvline(0, color="black", lw=0.8, zorder=0)
-            ax.set_xlim(-100 * WIDEST, 100 * WIDEST)
+            half = 100 * INTERVAL * np.hypot(each.std, each.tolerance)[mask] / abs(each.true[mask])
+            order = np.argsort(half)
+            error, half, inside = 100 * each.errors(each.values)[order], half[order], holds[mask][order]
+            for which, color, label in ((inside, "C0", HOLDS), (~inside, "C3", MISSES)):
+                own = np.flatnonzero(which)
+                style: dict[str, Any] = {"fmt": "o", "color": color, "ms": 2.6, "elinewidth": 1.4, "label": label}
+                ax.errorbar(error[own], own, xerr=half[own], **style)
+            ax.axvline(0, color="black", lw=0.8, zorder=0, label="true value")
+            ax.set_xlim(-WIDEST, WIDEST)
             ax.set_ylim(len(order) - 0.5, -0.5)
             names = np.array(each.names)[mask][order]
-            ax.set_yticks(range(len(order)), [row_label(name) for name in names], fontsize=5)
-            ax.set_title(f"{each.title}:\n{holds.sum()} of {len(holds)} intervals hold", fontsize=7)
-            ax.set_xlabel("Estimate less true value, %", labelpad=2, fontsize=7)
-            ax.tick_params(length=2, labelsize=5)
+            ax.set_yticks(range(len(order)), [row_label(name) for name in names], fontsize=6)
+            ax.set_title(f"{each.title}:\n{holds.sum()} of {len(holds)} intervals hold")
+            ax.set_xlabel("Estimate less true value, %", labelpad=2)
         for ax in axes[len(shown) :]:
             ax.remove()
-        marks: list[Line2D] = [
-            Line2D([], [], color="black", lw=0.8, label="true value"),
-            Line2D([], [], color="C0", marker="o", ms=3, lw=2.2, label="estimate and its 95 % interval"),
-            Line2D([], [], color="C3", marker="o", ms=3, lw=2.2, label="interval that misses the true value"),
-        ]
-        drawing.legend(handles=marks, loc="outside lower center", ncols=3, fontsize=7)
+        add_legend(drawing, "lower", columns=3)
     return drawing
 
 
@@ -97,8 +93,7 @@ def held_out_figure(study: Study) -> Figure:
     """Held-out residuals over signal by candidate, a panel for each recording, in two columns."""
     columns = _columns(list(study))
     heights = [sum(ROW * len(each.channels) + HEAD for each in column) for column in columns]
-    with styles.paper_style():
-        drawing = Figure(figsize=(styles.text_width(), max(heights) + FOOT))
+    with empty_figure(max(heights) + FOOT, wide=True) as drawing:
         for part, column in zip(drawing.subfigures(1, len(columns), squeeze=False)[0], columns, strict=True):
             rows = [len(each.channels) + 1.0 for each in column]
             lowest, highest = _range(study)
@@ -106,8 +101,12 @@ def held_out_figure(study: Study) -> Figure:
             for ax, each in zip(axes, column, strict=True):
                 _ratios(ax, each)
                 ax.set_xlim(lowest, highest)
+                shown = [x for x in TICKS if lowest <= x <= highest]
+                # More decades leave room for powers of ten alone.
+                shown = shown if len(shown) < 8 else [x for x in shown if f"{x:e}".startswith("1")]
+                ax.set_xticks(shown, [f"{x:g}" for x in shown])
             axes[-1].set_xlabel("Held-out residual over signal", labelpad=2)
-        drawing.legend(handles=_handles(study), loc="outside lower center", ncols=4, fontsize=7)
+        add_legend(drawing, "lower", columns=4)
     return drawing
 
 
@@ -143,8 +142,7 @@ def _ratios(ax: Axes, validation: Validation) -> None:
     ax.set_yticks(rows, [channel_label(channel) for channel in validation.channels])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_title(validation.entry.title, fontsize=8, pad=2)
-    ax.set_xticks(TICKS, [f"{x:g}" for x in TICKS])
-    ax.xaxis.set_minor_locator(NullLocator())
+    ax.minorticks_off()
     ax.tick_params(axis="y", labelsize=6)
 
 
@@ -155,68 +153,41 @@ def channel_label(channel: str) -> str:
     return channel.removesuffix("_joint").replace("_", " ")
 
 
-def _handles(study: Study) -> list[Line2D]:
-    """Legend of the candidates."""
-    shown: dict[str, tuple[str, str]] = {CANDIDATES[name]: look for name, look in LOOKS.items()}
-    if any(each.entry.held_out for each in study):
-        shown["published"] = PUBLISHED
-    return [Line2D([], [], color=c, marker=m, lw=0, ms=3, label=name) for name, (c, m) in shown.items()]
-
-
 def published_figure(study: Study) -> Figure:
     """Estimates over published parameters with 95 % intervals of both, and z of each difference."""
-    rows = [(each, published) for each in study for published in each.entry.published]
-    with styles.paper_style():
-        drawing = Figure(figsize=(styles.column_width(), FOOT + 0.17 * len(rows)))
+    pairs = [(each, published) for each in study for published in each.entry.published]
+    published = np.array([[each.value, abs(each.std)] for _, each in pairs])
+    values = np.array([each.values[one.name] for each, one in pairs]) / published[:, :1]
+    rows, half = np.arange(len(pairs)), INTERVAL * np.abs(values[:, 1:])
+    with empty_figure(FOOT + 0.17 * len(rows)) as drawing:
         ax = drawing.subplots()
         ax.axvline(1, color="0.5", lw=0.6, zorder=0)
-        for row, (validation, published) in enumerate(rows):
-            _compared(ax, row, validation, published)
-        ax.set_yticks(range(len(rows)), [_parameter(*each) for each in rows])
+        bars: dict[str, Any] = {"color": "black", "fmt": "|", "ms": 6, "lw": 0.7, "label": "published"}
+        ax.errorbar(np.ones(len(rows)), rows + 0.2, xerr=INTERVAL * published[:, 1] / abs(published[:, 0]), **bars)
+        for fmt, width, kind, label in (("none", 0.7, 1, "with the set-up"), ("o", 1.6, 0, NOISE)):
+            style: dict[str, Any] = {"fmt": fmt, "ms": 3, "lw": width, "color": "C0", "label": label}
+            ax.errorbar(values[:, 0], rows, xerr=half[:, kind], **style)
+        for ends, limit, marker in ((values[:, 0] - half.T, NEAR, "<"), (values[:, 0] + half.T, FAR, ">")):
+            beyond = rows[((ends < NEAR) | (ends > FAR)).any(axis=0)]
+            ax.plot(np.full(len(beyond), limit), beyond, marker, color="C0", ms=3, clip_on=False, label="_beyond")
+        ax.set_yticks(rows, [f"{each.entry.title}, {row_label(one.name)}" for each, one in pairs])
         ax.set_ylim(len(rows) - 0.4, -0.6)
         ax.set_xlim(NEAR, FAR)
         ax.set_xlabel("Estimate over published value", labelpad=2)
-        for row, (above, below) in enumerate(pairwise(rows)):
+        for row, (each, one) in enumerate(pairs):
+            z = f"{round(each.published_z(one), 1) + 0.0:+.1f}".replace("-", "\N{MINUS SIGN}")
+            ax.text(1.04, row, f"$z$ = {z}", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
+        for row, (above, below) in enumerate(pairwise(pairs)):
             if above[0] is not below[0]:
                 ax.axhline(row + 0.5, color="0.8", lw=0.5)
-        marks: list[Line2D] = [
-            Line2D([], [], color="C0", marker="o", ms=3, lw=1.6, label="estimate, 95 % of the noise"),
-            Line2D([], [], color="C0", lw=0.7, label="with the set-up"),
-            Line2D([], [], color="black", marker="|", ms=6, lw=0.7, label="published"),
-        ]
-        drawing.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=7)
+        add_legend(drawing, "lower", columns=2)
     return drawing
-
-
-def _compared(ax: Axes, row: int, validation: Validation, published: Published) -> None:
-    """Draws an estimate over a published value, its intervals, and z."""
-    value, std, std_setup = (x / published.value for x in validation.values[published.name])
-    if np.isfinite(published.std):
-        half = INTERVAL * published.std / abs(published.value)
-        ax.hlines(row + 0.2, 1 - half, 1 + half, color="black", lw=0.7)
-    ax.plot(1, row, marker="|", color="black", ms=6)
-    for deviation, width in ((std_setup, 0.7), (std, 1.6)):
-        low, high = value - INTERVAL * abs(deviation), value + INTERVAL * abs(deviation)
-        ax.hlines(row, max(low, NEAR), min(high, FAR), color="C0", lw=width)
-        for end, limit, marker in ((low, NEAR, "<"), (high, FAR, ">")):
-            if not NEAR <= end <= FAR:
-                ax.plot(limit, row, marker, color="C0", ms=3, clip_on=False)
-    if NEAR <= value <= FAR:
-        ax.plot(value, row, "o", color="C0", ms=3)
-    z = f"{round(validation.published_z(published), 1) + 0.0:+.1f}".replace("-", "\N{MINUS SIGN}")
-    ax.text(1.04, row, f"$z$ = {z}", transform=ax.get_yaxis_transform(), va="center", fontsize=6)
-
-
-def _parameter(validation: Validation, published: Published) -> str:
-    """Name of a published parameter and of its recording."""
-    return f"{validation.entry.title}, {row_label(published.name)}"
 
 
 def summary_figure(study: Study) -> Figure:
     """Estimate's residuals over those of the best other candidate, and differences of trials, by recording."""
     shown = list(study)
-    with styles.paper_style():
-        drawing = Figure(figsize=(styles.text_width(), FOOT + 0.25 + 0.2 * len(shown)))
+    with empty_figure(FOOT + 0.25 + 0.2 * len(shown), wide=True) as drawing:
         left, right = drawing.subplots(1, 2, sharey=True)
         rng = np.random.default_rng(0)
         names = [each.entry.title for each in shown]
@@ -225,7 +196,7 @@ def summary_figure(study: Study) -> Figure:
         left.axvline(1, color="0.4", lw=0.6, label="equal")
         left.set_xscale("log")
         left.set_xticks([0.5, 1, 2], ["0.5", "1", "2"])
-        left.xaxis.set_minor_locator(NullLocator())
+        left.minorticks_off()
         left.set_xlabel("Residual over the best other candidate's", labelpad=2)
         left.set_title("(a) Held-out channels")
         for name, (color, shift, label) in GROUPS.items():
@@ -236,14 +207,14 @@ def summary_figure(study: Study) -> Figure:
         largest = max(abs(z).max(initial=LINEAR) for each in shown for z in agreement(each).values())
         ticks = [x for x in (-30, -10, -4, -2, 0, 2, 4, 10, 30) if abs(x) <= largest]
         right.set_xticks(ticks, [str(x).replace("-", "\N{MINUS SIGN}") for x in ticks])
-        right.xaxis.set_minor_locator(NullLocator())
+        right.minorticks_off()
         right.set_xlim(-1.05 * largest, 1.05 * largest)
         right.set_xlabel("Difference in standard deviations", labelpad=2)
         right.set_title("(b) Agreement")
         left.set_yticks(range(len(shown)), names)
         left.set_ylim(len(shown) - 0.5, -0.5)
-        marks = [Line2D([], [], color=c, marker="o", lw=0, ms=3, label=label) for c, _, label in GROUPS.values()]
-        drawing.legend(handles=marks, loc="outside lower center", ncols=3, fontsize=7)
+        marks = [right.plot([], [], "o", color=c, ms=3, label=label)[0] for c, _, label in GROUPS.values()]
+        drawing.legend(handles=marks, loc="outside lower center", ncols=3)
     return drawing
 
 

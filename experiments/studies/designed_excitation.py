@@ -24,7 +24,7 @@ from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits
 from sim.motion.fourier import FourierTrajectory
-from sim.motion.reach import reachable
+from sim.motion.walls import reachable
 from sim.simulation.simulate import LONGEST, RATE
 
 POSTURES = 200

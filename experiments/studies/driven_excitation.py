@@ -12,9 +12,8 @@ from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model import regressor
-from ident.model.axes import Axes
+from ident.model.axes import Axes, column_place, stated_values
 from ident.model.regressor import drive_names, joint_torque_regressor
-from ident.model.stated import column_place, stated_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.prior import DRIVE_KNOWN
 from ident.tolerances import STRIBECK

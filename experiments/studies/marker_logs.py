@@ -53,8 +53,8 @@ def _fitted(source: Path, file: Path, base: str | None, fix: Mapping[str, Sequen
     """Writes the angles of a trial, and returns sentences on the fit."""
     # Imported here because few logs have markers.
     from sim.markers.marked_model import base_of, marked_model, marked_positions
-    from sim.markers.recording import recording
     from sim.markers.trial_fit import check_fit, fit_trial
+    from sim.markers.trial_recording import recording
 
     markers = read_markers(file)
     marked, unmatched = marked_model(source, markers.labels, fix=fix)

@@ -16,7 +16,7 @@ from ident.files.column import UNITS
 from ident.judgement.checks import Checks, Unchecked, Weight
 from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.evidence import Evidence
-from ident.judgement.idle import not_predicted, still_channels
+from ident.judgement.residuals import not_predicted, still_channels
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree

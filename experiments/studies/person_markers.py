@@ -17,8 +17,8 @@ from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import transform_wrench
 from sim.markers.marked_model import MarkedModel, marked_model
-from sim.markers.recording import recording
 from sim.markers.trial_fit import check_fit, fit_trial
+from sim.markers.trial_recording import recording
 from sim.models.model_update import updated_spec
 
 

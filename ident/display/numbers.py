@@ -9,7 +9,7 @@ from ident.display.bodies import BodyValue
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.summary import summary
+from ident.judgement.judges import summary
 from ident.judgement.verdict import Verdict
 from ident.parameters.consistency import ConsistentParameters
 from ident.regression.held_out import HeldOut

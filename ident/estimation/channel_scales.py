@@ -23,19 +23,23 @@ and a joint torque, of which a finger's is a thousandth of a hip's."""
 LEAST = 1e-3
 """Smallest noise of a channel over its scale; few sensors are as good as that."""
 
+LEAST_OF_POSES = 1e-5
+"""The same of tracked poses: laser trackers resolve some micrometres in a room."""
+
 
 def channel_scales(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndarray:
     """Scale of each channel of a signal, positive (C,).
 
     Args:
         parts: Measured channels, in one piece or several, NaN where a sample is missing (N, C).
-        channels: Names of the channels.
+        channels: Names of the channels; further ones are of tracked poses.
     """
     every = np.concatenate(parts)
-    spread = np.zeros(len(channels))
+    spread = np.zeros(every.shape[1])
     there = np.isfinite(every).any(axis=0)
     spread[there] = np.nanstd(every[:, there], axis=0)
-    return beside_others(spread, channels)
+    own, poses = np.split(spread, [len(channels)])
+    return np.append(beside_others(own, channels), np.maximum(poses, LEAST * poses.max(initial=0.0) or 1.0))
 
 
 def beside_others(spread: np.ndarray, channels: Sequence[str]) -> np.ndarray:
@@ -53,7 +57,9 @@ def least_noise(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndar
         parts: Measured channels, in one piece or several, NaN where a sample is missing (N, C).
         channels: Names of the channels.
     """
-    return np.maximum(LEAST * channel_scales(parts, channels), rounding(parts))
+    scales = channel_scales(parts, channels)
+    least = np.where(np.arange(len(scales)) < len(channels), LEAST, LEAST_OF_POSES)
+    return np.maximum(least * scales, rounding(parts))
 
 
 def rounding(parts: Sequence[np.ndarray]) -> np.ndarray:

@@ -13,10 +13,10 @@ from ident.estimation.samples import Samples, arrays_of, whitened
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.plane import out_of_plane
-from ident.model.axes import Axes, Couplings
+from ident.model.axes import Axes, Couplings, column_place, stated_values
 from ident.model.compiled import zeros
+from ident.model.inverse_dynamics import inverse_dynamics
 from ident.model.regressor import chunk, drive_signals, program_inputs, regressor_program
-from ident.model.stated import column_place, stated_values
 from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
@@ -53,6 +53,8 @@ class Equations:
             drives, on whose columns its own depends, by its name (r + d,).
         couplings: Motors that move several joints together, to which rotors and friction belong.
         mixed: Drives of these that take up drives without a column, and may thus be negative.
+        beside: φ that acts beside the coefficients in a mechanism whose joints or gravity are not as in the model, for
+            which the parameters were regrouped (10 b,); None for none.
     """
 
     mechanism: Mechanism
@@ -68,6 +70,7 @@ class Equations:
     absorbed: Mapping[str, np.ndarray] = field(default_factory=dict)
     couplings: Couplings = field(default_factory=dict)
     mixed: tuple[str, ...] = ()
+    beside: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         expected, bodies = len(self.parameters.parameters), len(self.mechanism.tree.inertial)
@@ -276,7 +279,14 @@ class Equations:
     def residual(self, samples: Samples, values: np.ndarray) -> np.ndarray:
         """Measured less predicted channels of checked samples (…, N, C), not whitened, for coefficients (…, m)."""
         rows = self.rows(replace(samples, covariance=None))
-        return np.concatenate([x[-1] - np.tensordot(values, x[:-1], axes=1) for x in rows], axis=-1).swapaxes(-1, -2)
+        left = np.concatenate([x[-1] - np.tensordot(values, x[:-1], axes=1) for x in rows], axis=-1).swapaxes(-1, -2)
+        return left if self.beside is None else left - self._beside(samples.motion, self.beside)
+
+    def _beside(self, motion: Motion, phi: np.ndarray) -> np.ndarray:
+        """Channels of some φ (10 b,) that are no coefficients (N, C)."""
+        total, felt = inverse_dynamics(self.mechanism.tree, motion, phi, self.mechanism.gravity)
+        wrench = (total if self.wrench is None else total @ self.wrench.T)[:, self._parts()[0]]
+        return np.hstack([wrench, felt[:, list(self.torques)]])
 
     def _parts(self) -> tuple[range, range]:
         """Indices of the channels of the wrench and of the torques."""

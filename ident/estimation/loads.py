@@ -15,11 +15,10 @@ from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.model.axes import Axes
+from ident.model.axes import Axes, stated_values
 from ident.model.closed_form import BodyMotion
 from ident.model.inverse_dynamics import body_wrenches, inverse_dynamics
 from ident.model.regressor import drive_signals
-from ident.model.stated import stated_values
 from ident.tolerances import DRIVE, USUAL_DRIVE
 
 SLIP = 0.003
@@ -38,11 +37,18 @@ def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np
     Returns:
         Wrench in the base frame of every body (6,), zeros for massless ones.
     """
-    tree, parameters, known = equations.mechanism.tree, equations.parameters, equations.mechanism.prior
-    prior = np.zeros(10 * len(tree.inertial)) if known is None else known
-    kept, phi = list(parameters.kept), prior.astype(object)
-    phi[kept] = theta[: parameters.rank] - (parameters.regroup(prior) - prior[kept])
-    return body_wrenches(tree, motions, phi)
+    parameters, phi = equations.parameters, unseen(equations).astype(object)
+    phi[list(parameters.kept)] += theta[: parameters.rank]
+    return body_wrenches(equations.mechanism.tree, motions, phi)
+
+
+def unseen(equations: Equations) -> np.ndarray:
+    """The model's φ less what base parameters contain of it: no channel shows it at the joints of the model (10 b,)."""
+    mechanism, parameters = equations.mechanism, equations.parameters
+    known = np.zeros(10 * len(mechanism.tree.inertial)) if mechanism.prior is None else mechanism.prior
+    phi = known.copy()
+    phi[list(parameters.kept)] -= parameters.regroup(known)
+    return phi
 
 
 def drive_torques(

@@ -1,6 +1,7 @@
 """Measurement model: the channels of `Equations` as functions of states, parameters and set-up.
 
     wrench   (1 + gain) coAd(T_sensor)⁻¹ [Y(q, q̇, q̈) ψ - Σ contacts] + offset
+    pose     F⁻¹ T(q) M, of a tracked body (`ident.estimation.tracking`)
     zero     Y(q, q̇, q̈) ψ - Σ contacts + offset, where nothing holds the base: contacts alone (Eq. 3)
     torque   (1 + gain) [Y_τ(q, q̇, q̈) ψ - Σ contacts + drives] + offset
 
@@ -11,8 +12,8 @@ are noisy: the effect of the set-up on them is computed from averages over neigh
 independent of the residual; otherwise a gain, for example, would shrink to reduce the noise.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,9 +21,9 @@ import numpy as np
 from ident.estimation import loads
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.recorded_motion import base_motion, joint_states
-from ident.estimation.setup import SetupParameter
-from ident.geometry.quaternion import small_rotation
-from ident.geometry.se3 import coAd, hat, inverse, pose
+from ident.estimation.setup import MARKERS, SetupParameter
+from ident.estimation.tracking import REFERENCES, WIDTH, Tracked, reading
+from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form, compiled
@@ -51,6 +52,7 @@ class Measurement:
         setup: Set-up parameters.
         moving: True if the base moves and is tracked; its position and quaternion are then the first coordinates. For
             a mechanism with a carrier the carrier's joints are.
+        tracked: Tracked bodies by the names of their poses, which are channels after those of the equations.
     """
 
     equations: Equations
@@ -59,6 +61,7 @@ class Measurement:
     contacts: dict[str, Sensor]
     setup: tuple[SetupParameter, ...]
     moving: bool = False
+    tracked: Mapping[str, Tracked] = field(default_factory=dict)
 
     @property
     def in_world_axes(self) -> bool:
@@ -72,6 +75,11 @@ class Measurement:
     def tree(self) -> Tree:
         """The mechanism's tree."""
         return self.equations.mechanism.tree
+
+    @property
+    def width(self) -> int:
+        """Number of channels C, those of tracked bodies included."""
+        return len(self.equations.channels) + WIDTH * len(self.tracked)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -113,9 +121,9 @@ class Measurement:
 
     @property
     def smooth(self) -> bool:
-        """True if channels are smooth functions of the states alone: there is neither contact nor dry friction."""
+        """True if channels are smooth functions of the states alone: there are no contacts, trackers or friction."""
         dry = tuple(f"{DRIVE[kind]}(" for kind in ("coulomb", "stribeck"))
-        return not self.contacts and not any(name.startswith(dry) for name in self.equations.drives)
+        return not (self.contacts or self.tracked) and not any(name.startswith(dry) for name in self.equations.drives)
 
     @cached_property
     def turning(self) -> np.ndarray:
@@ -141,7 +149,8 @@ class Measurement:
 
         Args:
             states: Coordinates, and their first and second derivatives (3, N, n).
-            wrenches: Wrenches of the surroundings on the contacts: averages over neighbours, and the rest (N, 2, 6 k).
+            wrenches: Wrenches of the surroundings on the contacts: averages over neighbours, and the rest; and measured
+                orientations of tracked bodies, in halves (N, 2, 6 k).
             theta: Parameters (p,).
         """
         program = self._channels_program
@@ -152,7 +161,7 @@ class Measurement:
         self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
-        n, channels = self.coordinates, len(self.equations.channels)
+        n, channels = self.coordinates, self.width
         program, nonzero = self._gradients_program
         number, every = 3 * n + len(columns), np.arange(channels)
         position = np.zeros(nonzero.shape, int)
@@ -231,8 +240,8 @@ class Measurement:
 
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
         """Tape of the channels, its inputs that are states and θ, and the channels."""
-        n, d, sizes = self.coordinates, len(self.tree.dependent), (12 * len(self.contacts), len(self.names))
-        ends = np.cumsum([3 * n, d + (len(self._on.dependent) if self._on else 0), *sizes])
+        n, d, measured = self.coordinates, len(self.tree.dependent), len(self.contacts) + len(self.tracked)
+        ends = np.cumsum([3 * n, d + (len(self._on.dependent) if self._on else 0), 12 * measured, len(self.names)])
         tape = Tape(int(ends[-1]) + len(self._slips))
         states, starts, wrenches, theta, slips = np.split(np.array(tape.inputs), ends)
         channels = self._channels(states.reshape(3, n), starts, wrenches.reshape(2, -1, 6), theta, slips)
@@ -270,12 +279,29 @@ class Measurement:
             lengths, first = self.encoders(motion.q, theta), len(self.components)
             for at, (k, kp, kv) in enumerate(zip(equations.torques, *equations.servos, strict=True), first):
                 out[at] = out[at] + kp * lengths[k] + kv * motion.dq[k]
-        if not self.contacts:
-            return out
-        touch = self._less_contacts(motions, base, wrenches[0], theta)
-        noise = self._less_contacts(motions, base, wrenches[1], theta * 0)
-        of_touch, of_noise = read(touch, 0 * drives, theta), read(noise, 0 * drives, theta * 0)
-        return [a + g * b + c for a, g, b, c in zip(out, gains, of_touch, of_noise, strict=True)]
+        if self.contacts:
+            averages, rest = wrenches[:, : len(self.contacts)]
+            touch = self._less_contacts(motions, base, averages, theta)
+            noise = self._less_contacts(motions, base, rest, theta * 0)
+            of_touch, of_noise = read(touch, 0 * drives, theta), read(noise, 0 * drives, theta * 0)
+            out = [a + g * b + c for a, g, b, c in zip(out, gains, of_touch, of_noise, strict=True)]
+        return out + self._poses(motions, base, wrenches[:, len(self.contacts) :], theta)
+
+    def _poses(
+        self, motions: list[closed_form.BodyMotion], base: np.ndarray, measured: np.ndarray, theta: np.ndarray
+    ) -> list[Value]:
+        """Channels of the tracked bodies, beside their measured orientations (2, k, 6)."""
+        out = list[Value]()
+        for k, (name, (body, frame, markers, of_frame)) in enumerate(self.tracked.items()):
+            T = base @ pose(motions[body].R, motions[body].p) @ markers @ self._moved(MARKERS.format(name), theta)
+            T = inverse(frame @ self._moved(of_frame, theta)) @ T
+            out += reading(T, measured[:, k].reshape(REFERENCES))
+        return out
+
+    def _moved(self, of: str, theta: np.ndarray) -> np.ndarray:
+        """Pose of a frame of a tracker or of markers where it was aligned (4, 4)."""
+        rotation, origin = (self._vector(f"tracker_{kind}", of, theta) for kind in ("rotation", "origin"))
+        return pose(small_rotation(rotation), origin)
 
     def encoders(self, q: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Readings of the encoders of hinges and slides by freedom, zero for balls (…, n), at coordinates (…, n_q)."""

@@ -16,14 +16,14 @@ from ident.estimation.loads import absorbed_note, drives_of, passive_drives, pre
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.estimation.repairs import Clipped, Stuck
 from ident.estimation.samples import Samples
+from ident.estimation.tracking import check_tracked
 from ident.files.table import BASE
 from ident.geometry.se3 import coAd, inverse, roll_pitch_yaw
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.model.axes import Axes
+from ident.model.axes import Axes, column_place
 from ident.model.regressor import drive_kinds
-from ident.model.stated import column_place
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.followers import moving
@@ -164,6 +164,7 @@ def prepared(
     asked = () if drive is None else drive_kinds(drive)
     leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
     recording = repairs.without_channels(repairs.within_range(recording), tree, leave_out)
+    check_tracked(mechanism, recording)
     steps = repairs.steps(recording, tree)
     clipped, notes = tuple[Clipped, ...](), of_loops
     if not recording.still:

@@ -6,7 +6,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ident.errors import InputError
-from ident.geometry.quaternion import continuous_quaternions, turning, without_jumps
+from ident.geometry.se3 import continuous_quaternions, turning, without_jumps
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree

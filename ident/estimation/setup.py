@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.mechanism.body import BASE, Body
+from ident.recordings.tracker import Tracker
 from ident.recordings.wrench import GROUND
 from ident.setup import PRIORS, SETUP, SetupKind
 
@@ -29,6 +30,7 @@ class SetupParameter:
         log: Number of the log that has it separately, counted from 1; None if it is that of the first or of all.
         place: Names of the wrenches, channels or joints that it belongs to, by `wrenches`, `channels` and `joints`.
         link: Joint at the other end of a link along the axis; with a minus if the axis points towards it.
+        calibrated: True if poses of a tracked body show it, so that it is estimated without a search.
     """
 
     kind: str
@@ -38,6 +40,7 @@ class SetupParameter:
     log: int | None = None
     place: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
     link: str = ""
+    calibrated: bool = False
 
     @property
     def row(self) -> SetupKind:
@@ -50,6 +53,11 @@ class SetupParameter:
         name = self.kind if self.axis is None else f"{self.kind}_{'xyz'[self.axis]}"
         name = f"{name}({self.of})" if self.of else name
         return name if self.log is None else name_in_log(name, self.log)
+
+    @property
+    def estimated(self) -> bool:
+        """True if it is estimated without a search."""
+        return self.row.stated or self.row.constant or self.calibrated
 
     def text(self, template: str, **values: str) -> str:
         """A template of its row, with its object, its axis and other values."""
@@ -93,6 +101,7 @@ def setup_parameters(
     *,
     held: bool = True,
     moving: bool = False,
+    trackers: Mapping[str, Tracker] = MappingProxyType({}),
 ) -> tuple[SetupParameter, ...]:
     """Set-up parameters of the channels of a recording.
 
@@ -104,10 +113,18 @@ def setup_parameters(
         held: True if there is a ground wrench; without one, all contacts share a delay and a clock, and their sum has
             no gains besides theirs.
         moving: True if the base moves.
+        trackers: Tracked bodies.
     """
-    given, every = priors or {}, objects(equations, contacts, held=held, moving=moving)
+    given, every = priors or {}, objects(equations, contacts, held=held, moving=moving, trackers=trackers)
+    tree = equations.mechanism.tree
+    carrying = {tree.bodies[i].joint for x in trackers.values() for i in tree.chain(tree.names.index(x.body))}
     return tuple(
-        SetupParameter(kind, subject.name, axis, own, place=subject.place, link=subject.links.get(axis, ""))
+        SetupParameter(
+            *(kind, subject.name, axis, own),
+            place=subject.place,
+            link=subject.links.get(axis, ""),
+            calibrated=subject.name in carrying and row.of in OF_JOINTS,
+        )
         for group in dict.fromkeys(row.of for row in SETUP.values())
         for subject in every[group]
         for kind, row in SETUP.items()
@@ -118,7 +135,12 @@ def setup_parameters(
 
 
 def objects(
-    equations: Equations, contacts: Sequence[str], *, held: bool, moving: bool = False
+    equations: Equations,
+    contacts: Sequence[str],
+    *,
+    held: bool,
+    moving: bool = False,
+    trackers: Mapping[str, Tracker] = MappingProxyType({}),
 ) -> dict[str, list[Subject]]:
     """Objects of the kinds of set-up errors, by `SetupKind.of`; arguments as for `setup_parameters`.
 
@@ -126,7 +148,7 @@ def objects(
         `clocks` of the wrenches, one for all that share it; `commands` of servos, if there are no other channels;
         `frames` of the wrenches; `channels`, and those of the contacts; `scales` of torques that are stated not to be
         exact, whose channels have no gain besides; `gravity`, about the axes across it; `angles` of the hinges, and
-        their `axes`, about those across; `centres` of the joints.
+        their `axes`, about those across; `centres` of the joints; `trackers`, unknown frames of trackers and markers.
     """
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
     wrench = len(equations.channels) > len(equations.torques)
@@ -152,7 +174,8 @@ def objects(
         "axes": [
             Subject(body.joint, across(body.twist[3:]), place) for body, place in hinges if body.name not in loops
         ],
-        "centres": _centres(equations, loops, moving=moving),
+        "centres": _centres(equations, loops, moving=moving, tracked=bool(trackers)),
+        "trackers": [Subject(name, range(3), {}) for name in unknown_frames(trackers)],
     }
 
 
@@ -164,13 +187,27 @@ PARALLEL = 1e-9
 """Largest component of a unit vector across another one with which they are parallel, but for rounding."""
 
 
-def _centres(equations: Equations, loops: Sequence[str], *, moving: bool) -> list[Subject]:
+OF_JOINTS = ("angles", "axes", "centres")
+"""Objects of the kinds of errors that displace or turn bodies."""
+
+TRACKER, MARKERS = "tracker", "markers of '{}'"
+"""Names of the frames of a tracker and of the markers of a tracked body."""
+
+
+def unknown_frames(trackers: Mapping[str, Tracker]) -> list[str]:
+    """Names of the frames of tracked bodies that are not stated."""
+    own = [MARKERS.format(name) for name, each in trackers.items() if each.markers is None]
+    return [TRACKER] * any(each.frame is None for each in trackers.values()) + own
+
+
+def _centres(equations: Equations, loops: Sequence[str], *, moving: bool, tracked: bool) -> list[Subject]:
     """Joints that may be displaced in the frames of the bodies that carry them, compound ones as a whole.
 
     Left out is what changes nothing: in torques alone, a shift along the axis about which all before the joint turns;
     and the place of a mechanism's only joint on its base, which is that of the sensors.
     """
-    tree, felt = equations.mechanism.tree, moving or len(equations.channels) > len(equations.torques)
+    tree, wrench = equations.mechanism.tree, len(equations.channels) > len(equations.torques)
+    felt = moving or tracked or wrench
 
     def rests(parent: int) -> bool:
         return parent == BASE or not (moving or any(tree.bodies[i].moves for i in tree.chain(parent)))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from ident.estimate import Estimate
 from ident.estimation.excitation import excited, separable
-from ident.estimators.candidate import Candidate
+from ident.estimators.predictions import Candidate
 from ident.judgement.candidates import MODEL
 from ident.problem import Problem
 from ident.regression.robust import robust_fit

@@ -9,9 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.estimation.equations import Equations
+from ident.estimation.loads import stated_drive_channels
 from ident.estimation.preparation import Part
 from ident.estimation.samples import Samples, joined
-from ident.estimators.candidate import Candidate
 from ident.judgement.evidence import Unmodelled
 from ident.judgement.unmodelled import HypothesisFit, unmodelled
 from ident.problem import Problem
@@ -20,6 +21,37 @@ from ident.regression.ordinary import Fit
 from ident.trajectory.corrected import Smoothed
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import axis_speeds
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Parameters that predict channels.
+
+    Attributes:
+        equations: Equations of m columns and C channels.
+        values: Coefficients for all recordings to judge by, or for each (1 or J, m).
+        stated_drives: True to add the drives as the model states them.
+    """
+
+    equations: Equations
+    values: np.ndarray
+    stated_drives: bool = False
+
+    @classmethod
+    def model(cls, equations: Equations, samples: Samples) -> "Candidate":
+        """The model as it came: its prior and the drives that it states, with mean residuals of samples as offsets."""
+        prior = equations.parameters.regroup(equations.mechanism.known)
+        values = np.r_[prior, np.zeros(len(equations.names) - len(prior))]
+        model = cls(equations, values[None], stated_drives=True)
+        if equations.offsets:
+            values[-len(equations.offsets) :] = model.residuals(samples)[0].mean(axis=0)[list(equations.offsets)]
+        return model
+
+    def residuals(self, samples: Samples) -> np.ndarray:
+        """Measured less predicted channels for each row of values (1 or J, N, C)."""
+        left = self.equations.residual(samples, self.values)
+        return left - stated_drive_channels(self.equations, samples.motion) if self.stated_drives else left
+
 
 LONGEST = 0.5
 """Longest time constant of smoothing to try, s, a filter at 0.3 Hz."""

@@ -12,13 +12,12 @@ from ident.estimation.equations import Equations
 from ident.estimation.excitation import excited, separable, undetermined
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
-from ident.estimators.candidate import Candidate
-from ident.estimators.predictions import Predictions
+from ident.estimators.predictions import Candidate, Predictions
+from ident.judgement.agreement import disagreement, disagreements, widening, without
 from ident.judgement.candidates import LEAST_SQUARES, MODEL
 from ident.judgement.checks import wrench_checks
-from ident.judgement.fit_findings import beyond_fast_noise
 from ident.judgement.gravity import recorded_gravity
-from ident.judgement.halves import disagreement, disagreements, widening, without
+from ident.judgement.residual_findings import beyond_fast_noise
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
 from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares

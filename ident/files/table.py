@@ -21,7 +21,7 @@ BASE = "base:pose"
 
 METADATA = {
     **dict.fromkeys(("units", "noise", "provenance", "sensors", "setup", "known", "known_bodies"), dict),
-    **dict.fromkeys(("servos", "scales", "couplings", "followers", "stated"), dict),
+    **dict.fromkeys(("servos", "scales", "couplings", "followers", "stated", "trackers"), dict),
     **dict.fromkeys(("notes", "unused"), list),
 }
 """Metadata of a file and their JSON types, by name."""

@@ -2,15 +2,23 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding
-from ident.judgement.place import Place
+from ident.judgement.finding import (
+    FINDINGS,
+    Finding,
+    Place,
+    Row,
+    listed,
+    percent,
+)
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 
 ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"
+
 RIVALS = LEAST_SQUARES, MODEL
 """The other candidates, as they are called in `Estimate.rivals`."""
 
@@ -26,6 +34,12 @@ BETTER = 1.05
 
 NEGLIGIBLE = 0.02
 """Residual over signal below which a prediction is good whatever the others' are."""
+
+CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
+"""Candidates in words."""
+
+NAMED = 4
+"""Largest number of channels that a sentence on candidates names; the table of channels has all."""
 
 
 def about_best(ratios: np.ndarray) -> np.ndarray:
@@ -134,3 +148,43 @@ def _instead(evidence: Evidence, candidates: Candidates, better: Collection[str]
     if min(better, key=candidates.overall) == MODEL:
         return MODEL
     return LEAST_SQUARES if evidence.condition_number < CONDITION_LIMIT else None
+
+
+def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) -> str:
+    parts = [f"{CANDIDATES[name]} in {_pairs(channels)}" for name, channels in worse.items()]
+    return f"Worse than {', and than '.join(parts)}, residual over signal. {_advice('model' in worse, **advice)}"
+
+
+def _pairs(channels: Mapping[str, Sequence[float]]) -> str:
+    """The estimate's ratios beside another candidate's, of the worst channel if there are many."""
+    pairs = [f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items()]
+    more = [own - other for own, other in channels.values()]
+    most = pairs[more.index(max(more))]
+    return listed(pairs) if len(pairs) <= NAMED else f"{len(pairs)} channels, most in {most}"
+
+
+def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]) -> str:
+    name = CANDIDATES[candidate]
+    return (
+        f"{name[0].upper()}{name[1:]} predicts better than the estimate, by {percent(behind - 1)} in the median "
+        f"of {len(ratios)} channels. Take it if you only want to predict."
+    )
+
+
+def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
+    if take == "model":
+        return "Keep the model."
+    if take == "least squares":
+        cutoff = "" if cutoff_hz is None else f" --cutoff {cutoff_hz:.3g}"
+        return f"Take least squares, --estimator weighted{cutoff}."
+    keep = "Keep the model, or move" if model_too else "Move"
+    return (
+        "Least squares had the model's bodies as a prior, without which --estimator weighted does not separate the "
+        f"parameters. {keep} the joints further."
+    )
+
+
+FINDINGS.update(
+    worse_than_candidate=Row(_worse, doubt=True),
+    candidate_better=Row(_better, doubt=False),
+)

@@ -14,7 +14,7 @@ from ident.geometry.se3 import applied, coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
 from ident.judgement.gravity import GravityCheck, recorded_gravity
-from ident.judgement.lateness import DelayCheck, delay_check
+from ident.judgement.model_fit import DelayCheck, delay_check
 from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit

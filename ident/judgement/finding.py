@@ -1,15 +1,90 @@
 """Findings on an estimate: a code with values, from which `FINDINGS` makes a sentence."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from ident.judgement.codes import FINDINGS, TITLES
-from ident.judgement.codes.row import listed
-from ident.judgement.place import NOWHERE, Place
+
+@dataclass(frozen=True)
+class Place:
+    """Place of a finding; empty where it has none.
+
+    Attributes:
+        bodies: Names of bodies; likewise `joints`, `wrenches` and `channels`.
+        span: First and last time, s.
+        log: Index of the log, if there are several.
+    """
+
+    bodies: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+    wrenches: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()
+    span: tuple[float, float] | None = None
+    log: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Entries that are not empty, in JSON's types."""
+        names = {key: getattr(self, key) for key in ("bodies", "joints", "wrenches", "channels")}
+        entries: dict[str, Any] = {key: list(value) for key, value in names.items() if value}
+        entries |= {} if self.span is None else {"span": list(self.span)}
+        return entries | ({"log": self.log} if self.log or self.span else {})
+
+
+NOWHERE = Place()
+
+
+@dataclass(frozen=True)
+class Row:
+    """Sentence and doubt of a code.
+
+    Attributes:
+        template: Format string of the values, or a function of them where grammar depends on them.
+        doubt: True if it speaks against the estimate; None if that depends on the values, and the judge decides.
+    """
+
+    template: str | Callable[..., str]
+    doubt: bool | None
+
+    def rendered(self, values: Mapping[str, Any]) -> str:
+        """The sentence with these values."""
+        return self.template.format(**values) if isinstance(self.template, str) else self.template(**values)
+
+
+FINDINGS: dict[str, Row] = {}
+"""Row of each code, by subject: modules with judges add theirs; `judges` imports all of them."""
+
+
+TITLES = {
+    "worse_than_candidate": "another candidate predicts clearly better",
+    "candidate_better": "another candidate predicts somewhat better",
+    "unexplained_channels": "this motion does not explain",
+    "unmodelled": "the model lacks something",
+    "wrench_sign_or_axes": "sign or axes of the wrench",
+    "other_base": "wrench measured in another frame",
+    "kilonewtons": "forces may be in kN",
+    "mass_by_setup": "mass by set-up and mass weighed",
+    "mass_or_common_gain": "another mass, or a common gain",
+    "inseparable_offsets": "offsets inseparable from masses",
+    "unchecked": "could not be checked",
+    "friction_not_fitted": "friction is left out",
+    "low_velocity_friction": "torques count less at low velocity",
+    "body_not_carried": "a body that was not carried",
+    "channels_late": "channels late against others",
+    "own_in_logs": "friction or offsets differ between logs",
+    "prior_beside_data": "the model's bodies were a prior, needlessly",
+    "prior_needed": "the model's bodies served as a prior",
+    "joint_noise_not_included": "noise of joints is not included",
+    "model_not_contradicted": "the data do not contradict the model",
+    "physical_within_region": "updated model within the 95 % region",
+    "no_physical_bodies": "no physical bodies near the estimate",
+    "masses_shown": "masses far from the model's",
+    "masses_limited": "masses that no channel contains",
+    "masses_hardly_shown": "masses that the data hardly show",
+}
+"""Short titles of findings whose codes are not words enough."""
 
 FEW = 5
 """Number of names from which a title has none."""
@@ -98,3 +173,33 @@ def doubts_first(findings: Iterable[Finding]) -> list[Finding]:
 def line_of(text: str, doubt: bool) -> str:
     """Line of a finding's sentence in a list in the terminal."""
     return f"  {'!' if doubt else '-'} {text}"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names with commas between them."""
+    return ", ".join(names)
+
+
+def bracketed(values: Mapping[str, float], form: str = ".3g") -> str:
+    """Names with commas between them, each with its number in brackets."""
+    return listed(f"{name} ({value:{form}})" for name, value in values.items())
+
+
+def followed(values: Mapping[str, float], form: str = ".2g") -> str:
+    """Names with commas between them, each followed by its number."""
+    return listed(f"{name} {value:{form}}" for name, value in values.items())
+
+
+def in_log(log: int | None) -> str:
+    """Phrase ` in log N`, with a leading space; empty for None."""
+    return "" if log is None else f" in log {log}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """A share in per cent."""
+    return f"{round(100 * share, digits) + 0.0:.{digits}f} %"
+
+
+def number_of(number: int, noun: str) -> str:
+    """A number with its noun, in the plural for all but one."""
+    return f"{number} {noun}{'s' * (number != 1)}"

@@ -1,36 +1,30 @@
-"""Findings on a fit: its course, set-up errors, agreement of its parts, and residuals of each channel."""
+"""Findings on a fit: its course, agreement of its parts, the prior, postures and assumptions."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy import linalg
 
+from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import ESTIMATE, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding
-from ident.judgement.halves import DISAGREE
-from ident.judgement.place import Place
+from ident.judgement.finding import (
+    FINDINGS,
+    Finding,
+    Place,
+    Row,
+    listed,
+    number_of,
+    percent,
+)
 from ident.parameters.prior import known_covariance
-from ident.recordings.resolution import white_noise
-from ident.recordings.wrench import GROUND
-from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
-from ident.trajectory.fit.fitted import TrajectoryFit
+from ident.tolerances import CONDITION_LIMIT
 
 RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
 
-OF_THE_MOTION, WORTH_IT = 0.5, 0.02
-"""Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
-residual is more than so much of the signal."""
-
-FAR_ABOVE = 3.0
-"""Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
-
 FAR_LESS = 30.0
 """Standard deviation from the data over that of the prior from which the motion determines nothing."""
-
-TINIEST = 1e-300
 
 FAR_APART = 4.0
 """Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt,
@@ -43,34 +37,6 @@ more has 4."""
 
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
-
-
-def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on the stated direction of gravity."""
-    check = evidence.checks.gravity
-    if check is not None and check.suspicious:
-        own: dict[str, Any] = {key: getattr(check, key) for key in ("rpy_deg", "stated", "misfit", "joint")}
-        yield Finding.of("gravity_direction", moving=evidence.logs[0].recording.base is not None, **own)
-
-
-def delay_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on the times of channels that are late by more than the estimate includes."""
-    check = evidence.checks.delay
-    if check is not None and check.suspicious:
-        # Checks are of the recording with the set-up of the estimate.
-        delay = check.delay + sum(
-            each.value for each in evidence.setup if each.kind == "delay" and check.of == "wrench"
-        )
-        values: dict[str, Any] = {key: getattr(check, key) for key in ("of", "std", "stated", "misfit")}
-        yield Finding.of("channels_late", delay=delay, **values)
-
-
-def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
-    """Set-up errors, and a doubt where none explains the recording."""
-    for each in evidence.setup:
-        yield Finding.of(each.code, each.place, **each.values)
-    if evidence.trajectory is not None and evidence.trajectory.search.incredible:
-        yield Finding.of("setup_unexplained", changed=bool(evidence.setup))
 
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -128,68 +94,6 @@ def _separated(evidence: Evidence) -> bool:
     return evidence.condition_number < CONDITION_LIMIT and bool(left[-1] < share)
 
 
-def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on channels whose residuals depend on the motion."""
-    if evidence.model_error is None:
-        return
-    shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
-    if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > WORTH_IT):
-        yield Finding.of("residual_follows_motion", Place(channels=channels), channels=channels)
-
-
-def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
-    """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
-    large = dict[str, float]()
-    for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=True)):
-        fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
-        if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
-            large[channel] = float(noise / max(fast, TINIEST))
-    return large
-
-
-def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on channels whose residual is far above the sensor's noise; intervals include it."""
-    if evidence.trajectory is None:
-        return
-    if large := beyond_fast_noise(evidence.trajectory.fit, evidence.channels):
-        every = 1 < len(large) == len(evidence.channels)
-        yield Finding.of("residual_above_fast_noise", Place(channels=tuple(large)), factors=large, all_channels=every)
-
-
-def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels with large residuals over their signals, but for mirrored and unpredictable ones."""
-    ground = evidence.checks.frames.get(GROUND)
-    others = {*evidence.idle, *(() if ground is None else ground.mirrored)}
-    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in others}
-    kinds = (
-        ("residual_above_signal", LEFT, np.inf),
-        ("unexplained_channels", UNEXPLAINED, LEFT),
-        ("poor_prediction", POOR, UNEXPLAINED),
-    )
-    for code, low, high in kinds:
-        if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
-            yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.part)
-
-
-def inseparable_findings(evidence: Evidence) -> Iterator[Finding]:
-    """A remark on channels whose constant offset cannot be separated from parameters."""
-    if channels := evidence.inseparable:
-        yield Finding.of("inseparable_offsets", Place(channels=channels), channels=channels)
-
-
-def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels that never change although the model predicts it: left out, or fitted in one pass."""
-    if evidence.constant:
-        yield Finding.of("constant_channels", Place(channels=evidence.constant), channels=evidence.constant)
-    if evidence.logs and (stuck := evidence.logs[0].stuck):
-        yield Finding.of(
-            "stuck_channels",
-            Place(channels=tuple(each.channel for each in stuck)),
-            channels={each.channel: each.value for each in stuck},
-            in_fitted=tuple(each.channel for each in stuck if each.in_fitted),
-        )
-
-
 def posture_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on joints that were recorded beyond the model's ranges."""
     if not evidence.logs:
@@ -216,13 +120,63 @@ def caveats(evidence: Evidence) -> Iterator[Finding]:
     yield Finding.of("joint_noise_not_included")
 
 
-def exact_setup_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on a set-up that is stated as uncertain, and that least squares take as exact; on torques a doubt."""
-    if evidence.trajectory is not None or not evidence.logs:
-        return
-    joints = tuple(evidence.fit.equations.scaled)
-    kinds = tuple(dict.fromkeys(kind for log in evidence.logs for kind, std in log.recording.setup.items() if std))
-    if joints:
-        yield Finding.of("torque_scale_taken_as_exact", Place(channels=joints), joints=joints)
-    if kinds:
-        yield Finding.of("setup_taken_as_exact", kinds=kinds)
+def _not_converged(status: str, rounds: int) -> str:
+    how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(status, "did not settle")
+    after = number_of(rounds, "round")
+    return f"The trajectory estimate {how} after {after}. Its last iterate is given; do not rely on it."
+
+
+def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
+    still = (
+        f" It still predicts log {listed(map(str, best))} best, or about as well as other candidates." if best else ""
+    )
+    each = listed(f"{log} ({z:.1f})" for log, z in zip(logs, rms_z, strict=True))
+    return (
+        "Logs disagree on the base parameters, in root mean square standard deviations of the noise: "
+        f"log {each}.{still} A load, a mounting or friction may have changed: identify the logs one by one."
+    )
+
+
+def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
+    each = listed(f"{name} ({', '.join(f'{x:.2g}' for x in own)})" for name, own in values.items())
+    return (
+        f"Friction and offsets differ between logs, so that each log has its own: {each}. Other logs are predicted "
+        "with their means."
+    )
+
+
+def _beyond_ranges(shares: Mapping[str, float]) -> str:
+    each = listed(f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items())
+    return f"Joints are recorded beyond the model's ranges: {each}. Check zero, sign and unit of their columns."
+
+
+FINDINGS.update(
+    not_converged=Row(_not_converged, doubt=True),
+    halves_disagree=Row(
+        "Two halves of the data differ by {rms_z:.1f} standard deviations of the noise (root mean square). Model or "
+        "set-up are not quite right; all standard deviations are widened by as much.",
+        doubt=False,
+    ),
+    logs_disagree=Row(_logs_disagree, doubt=None),
+    own_in_logs=Row(_own_in_logs, doubt=False),
+    prior_beside_data=Row(
+        "The model's bodies served as a prior, though the recordings determine all base parameters without it.",
+        doubt=False,
+    ),
+    prior_needed=Row(
+        "The recordings alone do not determine all base parameters: the model's bodies served as a prior. Parameters "
+        "that the data hardly determine stay near the model's; move further and faster to determine more.",
+        doubt=False,
+    ),
+    beyond_joint_ranges=Row(_beyond_ranges, doubt=True),
+    unfiltered_wrenches=Row(
+        "Velocities and accelerations are the log's own, and wrenches are not filtered. If the log's were filtered, "
+        "--cutoff auto treats both alike.",
+        doubt=False,
+    ),
+    joint_noise_not_included=Row(
+        "The standard deviations are those of noise on the wrenches. Noise on the joint angles biases the estimate, "
+        "and is not in them; --estimator trajectory includes it.",
+        doubt=False,
+    ),
+)

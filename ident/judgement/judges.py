@@ -1,9 +1,13 @@
-"""All judges of an estimate, in their order."""
+"""All judges of an estimate, in their order, and the entries of `estimate.json` that every estimate has."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import isfinite
+from typing import Any
 
 from ident.judgement import fit_findings as fit
+from ident.judgement import residual_findings as residuals
 from ident.judgement import sensor_findings as sensors
+from ident.judgement import setup_findings as setup
 from ident.judgement import torque_findings as torques
 from ident.judgement import weighing
 from ident.judgement import wrench_findings as wrenches
@@ -13,20 +17,21 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.torque_causes import cause_findings
 from ident.judgement.unmodelled import unmodelled_findings
-from ident.judgement.wrench_findings import plane_findings
+from ident.judgement.verdict import Verdict
+from ident.regression.ordinary import Fit
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
-    *(fit.gravity_findings, fit.delay_findings, candidate_findings),
+    *(setup.gravity_findings, setup.delay_findings, candidate_findings),
     *(wrenches.frame_findings, wrenches.base_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
     *(sensors.clipped_findings, sensors.resolution_findings),
-    *(wrenches.weight_findings, weighing.mass_by_setup_findings, weighing.common_gain_findings),
-    *(wrenches.offset_findings, torques.torque_findings, cause_findings),
+    *(weighing.weight_findings, weighing.mass_by_setup_findings, weighing.common_gain_findings),
+    *(weighing.offset_findings, torques.torque_findings, cause_findings),
     *(torques.scale_findings, torques.friction_findings, torques.bound_findings),
-    *(torques.reversal_findings, torques.low_velocity_findings, plane_findings),
-    *(fit.quality_findings, fit.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
-    *(fit.prior_findings, fit.model_error_findings, unmodelled_findings, fit.slow_residual_findings),
-    *(fit.posture_findings, fit.inseparable_findings, fit.stuck_findings, sensors.unchecked_findings),
-    *(fit.exact_setup_findings, fit.caveats),
+    *(torques.reversal_findings, torques.low_velocity_findings, wrenches.plane_findings),
+    *(residuals.quality_findings, setup.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
+    *(fit.prior_findings, residuals.model_error_findings, unmodelled_findings, residuals.slow_residual_findings),
+    *(fit.posture_findings, weighing.inseparable_findings, sensors.stuck_findings, sensors.unchecked_findings),
+    *(setup.exact_setup_findings, fit.caveats),
 )
 """Judges of the fit, in the order of their findings."""
 
@@ -38,3 +43,41 @@ def findings(evidence: Evidence) -> list[Finding]:
     """All findings on the fit, the doubts first, and then those on the updated model."""
     on_fit, on_bodies = ([each for judge in judges for each in judge(evidence)] for judges in (ON_FIT, ON_BODIES))
     return [*doubts_first(on_fit), *on_bodies]
+
+
+VERSION = 2
+"""Version of the entries; it grows when one is renamed, removed or changes its meaning."""
+
+
+def summary(
+    fit: Fit,
+    verdict: Verdict,
+    findings: Sequence[Finding],
+    *,
+    condition_number: float,
+    offsets: Mapping[str, tuple[float, float]],
+) -> dict[str, Any]:
+    """Verdict, findings, coefficients with their covariance, and ratios of residuals, in JSON's types.
+
+    Args:
+        fit: The fit.
+        verdict: The verdict on it.
+        findings: The findings on it.
+        condition_number: Condition number of the columns.
+        offsets: Constant offset of each channel where it is identifiable, with its standard deviation.
+    """
+    names, expressions = fit.parameters.names, fit.parameters.expressions(12)
+    return {
+        "version": VERSION,
+        **verdict.to_dict(),
+        "findings": [finding.to_dict() for finding in findings],
+        "columns": list(fit.names),
+        "values": fit.values.tolist(),
+        "std": fit.std.tolist(),
+        "covariance": fit.covariance.tolist(),
+        "regrouping": dict(zip(names, expressions, strict=True)),
+        "condition_number": condition_number if isfinite(condition_number) else None,
+        "part": verdict.part,
+        "held_out": {channel: {"ratio": ratio} for channel, ratio in verdict.ratios.items()},
+        "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in offsets.items()},
+    }

@@ -7,12 +7,21 @@ from typing import Any, Self
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
-from ident.judgement import fit_findings as fit
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding, doubts_first
-from ident.judgement.place import Place
-from ident.judgement.sensor_findings import clipped_findings, resolution_findings
+from ident.judgement.finding import (
+    FINDINGS,
+    Finding,
+    Place,
+    Row,
+    bracketed,
+    doubts_first,
+    listed,
+)
+from ident.judgement.fit_findings import course_findings, halves_findings
+from ident.judgement.residual_findings import model_error_findings, quality_findings
+from ident.judgement.sensor_findings import clipped_findings, resolution_findings, stuck_findings
+from ident.judgement.setup_findings import setup_remarks
 from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL, POOR
@@ -31,8 +40,8 @@ TIMES, HEAVIEST = 10.0, 2300.0
 they weigh, but some models have the last links or the gripper alone; the strongest on the market carries 2300 kg."""
 
 JUDGES = (
-    *(fit.quality_findings, fit.setup_remarks, fit.course_findings, fit.halves_findings, fit.model_error_findings),
-    *(fit.stuck_findings, clipped_findings, resolution_findings),
+    *(quality_findings, setup_remarks, course_findings, halves_findings, model_error_findings),
+    *(stuck_findings, clipped_findings, resolution_findings),
 )
 """Judges of the fit of a payload, in the order of their findings."""
 
@@ -186,3 +195,43 @@ def _renamed(values: Any, sensor: str) -> Any:
 
 def _unknown(identifiable: np.ndarray) -> list[str]:
     return [name for name, known in zip(INERTIAS, identifiable[4:], strict=True) if not known]
+
+
+def _inertias(quantities: Sequence[str]) -> str:
+    return (
+        f"The motion does not determine {listed(quantities)}: likely values stand in, of the model's body or of a ball "
+        "of the same mass. Turn the sensor faster to determine them."
+    )
+
+
+def _unexplained(ratios: Mapping[str, float]) -> str:
+    return (
+        f"Neither weight nor motion explain the forces, residual over signal in brackets: {bracketed(ratios, '.2f')}. "
+        "The controller may have taken a load out, the sensor may have been tared on the way, or something touches it. "
+        "Record raw readings: set the controller's payload to 0 kg and do not tare."
+    )
+
+
+def _unlikely(mass: float, robot: float | None) -> str:
+    more = f"{mass / robot:.2g} times all bodies of the model" if robot else "more than the strongest robots carry"
+    return (
+        f"A payload of {mass:.4g} kg is {more}: check the unit of the forces. In mN it would be {mass / 1e3:.3g} kg; "
+        "raw counts need their factor. State the unit or the gain in the columns file."
+    )
+
+
+FINDINGS.update(
+    payload_forces_unexplained=Row(_unexplained, doubt=True),
+    payload_mass_unlikely=Row(_unlikely, doubt=None),
+    payload_mass_unknown=Row(
+        "The motion does not determine mass and centre of mass. Turn the sensor further, about more than one axis.",
+        doubt=True,
+    ),
+    payload_inertia_unknown=Row(_inertias, doubt=False),
+    load_not_shown=Row(
+        "The recordings do not show the load's mass: {mass:.2g} ± {std:.1g} kg. Check which carry it, and on which "
+        "body; turn that about several axes.",
+        doubt=True,
+    ),
+    load_changes_friction=Row("Friction is another with the load, and was fitted apart.", doubt=False),
+)

@@ -1,127 +1,111 @@
-"""Findings on the set-up: each error in one sentence, with the causes that the data cannot distinguish from it."""
+"""Findings on the set-up: gravity, times, its estimated errors, and what least squares take as exact."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
-import numpy as np
-
-from ident.estimation.setup import SetupParameter
-from ident.judgement.place import NOWHERE, Place
-from ident.setup import Unit
-from ident.trajectory.result import TrajectoryEstimate
+from ident.arguments import rpy_text
+from ident.judgement.evidence import Evidence, setup_sentence
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
+from ident.setup import SETUP
 
 
-@dataclass(frozen=True)
-class SetupFinding:
-    """Error of the set-up, which the estimate includes.
-
-    Attributes:
-        name: Name of the set-up parameter.
-        value: Its estimate, in SI units and radians.
-        std: Its standard deviation.
-        kind: Kind of the set-up parameter.
-        values: Numbers and names of its sentence.
-        alternatives: Names of other causes that the data cannot distinguish from it.
-        place: Its place.
-    """
-
-    name: str
-    value: float
-    std: float
-    kind: str
-    values: Mapping[str, Any]
-    alternatives: tuple[str, ...]
-    place: Place = NOWHERE
-
-    @property
-    def code(self) -> str:
-        """Code of its finding."""
-        return f"setup_{self.kind}"
-
-    @property
-    def text(self) -> str:
-        """The finding in one sentence."""
-        return setup_sentence(self.kind, **self.values)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Name, code, value, standard deviation, sentence, alternatives and place, in JSON's types."""
-        own = {"name": self.name, "code": self.code, "value": self.value, "std": self.std, "text": self.text}
-        return own | {"alternatives": list(self.alternatives), "place": self.place.to_dict()}
+def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on the stated direction of gravity."""
+    check = evidence.checks.gravity
+    if check is not None and check.suspicious:
+        own: dict[str, Any] = {key: getattr(check, key) for key in ("rpy_deg", "stated", "misfit", "joint")}
+        yield Finding.of("gravity_direction", moving=evidence.logs[0].recording.base is not None, **own)
 
 
-def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
-    """Set-up errors of a trajectory estimate, the most significant first."""
-    fit, names = joint.fit, joint.fit.names
-    std = np.sqrt(np.diag(fit.covariance))
-    out = []
-    for deviation in joint.search.deviations:
-        k = deviation.index
-        each, alternatives = joint.setup[k], [joint.setup[a] for a in deviation.alternatives]
-        values: dict[str, Any] = {
-            **_named(each),
-            "value": float(fit.theta[k]),
-            "std": float(std[k]),
-            "log": each.log,
-            "together": deviation.together,
-            "alternatives": [{"kind": x.kind, **_named(x)} for x in alternatives],
-        }
-        others = (*deviation.together, *(names[a] for a in deviation.alternatives))
-        out.append(SetupFinding(names[k], values["value"], values["std"], each.kind, values, others, place_of(each)))
-    return out
+def delay_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on the times of channels that are late by more than the estimate includes."""
+    check = evidence.checks.delay
+    if check is not None and check.suspicious:
+        # Checks are of the recording with the set-up of the estimate.
+        delay = check.delay + sum(
+            each.value for each in evidence.setup if each.kind == "delay" and check.of == "wrench"
+        )
+        values: dict[str, Any] = {key: getattr(check, key) for key in ("of", "std", "stated", "misfit")}
+        yield Finding.of("channels_late", delay=delay, **values)
 
 
-def _named(each: SetupParameter) -> dict[str, str | None]:
-    """Object and axis of a set-up parameter, and the joint at the other end of a link."""
-    own = {"of": each.of, "axis": None if each.axis is None else "xyz"[each.axis]}
-    return own | ({"link": each.link} if each.link else {})
+def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
+    """Set-up errors, and a doubt where none explains the recording."""
+    for each in evidence.setup:
+        yield Finding.of(each.code, each.place, **each.values)
+    if evidence.trajectory is not None and evidence.trajectory.search.incredible:
+        yield Finding.of("setup_unexplained", changed=bool(evidence.setup))
 
 
-def _parameter(kind: str, of: str, axis: str | None, log: int | None = None, link: str = "") -> SetupParameter:
-    """Set-up parameter by its name."""
-    return SetupParameter(kind, of, None if axis is None else "xyz".index(axis), 0.0, log, link=link)
+def exact_setup_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on a set-up that is stated as uncertain, and that least squares take as exact; on torques a doubt."""
+    if evidence.trajectory is not None or not evidence.logs:
+        return
+    joints = tuple(evidence.fit.equations.scaled)
+    kinds = tuple(dict.fromkeys(kind for log in evidence.logs for kind, std in log.recording.setup.items() if std))
+    if joints:
+        yield Finding.of("torque_scale_taken_as_exact", Place(channels=joints), joints=joints)
+    if kinds:
+        yield Finding.of("setup_taken_as_exact", kinds=kinds)
 
 
-def setup_sentence(
-    kind: str,
-    of: str,
-    axis: str | None,
-    value: float,
-    std: float,
-    log: int | None = None,
-    link: str = "",
-    together: Sequence[str] = (),
-    alternatives: Sequence[Mapping[str, Any]] = (),
-) -> str:
-    """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
-    text = sentence(_parameter(kind, of, axis, log, link), value, std)
-    if together or alternatives:
-        others = "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
-        text = f"{text} Other causes have the same effect: {others}."
-    return text
+def _unexplained(changed: bool) -> str:
+    taken = "nothing else of it was changed" if changed else "the set-up was taken as stated"
+    return (
+        f"No set-up near the stated one explains the recording, whose residuals are more than noise; {taken}. Check "
+        "contacts, frames, units and the model."
+    )
 
 
-def place_of(each: SetupParameter) -> Place:
-    """The wrenches, the channel or the joint that a set-up parameter belongs to."""
-    names: dict[str, Any] = dict(each.place)
-    return Place(**names, log=(each.log or 1) - 1)
+def _gravity(rpy_deg: Sequence[float], stated: float, misfit: float, joint: str | None, moving: bool) -> str:
+    rpy, option = rpy_text(rpy_deg), " ".join(f"{angle:g}" for angle in rpy_deg)
+    of = "axes of the base's poses are" if moving else "base is"
+    zero = "" if joint is None else f" Another zero of joint '{joint}' would look the same."
+    return (
+        f"Gravity has another direction than stated: the {of} turned to roll, pitch and yaw {rpy}°. With it the model "
+        f"leaves {misfit:.2f} of the measurements unexplained, as stated {stated:.2f}. Write rpy_deg = {rpy} under "
+        f"[base] in the columns file, or --base-rpy {option}.{zero}"
+    )
 
 
-def sentence(each: SetupParameter, value: float, std: float) -> str:
-    """Error of the set-up and its size, in one sentence."""
-    size = _with_std(abs(value), std, each.row.unit)
-    text = each.text(each.row.sentence, size=size, sign=each.sign(value))
-    where = "" if each.log is None else f" in log {each.log}"
-    return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
+def _late(of: str, delay: float, std: float, stated: float, misfit: float) -> str:
+    how = "late behind" if delay > 0 else "early before"
+    cure = f"Write delay = {abs(delay):.2g} under [setup] in the columns file, so that the estimate includes it"
+    if of == "torques":
+        cure = f"Log them in a file of their own, with constant = {-delay:.2g} for its times in the columns file"
+    return (
+        f"The {of} {'looks' if of == 'wrench' else 'look'} {1e3 * abs(delay):.0f} ± {1e3 * std:.0f} ms {how} the joint "
+        f"angles. With that the model leaves {misfit:.2f} of the measurements unexplained, without it {stated:.2f}. "
+        f"{cure}."
+    )
 
 
-def short(each: SetupParameter) -> str:
-    """Set-up error in a few words."""
-    return each.text(each.row.short)
+def _exact_torques(joints: Sequence[str]) -> str:
+    return (
+        f"Least squares take the scale of the torques of {listed(joints)} as exact, though it is stated as uncertain "
+        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it."
+    )
 
 
-def _with_std(value: float, std: float, unit: Unit) -> str:
-    """Value ± standard deviation in the displayed unit, with two digits of the latter."""
-    value, std = value * unit.factor, std * unit.factor
-    decimals = max(0, 1 - int(np.floor(np.log10(max(std, 1e-12))))) if std else 1
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}{unit.shown}"
+def _exact_setup(kinds: Sequence[str]) -> str:
+    return (
+        f"Least squares take the set-up as exact, though it is stated as uncertain ({listed(kinds)}). The standard "
+        "deviations are without its errors; --estimator trajectory estimates them."
+    )
+
+
+FINDINGS.update(
+    {
+        f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False)
+        for kind, row in SETUP.items()
+        if not row.constant
+    }
+)
+FINDINGS.update(
+    gravity_direction=Row(_gravity, doubt=True),
+    channels_late=Row(_late, doubt=True),
+    setup_unexplained=Row(_unexplained, doubt=True),
+    torque_scale_taken_as_exact=Row(_exact_torques, doubt=True),
+    setup_taken_as_exact=Row(_exact_setup, doubt=False),
+)

@@ -8,18 +8,24 @@ Bodies with a times the model's first moments and up to k times its masses have 
 scale b ≥ a / k.
 """
 
-from collections.abc import Container, Iterator
-from typing import NamedTuple
+from collections.abc import Container, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding
-from ident.judgement.place import Place
+from ident.judgement.finding import (
+    FINDINGS,
+    Finding,
+    Place,
+    Row,
+    listed,
+    percent,
+)
 from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
+from ident.model.axes import column_place
 from ident.model.regressor import joint_torque_regressor
-from ident.model.stated import column_place
 from ident.tolerances import INTERVAL, LIKELY, SINGULAR
 
 DEVIATIONS = 4.0
@@ -132,3 +138,38 @@ def _friction(evidence: Evidence, channels: Container[str]) -> Iterator[float]:
     for channel, share in zip(_torques(evidence), shares.tolist(), strict=True):
         if channel in channels:
             yield max(share, np.sqrt(evidence.friction.get(channel, 0.0)) * evidence.ratios[channel])
+
+
+def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
+    each = listed(
+        f"{joint} {percent(x['inertia'], 1)} ± {percent(x['inertia_std'], 1)} ({percent(x['weight'])})"
+        for joint, x in joints.items()
+    )
+    return (
+        "Motion that the torques do not explain. Share of the model's inertia in them, with that of its weight in "
+        f"brackets: {each}. A hand or something else moves the joints, or the torques are commands that something "
+        "overrides. Record motion by the motors alone."
+    )
+
+
+def _loop(loop: str, joints: Sequence[str]) -> str:
+    names = " ".join(joints)
+    return (
+        f"The coupling '{loop}' acts on the torques of {listed(joints)}, but the equations leave it out. Take these "
+        f"torques away, --leave-out {names}; the wrench at the base is not affected."
+    )
+
+
+def _computed(joints: Sequence[str], largest: float) -> str:
+    return (
+        f"Torques are explained to {100 * largest:.1g} % without friction ({listed(joints)}): they are computed, "
+        "simulated, or measured behind the gears. Computed ones repeat the controller's model: record currents or "
+        "measured torques."
+    )
+
+
+FINDINGS.update(
+    motion_not_by_torques=Row(_moved, doubt=True),
+    loop_left_out=Row(_loop, doubt=True),
+    computed_torques=Row(_computed, doubt=False),
+)

@@ -18,9 +18,8 @@ from ident.judgement.torque_loads import TorqueLoad, best_load
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.model.axes import Axes
+from ident.model.axes import Axes, column_place
 from ident.model.regressor import joint_torque_regressor
-from ident.model.stated import column_place
 from ident.parameters.prior import known_roots
 from ident.regression.ordinary import Fit
 from ident.tolerances import SINGULAR

@@ -7,11 +7,19 @@ import numpy as np
 
 from ident.estimation.units import coefficient_unit
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding
-from ident.judgement.place import Place
+from ident.judgement.finding import (
+    FINDINGS,
+    Finding,
+    Place,
+    Row,
+    bracketed,
+    followed,
+    listed,
+    percent,
+)
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
-from ident.model.stated import column_place
+from ident.model.axes import column_place
 from ident.parameters.prior import known_covariance
 from ident.setup import SETUP
 from ident.tolerances import DRIVE
@@ -23,9 +31,11 @@ FOLLOWS, WORTH_IT = 0.2, 0.02
 """Share of a residual's variance that friction explains from which it is likely, and the least residual over signal for
 that."""
 
-
 SMOOTH = 0.02
 """Slip above which friction does not change its sign in a jump, rad/s or m/s."""
+
+HALF = np.sqrt(2)
+"""Factor on the standard deviation of a scale from which a body fixes it: it brings half of the information."""
 
 
 def bound_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -134,10 +144,6 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
         yield Finding.of("friction_not_fitted", place, doubt=lacking != {SLOW}, shares=shares, drives=wanted)
 
 
-HALF = np.sqrt(2)
-"""Factor on the standard deviation of a scale from which a body fixes it: it brings half of the information."""
-
-
 def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> tuple[str, ...]:
     """Names of the bodies whose own deviations fix the scales of torques, such as a payload that was weighed.
 
@@ -175,3 +181,85 @@ def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known:
 def _scales(estimate: TrajectoryEstimate, free: np.ndarray) -> Sequence[int]:
     """Those of some parameters that are scales of torques, by index."""
     return [k for k in free.tolist() if k in estimate.setup and estimate.setup[k].row.stated]
+
+
+def _opposite(joints: Sequence[str]) -> str:
+    return (
+        f"The torques of {listed(joints)} seem to have the opposite sign: with it they are far nearer to the model's "
+        "prediction. Turn the sign of their columns."
+    )
+
+
+def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
+    or_load = "" if load is None else f" Or '{load}' carries a heavy load that the model lacks."
+    return (
+        f"Torques equal the model's prediction but for a factor, in brackets: {bracketed(gains)}. Check their unit, "
+        f"gear ratio and motor constant.{or_load}"
+    )
+
+
+def _friction(shares: Mapping[str, float], drives: Sequence[str]) -> str:
+    return (
+        "Friction is likely and was not fitted. It would explain these shares of the residuals' variance: "
+        f"{listed(f'{joint} {percent(share)}' for joint, share in shares.items())}. Fit it: --drive {' '.join(drives)}."
+    )
+
+
+def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
+    limits = listed(f"{most:.2g} {units[name]}" for name, most in at_most.items())
+    return (
+        f"{listed(at_most)} {'is at its' if len(at_most) == 1 else 'are at their'} bound of zero: at most {limits} "
+        "(95 %). Intervals of other parameters are those with the drive free."
+    )
+
+
+def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
+    return (
+        f"Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
+        f"below, in rad/s (m/s): {followed(velocities)}. Residual over signal there: "
+        f"{followed(at_rest) or 'there are no such samples'}."
+    )
+
+
+def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
+    return (
+        f"Coulomb friction changes its sign over a velocity v, in rad/s (m/s): {followed(velocities)}. It is fitted "
+        "and predicted as Fc tanh(q̇ / v)."
+    )
+
+
+def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
+    fixed = " and ".join(fixed_by)
+    return (
+        f"The scale of the torques of {listed(joints)} was estimated. It is fixed by "
+        f"{fixed or 'the stated one alone: masses, friction and rotors are as uncertain as that'}."
+    )
+
+
+def _low_velocity(values: Mapping[str, float]) -> str:
+    return (
+        f"Friction is higher at low velocity, in N m (N): {followed(values)}. It was fitted as Stribeck friction, Fs."
+    )
+
+
+def _not_carried(body: str, explained: float) -> str:
+    return (
+        f"Body '{body}' was probably not carried: without it {percent(explained)} of the torques' squared difference "
+        "from the model vanishes. Base parameters are not affected; take it out of the updated model."
+    )
+
+
+FINDINGS.update(
+    torque_sign=Row(_opposite, doubt=True),
+    torque_scale=Row(_scaled, doubt=True),
+    torque_scale_estimated=Row(_basis, doubt=False),
+    body_not_carried=Row(
+        _not_carried,
+        doubt=False,
+    ),
+    friction_not_fitted=Row(_friction, doubt=None),
+    drive_at_bound=Row(_bound, doubt=False),
+    breakaway_friction=Row(_near_reversals, doubt=False),
+    low_velocity_friction=Row(_low_velocity, doubt=False),
+    smooth_coulomb_friction=Row(_smooth_coulomb, doubt=False),
+)

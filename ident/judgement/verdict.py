@@ -11,11 +11,9 @@ from ident.display.brief import Worded
 from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import Candidates
-from ident.judgement.codes.of_prediction import CANDIDATES
-from ident.judgement.codes.row import listed, number_of
+from ident.judgement.candidates import CANDIDATES, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding
+from ident.judgement.finding import Finding, listed, number_of
 from ident.judgement.weighing import Mass, estimated_mass
 from ident.tolerances import POOR, UNEXPLAINED
 

@@ -1,34 +1,26 @@
-"""Findings on wrenches: frames, unmeasured contacts, weight, offsets, and channels out of a planar model's plane."""
+"""Findings on wrenches: frames, contacts that are not measured, and channels out of a planar model's plane."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ident.estimation.equations import COMPONENTS, channels_out_of_plane
-from ident.estimation.units import coefficient_unit
+from ident.arguments import rpy_text
+from ident.estimation.equations import channels_out_of_plane
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding
-from ident.judgement.place import Place
-from ident.parameters.base_parameters import STANDARD_GRAVITY
-from ident.tolerances import KILONEWTONS
+from ident.judgement.finding import (
+    FINDINGS,
+    Finding,
+    Place,
+    Row,
+    listed,
+    percent,
+)
 
 THROUGH_A_POINT = 0.5
 """Least fraction of the residual moment that forces through one point explain for a contact to be suspected."""
 
 LARGE = 0.3
 """Residual over signal above which a missing contact is considered."""
-
-HEAVY = 0.05
-"""Relative difference of the measured mass from the model's from which there is a remark."""
-
-FAR_OFF = 0.3
-"""The same from which it is a doubt."""
-
-DRIFT = 0.02
-"""Drift of the measured mass over the model's from which there is a remark."""
-
-OFFSET = 0.1
-"""Constant offset over the weight, for moments over the weight times the mechanism's reach, that is a doubt."""
 
 
 def frame_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -111,55 +103,6 @@ def unmeasured_findings(evidence: Evidence) -> Iterator[Finding]:
             )
 
 
-def weight_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on a measured mass that differs from the model's, or drifts, and on forces that are far too small."""
-    weight, largest = evidence.checks.weight, evidence.checks.largest_force
-    if weight is None:
-        return
-    if abs(weight.measured - weight.model) > HEAVY * weight.model:
-        far = abs(weight.measured - weight.model) > FAR_OFF * weight.model
-        yield Finding.of("weight_differs", doubt=far, measured=weight.measured, model=weight.model)
-    if abs(weight.drift) > DRIFT * weight.model:
-        yield Finding.of("weight_drifts", drift=weight.drift)
-    if largest is not None and 0 < largest < evidence.mechanism.weight / KILONEWTONS:
-        yield Finding.of("kilonewtons", largest=largest, weight=evidence.mechanism.weight)
-
-
-def offset_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on constant offsets beyond noise, doubts if they are large relative to the weight."""
-    offsets = evidence.offsets
-    large = {
-        channel: (value, std, coefficient_unit(f"offset({channel})", evidence.mechanism.tree))
-        for channel, (value, std) in offsets.items()
-        if abs(value) > 4 * std and abs(value) > 0.3 * evidence.scale[channel]
-    }
-    if not large:
-        return
-    references = _references(evidence)
-    of_weight = {c: abs(offsets[c][0]) / references[c[0]] for c in large if c in COMPONENTS}
-    if huge := {c: share for c, share in of_weight.items() if share > OFFSET}:
-        own = {c: large[c] for c in huge}
-        yield Finding.of("large_offsets", Place(channels=tuple(huge)), offsets=own, shares=huge)
-    code = "offsets_taken_out" if evidence.fit.equations.offsets else "offsets_not_fitted"
-    yield Finding.of(code, Place(channels=tuple(large)), offsets=large)
-
-
-def _references(evidence: Evidence) -> dict[str, float]:
-    """Sizes with which offsets of forces, `F` in N, and of moments, `M` in N m, are compared.
-
-    Without gravity that is the weight on Earth; without postures the mechanism's reach is not known.
-    """
-    mechanism = evidence.mechanism
-    if not evidence.logs:
-        return {"F": mechanism.weight or np.inf, "M": np.inf}
-    motion, frame = evidence.logs[0].samples.motion, evidence.logs[0].frame
-    g = float(np.linalg.norm(mechanism.gravity) or np.linalg.norm(STANDARD_GRAVITY))
-    weight = max(mechanism.mass * g, 1e-12)
-    origins = mechanism.tree.poses(motion.q[:: max(1, len(motion) // 100)])[..., :3, 3]
-    reach = float(np.linalg.norm(origins - frame[:3, 3], axis=-1).max())
-    return {"F": weight, "M": weight * reach if reach > 0 else np.inf}
-
-
 def plane_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on channels out of the plane of a planar model, and on the option that leaves them out."""
     if not evidence.logs:
@@ -168,3 +111,78 @@ def plane_findings(evidence: Evidence) -> Iterator[Finding]:
     if set(hidden) & set(evidence.channels):
         place = Place(channels=tuple(name for name in hidden if name in evidence.channels))
         yield Finding.of("out_of_plane", place, normal=hidden[0][1], channels=tuple(hidden))
+
+
+def _frame(
+    wrench: str,
+    opposite: bool,
+    frame: str,
+    axes: Mapping[str, str],
+    error: float,
+    error_turned: float,
+    rpy_deg: Sequence[float] | None = None,
+) -> str:
+    turned = listed(f"{own} -> {other}" for own, other in axes.items())
+    frames = {
+        "as stated": "",
+        "transposed": "a transposed frame (its rotation is that of the base in the sensor)",
+        "turned": f"a turned frame (axes {turned})",
+    }
+    base = f" A base turned to rpy_deg = {rpy_text(rpy_deg)} would look alike." if rpy_deg else ""
+    both = " and ".join(filter(None, ["the opposite sign" if opposite else "", frames[frame]]))
+    return (
+        f"The wrench '{wrench}' seems to have {both}. Its relative error against the model's prediction would fall "
+        f"from {error:.2f} to {error_turned:.2f}. Mend its sign or frame in the columns file.{base}"
+    )
+
+
+def _mirrored(wrench: str, components: Sequence[str]) -> str:
+    one = len(components) == 1
+    return (
+        f"{listed(components)} of the wrench '{wrench}' {'looks' if one else 'look'} mirrored: the opposite sign is "
+        f"far nearer to the model's own prediction. Give {'its column' if one else 'their columns'} gain = -1 in the "
+        "columns file."
+    )
+
+
+def _contact(body: str, point: Sequence[float], explained: float) -> str:
+    at = listed(f"{x:.2f}" for x in point)
+    return (
+        f"A contact may be left out: forces through one point of '{body}' would explain {percent(explained)} of the "
+        f"residual moment. In its frame the point is ({at}) m. Measure that contact, or avoid it."
+    )
+
+
+def _unmeasured(start: float, end: float, carries: float, body: str | None, log: int | None) -> str:
+    on = f", as on '{body}'" if body else ""
+    where = "" if log is None else f"Log {log}: "
+    return (
+        f"{where}From {start:.2f} to {end:.2f} s an unmeasured contact carries up to {percent(carries)} of the "
+        f"weight{on}. These samples are left out."
+    )
+
+
+def _out_of_plane(normal: str, channels: Sequence[str]) -> str:
+    return (
+        f"The model moves in the plane normal to {normal} alone, and cannot explain {listed(channels)}. Leave them "
+        f"out: --leave-out {' '.join(channels)}."
+    )
+
+
+FINDINGS.update(
+    wrench_sign_or_axes=Row(_frame, doubt=True),
+    mirrored_components=Row(_mirrored, doubt=True),
+    total_wrench_sign=Row(
+        "The total wrench seems to have the opposite sign: its relative error against the model's prediction would "
+        "fall from {error:.2f} to {error_turned:.2f}. Turn the sign of its columns.",
+        doubt=True,
+    ),
+    other_base=Row(
+        "The wrench 'ground' seems to be measured in the frame of '{body}'. There its relative error against the "
+        "model's prediction would fall from {error:.2f} to {error_there:.2f}. Try --base {body}.",
+        doubt=True,
+    ),
+    contact_left_out=Row(_contact, doubt=True),
+    unmeasured_contact=Row(_unmeasured, doubt=False),
+    out_of_plane=Row(_out_of_plane, doubt=False),
+)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from ident.geometry.se3 import Ad, ad, applied, hat
-from ident.mechanism.body import BASE
-from ident.mechanism.follower import horner
+from ident.mechanism.body import BASE, horner
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from ident.errors import ModelError
-from ident.mechanism.body import BASE
+from ident.mechanism.body import BASE, Follower
 from ident.mechanism.closure import OPEN, Closure
 from ident.mechanism.constraint import Constraint, Relation, members_of
-from ident.mechanism.follower import Follower
 
 if TYPE_CHECKING:
     from ident.mechanism.tree import Tree

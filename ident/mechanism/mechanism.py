@@ -11,10 +11,9 @@ from ident.annotations import typed
 from ident.arguments import OF_BODIES, checked_deviations, checked_rpy, rpy_text
 from ident.display.brief import Brief, listed
 from ident.errors import InputError, ModelError
-from ident.mechanism.body import BASE, Body
+from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.drives import NO_DRIVE, Drive, checked_drives
-from ident.mechanism.follower import Follower
 from ident.mechanism.loops import Constraints
 from ident.mechanism.tree import Tree
 

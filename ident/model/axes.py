@@ -6,7 +6,7 @@ Rotors and friction belong to what turns: where motors are coupled, as in the wr
 to the motors instead of the joints that they move.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -14,7 +14,10 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.geometry.se3 import applied
+from ident.mechanism.drives import NO_DRIVE, Drive
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.tolerances import DRIVE
 
 Couplings = Mapping[str, Mapping[str, float]]
 """Rows of R: by the motors' names, the numbers other than zero by the names of the joints."""
@@ -109,3 +112,25 @@ class Axes:
         if self.dependent:
             out = out + applied(np.swapaxes(tree.slopes(q), -1, -2), torques[..., actuated:])
         return np.asarray(out)
+
+
+def stated_values(mechanism: Mechanism, names: Sequence[str]) -> np.ndarray:
+    """Values that the model states for columns such as `Fv(elbow)`, zero where it states none (d,)."""
+    places = map(column_place, names)
+    return np.array([mechanism.drives.get(freedom, NO_DRIVE).value(kind) for kind, freedom in places], float)
+
+
+def with_values(mechanism: Mechanism, values: Mapping[str, float]) -> dict[str, Drive]:
+    """Drives with other values of some columns, of the freedoms that these are of, by name."""
+    drives = dict[str, Drive]()
+    for name, value in values.items():
+        kind, freedom = column_place(name)
+        before = drives.get(freedom, mechanism.drives.get(freedom, NO_DRIVE))
+        drives[freedom] = before.with_value(kind, value)
+    return drives
+
+
+def column_place(name: str) -> tuple[str, str]:
+    """Kind and freedom of a column such as `Fv(elbow)`."""
+    column, _, freedom = name.removesuffix(")").partition("(")
+    return next(kind for kind, own in DRIVE.items() if own == column), freedom

@@ -173,7 +173,7 @@ def consistent_parameters(
     *,
     bodies: Sequence[str] | None = None,
     masses: float | None = None,
-    widest: bool = False,
+    width: float | None = None,
     known: BodyPrior | None = None,
     rotors: Rotors | None = None,
 ) -> ConsistentParameters:
@@ -200,8 +200,8 @@ def consistent_parameters(
             divergence alone would rather change a mass than move a centre of mass. Fitting ψ comes first: if bodies
             with these masses leave its confidence region, the deviation is increased, and finally dropped. Where no
             physical bodies fit, masses beyond a factor of `LIKELY` of the prior's are held at the prior's.
-        widest: True for the widest prior that ψ allows, as for a prior that is a guess from the same data; by default
-            bodies keep the prior unless ψ contradicts it.
+        width: Width of the prior, for a guess from the same data, whose agreement with ψ says nothing; by default it
+            is estimated, and bodies keep the prior unless ψ contradicts it.
         known: What is known of the bodies beside ψ, and how well, for `intervals` and the data's share; by default
             nothing is. If the estimate of ψ includes it, so do the bodies, and `masses` is not used.
         rotors: Rotors of which ψ has lost the model's values. If links cannot take up the difference, which no body
@@ -230,7 +230,7 @@ def consistent_parameters(
     names = tuple(f"{k + 1}" for k in range(len(L))) if bodies is None else tuple(bodies)
     links = _Nearest(fitting, base, L, physical, raised, names, prior, rotors)
     problem = links.problem(of_rotors=False)
-    width = problem.widest if widest else problem.width
+    width = problem.width if width is None else width
     if known.used:
         with_prior = links.problem(of_rotors=False, with_prior=True)
         closest = links.report(with_prior.bodies(max(width, NEAREST) if width else 0.0))

@@ -62,11 +62,6 @@ class NearestBodies:
         """The problem with the conditions of another one in addition."""
         return NearestBodies(np.concatenate([self.A, other.A]), np.append(self.psi, other.psi))
 
-    @cached_property
-    def width(self) -> float:
-        """Estimated width w of the prior."""
-        return self._width(self.psi - np.tensordot(self.A, self.prior, 3))
-
     def bodies(self, width: float | None = None) -> np.ndarray:
         """Bodies K for a prior of some width, by default the estimated one (b, 4, 4)."""
         misfit = self.psi - np.tensordot(self.A, self.prior, 3)
@@ -88,16 +83,13 @@ class NearestBodies:
         return K
 
     @cached_property
-    def widest(self) -> float:
-        """The largest width that ψ allows."""
-        return self._width(self.psi - np.tensordot(self.A, self.prior, 3), least=False)
-
-    def _width(self, misfit: np.ndarray, *, least: bool = True) -> float:
-        """Largest w in the 95 % interval, for a misfit of covariance `1 + w² A A*`.
+    def width(self) -> float:
+        """Estimated width of the prior: the largest w in the 95 % interval, for a misfit of covariance `1 + w² A A*`.
 
         If the interval contains zero, the smallest w whose remaining misfit is in the confidence region: zero, unless a
         few combinations alone contradict the prior.
         """
+        misfit = self.psi - np.tensordot(self.A, self.prior, 3)
         values, axes = np.linalg.eigh(np.tensordot(self.A, self.A, ((1, 2, 3), (1, 2, 3))))
         squares = np.append(0, np.geomspace(1e-2 / values[-1], 1e12, 1000))
         variances = 1 + np.outer(squares, np.maximum(values, 0))
@@ -105,7 +97,7 @@ class NearestBodies:
         unlikely = np.sum(np.log(variances) + pulls / variances, axis=1)
         allowed = squares[unlikely <= unlikely.min() + ROOM]
         enough = squares[np.sum(pulls / variances**2, axis=1) <= region(len(misfit))]
-        return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) or not least else enough[0]))
+        return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) else enough[0]))
 
     def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Bodies and multipliers at the minimum, or None if Newton's method does not converge.

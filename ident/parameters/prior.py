@@ -16,7 +16,7 @@ import numpy as np
 from ident.arguments import OF_BODIES, checked_deviations
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
-from ident.model.stated import column_place, stated_values
+from ident.model.axes import column_place, stated_values
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.unstated import guessed, unstated
 

@@ -20,7 +20,7 @@ from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
 from ident.payload.joint_fit import LOADED, joint_fit
-from ident.payload.payload import Payload, SensorParameter
+from ident.payload.payload import GUESSED, Payload, SensorParameter
 from ident.payload.weight import DENSITY
 from ident.recordings.recording import Recording
 from ident.tolerances import HOLDOUT
@@ -80,7 +80,7 @@ class Load(Payload):
         ball = 0.4 * mass * (3 * mass / (4 * np.pi * DENSITY)) ** (2 / 3) * np.eye(3)
         prior = parameters_from_com(mass, np.clip(phi[1:4] / mass, -FAR, FAR), ball)
         base = structural_base_parameters(alone, sensors=Sensors(moving_base=True))
-        return consistent_parameters(phi, self._covariances[0], base, prior, bodies=alone.bodies, widest=True)
+        return consistent_parameters(phi, self._covariances[0], base, prior, bodies=alone.bodies, width=GUESSED)
 
     @property
     def model(self) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.display.brief import Brief, listed
 from ident.display.text import rounded
+from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.setup import SetupParameter
 from ident.geometry.inertia import com_from_parameters, parameter_transform
@@ -18,7 +19,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
-from ident.payload.mounting import place_of
 from ident.recordings.wrench import GROUND
 
 QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -33,6 +33,10 @@ SIZE = 0.1
 OPEN = 0.5
 """A quantity is identifiable if its standard deviation is below this fraction of its size: the mass itself, `SIZE` for
 the centre of mass, the mean moment of inertia for inertias."""
+
+GUESSED = 1.0
+"""Width of the prior body, a guess with the mass and centre of the same data: of 72 fits of eight simulated tools 96 %
+or more of each quantity's intervals hold; with a width estimated from the same data, at the least noise 71 % of Izz."""
 
 
 class RigidBody(NamedTuple):
@@ -157,7 +161,7 @@ class Payload(Brief):
         """Physically consistent bodies with the estimated ψ; their prior is only a guess from the same wrenches."""
         estimate, part = self.estimate, self.estimate.prepared.mechanism
         covariance, base = estimate.covariance, estimate.base
-        return consistent_parameters(estimate.psi, covariance, base, part.known, bodies=part.bodies, widest=True)
+        return consistent_parameters(estimate.psi, covariance, base, part.known, bodies=part.bodies, width=GUESSED)
 
     @property
     def model(self) -> np.ndarray | None:
@@ -218,3 +222,36 @@ def described(phi: np.ndarray) -> np.ndarray:
     """φ of one body (10,) as `QUANTITIES` (10,)."""
     mass, com, inertia = com_from_parameters(phi)
     return np.array([mass, *com, *inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
+
+
+def place_of(robot: Mechanism, body: str, name: str) -> np.ndarray:
+    """Pose of a body or site that is rigidly connected to a body, in the frame of the latter (4, 4).
+
+    Raises:
+        InputError: There is none of that name, or joints lie between.
+    """
+    if name not in {*robot.tree.names, *robot.sites}:
+        there = "; ".join(", ".join(names) or "none" for names in (robot.tree.names, robot.sites))
+        raise InputError(
+            f"The frame of a payload is that of a body or site, got '{name}'; bodies and sites are {there}."
+        )
+    other, T = (name, np.eye(4)) if name in robot.tree.names else robot.site(name)
+    return pose_of_body(robot, body, other, f"'{name}'") @ T
+
+
+def pose_of_body(robot: Mechanism, body: str, other: str, what: str) -> np.ndarray:
+    """Constant pose of another body in a body's frame (4, 4).
+
+    Raises:
+        InputError: A body does not exist, or the pose is not constant.
+    """
+    tree = robot.tree
+    for name in (body, other):
+        if name not in tree.names:
+            raise InputError(f"There is no body '{name}' for {what}; the bodies are {', '.join(tree.names)}.")
+    q = np.random.default_rng(0).uniform(-1, 1, (2, sum(each.coordinates for each in tree.bodies)))
+    poses = tree.poses(q)
+    T = inverse(poses[:, tree.names.index(body)]) @ poses[:, tree.names.index(other)]
+    if not np.allclose(T[0], T[1], atol=1e-9):
+        raise InputError(f"{what[0].upper()}{what[1:]} is on '{other}', which does not move with '{body}'.")
+    return T[0]

@@ -4,20 +4,23 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
 from ident.files.column import BALL, COMMAND, KINDS, UNITS, Columns
-from ident.files.schema import value_of
 from ident.files.table import BASE, Table, short
-from ident.geometry.quaternion import without_jumps
-from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
+from ident.geometry.se3 import without_jumps
+from ident.recordings.columns.mapping import STATED, ColumnMapping, check_no_column_twice
 from ident.recordings.followers import moved, with_followers
 from ident.recordings.plausibility import turns_of, with_continuous_angles
 from ident.recordings.sampled import AS_MEASURED
+from ident.recordings.saved import annotations
 from ident.recordings.standing import about_origins
 from ident.recordings.times import POSES
+from ident.recordings.tracker import TRACKED
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 
@@ -41,10 +44,12 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
         LogError: A mapped column, the time or the position of a joint is missing, names are ambiguous, or a column is
             used twice or mapped in another unit than the file's.
     """
+    stated = annotations(table.metadata)
+    mapping = _with_saved(mapping, stated)
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
     suggestion = "" if columns else SUGGESTION
     if "time" not in columns:
-        columns["time"] = Columns((_named(table, "time", ("time", "t")),))
+        columns["time"] = Columns((_named(table, "time", ("time", "t")),), unit="s" * mapping.still)
     for joint, joint_kind in joints.items():
         for kind in KINDS:
             if f"joints.{joint}.{kind}" not in columns:
@@ -66,10 +71,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             "a log needs a column of times, named time or t or mapped, or in the mapping its samples per second, as in "
             f"rate = 100; {table.available()}.{POSES}{suggestion}"
         )
-    for sensor, place in {
-        GROUND: Sensor(),
-        **value_of("sensors", table.metadata.get("sensors", {}), Mapping[str, Sensor]),
-    }.items():
+    for sensor, place in {GROUND: Sensor(), **stated.get("sensors", {})}.items():
         parts = {
             f"wrenches.{sensor}.{kind}": tuple(
                 _named(table, f"the {kind} of '{sensor}'", (f"{sensor}_{kind}.{c}", f"{sensor}_{letter}{c}"))
@@ -83,8 +85,8 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     if not mapping.has_base and f"{BASE}.0" in table.cells:
         columns["base.pose"] = Columns(tuple(f"{BASE}.{k}" for k in range(16)))
     columns = {key: _with_unit_of_file(key, used, table, joints) for key, used in columns.items()}
-    stated = {joint: kind for joint, kind in joints.items() if f"joints.{joint}.position" in mapping.columns}
-    mapping = with_followers(replace(mapping, columns=columns), stated)
+    mapped = {joint: kind for joint, kind in joints.items() if f"joints.{joint}.position" in mapping.columns}
+    mapping = with_followers(replace(mapping, columns=columns), mapped)
     columns = mapping.columns
     check_no_column_twice(columns)
     for key, used in columns.items():
@@ -95,6 +97,15 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     angles = {f"joints.{joint}.{kind}" for joint in hinges for kind in ("position", "command")}
     turns = {name: own for key in columns if key in angles for name, own in turns_of(columns[key]).items()}
     return replace(mapping, columns=columns, sensors=sensors, turns=turns)
+
+
+def _with_saved(mapping: ColumnMapping, stated: Mapping[str, Any]) -> ColumnMapping:
+    """The mapping with what a saved recording states and the mapping does not."""
+    own = dict[str, Any]()
+    for name, x in ((name, x) for name, x in stated.items() if name in (*STATED, "servos")):
+        here = getattr(mapping, name)
+        own[name] = {**x, **here} if isinstance(x, Mapping) else x if here == getattr(ColumnMapping, name) else here
+    return replace(mapping, **own)
 
 
 def _of_joint(table: Table, joint: str, joint_kind: str, kind: str) -> Columns:
@@ -117,7 +128,7 @@ def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping
     else:
         quantity = "time" if room == "time" else {"force": "force", "torque": "torque"}.get(kind, "length")
     stated = {table.units.get(column, "") for column in columns.read}
-    if not columns.read or "" in stated or len(stated) > 1 or kind in ("quaternion", "pose"):
+    if not columns.read or "" in stated or len(stated) > 1 or kind in ("quaternion", "pose", "orientation"):
         return columns
     units = list(UNITS[quantity])
     unit = next((u for u in units if stated == {"deg"} and u.startswith("deg")), units[0])
@@ -157,7 +168,7 @@ def read_channels(
             # Its turns show its unit, however far it goes.
             mapping.columns[key] = replace(columns, unit="rad")
     channels = {
-        key: _read(table, key, columns, notes, gaps and not key.startswith("base."))
+        key: _read(table, key, columns, notes, key.startswith(TRACKED) or (gaps and not key.startswith("base.")))
         for key, columns in mapping.columns.items()
         if key != "time" and not key.endswith(".point")
     }
@@ -170,7 +181,9 @@ def read_channels(
             f"Columns {', '.join(others)} look like a wrench; without an entry under [wrenches] it is not used."
         )
     for key, x in channels.items():
-        if key == "base.quaternion" or (key.startswith("joints.") and key.endswith(".position") and x.shape[1] == 4):
+        if key.endswith(".orientation") and x.shape[1] == 3:
+            x = Rotation.from_rotvec(x).as_quat(scalar_first=True)
+        if x.shape[1] == len(BALL["position"]):
             channels[key] = _continuous(table, key, x)
     return about_origins(table, channels, mapping.plates, notes, gaps=gaps)
 

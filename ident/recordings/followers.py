@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.files.column import Columns, Sum, combined
+from ident.mechanism.body import Follower
 from ident.mechanism.closure import Closure
-from ident.mechanism.follower import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice

@@ -20,7 +20,7 @@ from ident.files.selection import counted, selected
 from ident.files.table import BASE, TRUE, Table, in_pieces
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
-from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping, stated_mapping
+from ident.recordings.columns.mapping import STATED, ColumnMapping, joint_kinds, read_mapping, stated_mapping
 from ident.recordings.commands import with_servos
 from ident.recordings.followers import follower_notes, moved
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
@@ -35,12 +35,6 @@ from ident.recordings.wrench_names import misspelt
 
 MARKERS = " Positions of markers become angles by `multicontact angles MODEL {}`."
 """Advice for a file of markers where joint angles are needed."""
-
-STATED = (
-    *("sensors", "setup", "known", "known_bodies", "held", "base_rpy_deg", "still", "loaded"),
-    *("scales", "couplings", "followers"),
-)
-"""Fields of a mapping that are those of its recordings."""
 
 
 @typed("path", "columns")
@@ -286,7 +280,8 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
             continue
         channel = f"{name}_{kind}"
         if channel in measured:
-            raise LogError(f"a joint and a wrench are both named '{name}', and both have torques; rename the wrench.")
+            others = "a wrench or a tracked pose"
+            raise LogError(f"a joint and {others} are both named '{name}', and both have a {kind}; rename the latter.")
         measured[channel] = x[:, 0] if x.shape[1] == 1 else x
         if key in repaired.streams:
             time, values = repaired.streams[key]
@@ -306,6 +301,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         units=units,
         base=base,
         streams=streams,
+        sensors=mapping.sensors,
         **{name: getattr(mapping, name) for name in STATED},
     )
 

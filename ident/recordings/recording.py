@@ -17,14 +17,14 @@ from ident.display.frames import channels_frame
 from ident.errors import LogError
 from ident.files.limits import LIMIT
 from ident.files.table import BASE
-from ident.mechanism.body import is_rigid
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower, is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import saved
 from ident.recordings.sampled import STREAMS, Sampled, at_common_times, check_times, checked_channel, checked_stream
 from ident.recordings.servo import Servo
+from ident.recordings.tracker import Tracker
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ class Recording(Brief):
         followers: Joints without channels that follow another one, by name.
         still: True if samples are poses at rest, in any order, whose times mean nothing.
         loaded: Name of the body that carries a load, which `identify_load` identifies; empty without one.
+        trackers: Tracked bodies, whose poses are channels of the trajectory estimate, by the names of these poses.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
@@ -102,6 +103,7 @@ class Recording(Brief):
     base_rpy_deg: tuple[float, ...] | None = None
     still: bool = False
     loaded: str = ""
+    trackers: Mapping[str, Tracker] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_type("streams", self.streams, Mapping, STREAMS)
@@ -316,9 +318,9 @@ class Recording(Brief):
 
     def plot(self) -> "Figure":
         """Joint positions, torques and commands and the wrenches over time, as a matplotlib figure."""
-        from ident.display.plots import recording_plot
+        from ident.display.plots import recording_figure
 
-        return recording_plot(self.time, self.measured, self.units, self.wrenches)
+        return recording_figure(self.time, self.measured, self.units, self.wrenches)
 
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` or `.csv` file that `load` reads back exactly, except for the streams.

@@ -13,9 +13,10 @@ from ident.errors import LogError
 from ident.files.readers import read_tables, write_channels
 from ident.files.schema import value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower
 from ident.recordings.columns.entries import Row
 from ident.recordings.servo import Scale, Servo
+from ident.recordings.tracker import Tracker
 from ident.recordings.wrench import Sensor
 
 
@@ -35,6 +36,7 @@ KINDS: Mapping[str, Any] = {
     "scales": Mapping[str, Scale],
     "couplings": Mapping[str, Row],
     "followers": Mapping[str, Follower],
+    "trackers": Mapping[str, Tracker],
     "stated": Stated,
 }
 """Types of metadata that are more than JSON, by name."""
@@ -59,18 +61,22 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
         channels[BASE] = base.reshape(-1, 16)
     metadata = {name: fields[name] for name in ("units", "noise", "provenance")}
     sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
-    annotations = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
-    annotations["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
-    annotations |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
-    annotations["followers"] = {
+    others = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
+    others["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
+    others |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
+    others["followers"] = {
         joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
         for joint, lead in fields["followers"].items()
+    }
+    others["trackers"] = {
+        name: {key: x if isinstance(x, str) else x.tolist() for key, x in vars(tracker).items() if x is not None}
+        for name, tracker in fields["trackers"].items()
     }
     stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {
         name: fields[name] or None for name in ("still", "loaded")
     }
-    annotations["stated"] = {name: x for name, x in stated.items() if x is not None}
-    write_channels(path, channels, metadata | {name: content for name, content in annotations.items() if content})
+    others["stated"] = {name: x for name, x in stated.items() if x is not None}
+    write_channels(path, channels, metadata | {name: content for name, content in others.items() if content})
 
 
 def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
@@ -103,10 +109,14 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
     time, base = channels.pop("time"), channels.pop(BASE, None)
     true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
     measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
-    annotations = {name: value_of(name, metadata[name], KINDS.get(name, Any)) for name in METADATA if name in metadata}
-    for body, known in annotations.get("known_bodies", {}).items():
-        checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
-    annotations |= vars(annotations.pop("stated", Stated()))
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
-    return {"time": time, "measured": measured, "true": true, "base": base} | annotations
+    return {"time": time, "measured": measured, "true": true, "base": base} | annotations(metadata)
+
+
+def annotations(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a recording other than channels from the metadata of a file."""
+    out = {name: value_of(name, metadata[name], KINDS.get(name, Any)) for name in METADATA if name in metadata}
+    for body, known in out.get("known_bodies", {}).items():
+        checked_deviations(f"known.{short(body)}", known, OF_BODIES, LogError)
+    return out | vars(out.pop("stated", Stated()))

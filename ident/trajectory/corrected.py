@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.estimation.equations import Equations
+from ident.estimation.loads import unseen
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
@@ -81,7 +82,8 @@ class Smoothed:
         gravity, tree = measurement.gravity(theta).astype(float), measurement.corrected_tree(theta)
         mechanism = replace(self.prepared.mechanism, gravity=gravity, tree=tree)
         rows = _rows(measurement, theta) if measurement.components else None
-        return replace(measurement.equations, mechanism=mechanism, wrench=rows)
+        own, changed = measurement.equations, theta[len(measurement.equations.names) :].any()
+        return replace(own, mechanism=mechanism, wrench=rows, beside=unseen(own) if changed else None)
 
     def corrected(self, estimate: TrajectoryEstimate, T: float, part: slice) -> Prepared:
         """Recording with the set-up and the motion of an estimate, smoothed from angles alone where it was not fitted.
@@ -115,6 +117,7 @@ class Smoothed:
         when, measured, wrenches = (
             np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("when", "measured", "wrenches")
         )
+        measured = measured[:, : len(self.measurement.equations.channels)]
         return replace(pieces[0], when=when, measured=measured, wrenches=wrenches)
 
     def _on_one_clock(self, theta: np.ndarray) -> tuple[Piece, np.ndarray]:
@@ -142,12 +145,13 @@ def _rows(measurement: Measurement, theta: np.ndarray) -> np.ndarray:
 def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Channels without the contribution of contacts, torques without their gain; wrenches keep theirs (N, C).
 
-    Commands become the torques that they make.
+    Commands become the torques that they make; poses are left out.
     """
-    measured = piece.measured
+    own = len(measurement.equations.channels)
+    measured = piece.measured[:, :own]
     if measurement.contacts:
         without = measurement.values(states, np.zeros_like(piece.wrenches), theta)
-        measured = measured + (without - measurement.values(states, piece.wrenches, theta)).T
+        measured = measured + (without - measurement.values(states, piece.wrenches, theta))[:own].T
     if (servos := measurement.equations.servos) is not None:
         motion, which = measurement.motion(states), list(measurement.equations.torques)
         lengths = measurement.encoders(motion.q, theta)[:, which]

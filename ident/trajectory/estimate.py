@@ -14,6 +14,7 @@ from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, Prepared, length
 from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
+from ident.estimation.tracking import aligned
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND
@@ -165,8 +166,9 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
         prepared.frame if held else None,
         tuple(np.flatnonzero(measured).tolist()),
         contacts,
-        setup_parameters(equations, tuple(plates), setup, held=held, moving=moving),
+        setup_parameters(equations, tuple(plates), setup, held=held, moving=moving, trackers=recording.trackers),
         moving,
+        aligned(equations.mechanism, recording, prepared.samples.motion) if recording.trackers else {},
     )
 
 

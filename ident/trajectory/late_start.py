@@ -4,6 +4,7 @@ A force plate under a person may be late by a tenth of a second or more, as long
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -78,6 +79,7 @@ def compared(
     measurement: Measurement, piece: Piece, motion: Trajectory, theta: np.ndarray, share: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (M, C) and columns (M, C, k) of every `share`-th sample, of those neither missing nor near the ends."""
+    piece = replace(piece, measured=piece.measured[:, : len(measurement.equations.channels)])
     every = clocks(measurement, piece, theta)
     settled = np.all([motion.settled(when) for _, when in every], axis=0)
     taken = np.flatnonzero(np.isfinite(piece.measured).all(axis=1) & settled)[::share]

@@ -60,14 +60,15 @@ def without(fit: TrajectoryFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, 
 def prediction_errors(measurement: Measurement, fit: TrajectoryFit, least: np.ndarray) -> np.ndarray:
     """Root mean squared errors of channels predicted from other pieces, relative to their signal (C,).
 
-    Channels that other pieces do not explain count as 1.
+    Channels that other pieces do not explain count as 1. Poses are left out: they do not depend on what is chosen.
 
     Args:
         measurement: Channels and parameters.
         fit: The estimate.
         least: Slack above which samples are left out (C,).
     """
-    scales = channel_scales([piece.signal for piece in fit.pieces], measurement.equations.channels)
+    names = measurement.equations.channels
+    scales = channel_scales([piece.signal[:, : len(names)] for piece in fit.pieces], names)
     try:
         thetas = [without(fit, slice(k, k + 1))[0][own] for k, own in enumerate(fit.selections)]
     except ExcitationError:
@@ -91,12 +92,12 @@ def clearly_less(usual: np.ndarray, others: np.ndarray, margin: float = CLEARLY)
 def _squares(
     measurement: Measurement, piece: Piece, theta: np.ndarray, T: float, least: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of squared errors of a piece's channels, and their numbers of samples (C,)."""
-    motion = motion_alone(piece, measurement, theta, T)
-    error = piece.measured - predicted(measurement, piece, motion.evaluate, theta)
+    """Sums of squared errors of a piece's channels but poses, and their numbers of samples (C,)."""
+    motion, own = motion_alone(piece, measurement, theta, T), len(measurement.equations.channels)
+    error = (piece.measured - predicted(measurement, piece, motion.evaluate, theta))[:, :own]
     clear = motion.settled(channel_times(measurement, piece, theta))[:, None] & np.isfinite(error)
     if piece.slack is not None:
-        clear &= piece.slack < least
+        clear &= piece.slack[:, :own] < least[:own]
     return (np.where(clear, error, 0.0) ** 2).sum(axis=0), clear.sum(axis=0)
 
 

@@ -9,8 +9,9 @@ from ident.errors import InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
 from ident.estimation.recorded_motion import usual_cutoff
+from ident.estimation.tracking import REFERENCES, WIDTH, measured_poses
 from ident.files.table import BASE
-from ident.geometry.quaternion import continuous_quaternions, without_jumps
+from ident.geometry.se3 import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.smoothing import chosen_cutoff
@@ -82,7 +83,8 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
     states, time = coordinates(recording, prepared.mechanism.joints), recording.time
     channels, wrenches = _channels(prepared, measurement)
     echo = _echo(prepared, measurement, states, channels.time)
-    held = float(np.median(np.diff(channels.time))) / 2 if _commands_alone(measurement) else 0.0
+    own = channels.time[np.isfinite(channels.values[:, : len(measurement.equations.channels)]).any(axis=1)]
+    held = float(np.median(np.diff(own))) / 2 if _commands_alone(measurement) else 0.0
     first, last = part.start, part.stop
     number = max(least, int(np.ceil(max((time[last - 1] - time[first]) / LONGEST, (last - first) / MOST))))
     borders = np.linspace(first, last, number + 1).round().astype(int)
@@ -93,7 +95,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
         _check(states.values[x], ends[a], ends[b])
         end = max(time[b - 1], *states.time[x][-1:], *channels.time[y][-1:])
         spline = Spline.over(time[a] - MARGIN, end + MARGIN, step)
-        late = None if measurement.frame is None else len(measurement.components)
+        late = len(measurement.equations.channels if measurement.frame is None else measurement.components)
         measured = channels.time[y], channels.values[y], wrenches[y]
         piece = Piece(spline, states.time[x], (states.values[x], None, None), *measured, float(time[0]), late)
         pieces.append(piece if echo is None else replace(piece, held=held, echo=echo[y]))
@@ -111,7 +113,7 @@ def _check(samples: np.ndarray, start: float, end: float) -> None:
 
 
 def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np.ndarray]:
-    """Measured channels (M, C), and wrenches of contacts at the same times: averages and the rest (M, 2, 6 k)."""
+    """Measured channels (M, C), and `Piece.wrenches` at the same times (M, 2, 6 k)."""
     recording = prepared.recording
     contacts = [_on_mechanism(recording, name) for name in measurement.contacts]
     parts = []
@@ -134,13 +136,23 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
             # Channels share their times here, so that the half sample of a held command is in its values.
             own = (own + np.append(own[:1], own[:-1])) / 2
         parts.append(Sampled(stream.time, own))
+    missing = Sampled(recording.time, np.full((len(recording.time), WIDTH + REFERENCES), np.nan))
+    poses = [measured_poses(recording, x) if x in recording.trackers else missing for x in measurement.tracked]
+    parts += [Sampled(x.time, x.values[:, own]) for own in (slice(WIDTH), slice(WIDTH, None)) for x in poses]
     time, values = side_by_side(parts)
+    values, references = np.split(values, [measurement.width], axis=1)
     there = [between_samples(contact, time, _reach(contact)) for contact in contacts]
     values = np.where(np.all([prepared.usable(time), *there], axis=0)[:, None], values, np.nan)
     wrenches = np.hstack([np.zeros((len(time), 0)), *(interpolated(contact, time) for contact in contacts)])
     rate = (len(time) - 1) / (time[-1] - time[0])
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
-    return Sampled(time, values), np.stack([averages, wrenches - averages], axis=1)
+    halves = (
+        np.nan_to_num(references)
+        .reshape(len(time), len(poses), 2, 6)
+        .swapaxes(1, 2)
+        .reshape(len(time), 2, 6 * len(poses))
+    )
+    return Sampled(time, values), np.concatenate([np.stack([averages, wrenches - averages], axis=1), halves], axis=2)
 
 
 def _commands_alone(measurement: Measurement) -> bool:
@@ -156,8 +168,8 @@ def _echo(prepared: Prepared, measurement: Measurement, states: Sampled, time: n
         return None
     q = interpolated(states, time)[:, first:]
     lengths = prepared.mechanism.tree.freedom_coordinates(q)[:, list(equations.torques)]
-    out = np.zeros((len(time), len(equations.channels)))
-    out[:, len(equations.channels) - len(equations.torques) :] = equations.servos[0] * lengths
+    out, end = np.zeros((len(time), measurement.width)), len(equations.channels)
+    out[:, end - len(equations.torques) : end] = equations.servos[0] * lengths
     return out
 
 

@@ -11,11 +11,12 @@ from scipy import special
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.measurement import Measurement
 from ident.estimation.setup import SetupParameter
+from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.reversals import Reversals
-from ident.trajectory.setup_search import Search
+from ident.trajectory.setup_search import NEGLIGIBLE, Deviation, Search
 
 ONE_SIDED = 0.95
 """Confidence level of a one-sided interval."""
@@ -64,6 +65,15 @@ class TrajectoryEstimate:
     def is_setup(self) -> np.ndarray:
         """Mask of the parameters that belong to the set-up (p,)."""
         return np.isin(np.arange(len(self.fit.names)), list(self.setup))
+
+    @cached_property
+    def deviations(self) -> tuple[Deviation, ...]:
+        """Set-up errors: those that the search found, and those that tracked poses show."""
+        fit, std = self.fit, np.sqrt(np.diag(self.fit.covariance))
+        tracked = [k for k, each in self.setup.items() if each.calibrated]
+        z = -float(special.ndtri(SIGNIFICANT / 2 / max(len(tracked), 1)))
+        shown = (k for k in tracked if abs(fit.theta[k]) > max(z * std[k], NEGLIGIBLE * self.setup[k].std))
+        return (*self.search.deviations, *(Deviation(k, ()) for k in shown))
 
     @cached_property
     def covariance_of_setup(self) -> np.ndarray:

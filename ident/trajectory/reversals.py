@@ -79,7 +79,9 @@ class Reversals:
 
     def opened(self, pieces: Sequence[Piece], speed: Sequence[np.ndarray]) -> list[Piece]:
         """Pieces with the slack at their axes' velocities (M, m) each."""
-        return [replace(piece, slack=self.slack(own)) for piece, own in zip(pieces, speed, strict=True)]
+        slacks = map(self.slack, speed)
+        poses = (((0, 0), (0, piece.measured.shape[1] - self.shares.shape[1])) for piece in pieces)
+        return [replace(x, slack=np.pad(own, more)) for x, own, more in zip(pieces, slacks, poses, strict=True)]
 
 
 def rubbing(equations: Equations) -> tuple[int, ...]:
@@ -118,8 +120,9 @@ def axis_speeds(equations: Equations, dq: np.ndarray) -> np.ndarray:
 
 def speeds(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Velocities of the axes with Coulomb friction along a piece, infinite for other axes (M, m)."""
-    # Torques are on the clock of the last channels.
-    _, when = clocks(measurement, piece, theta)[-1]
+    # Torques are on the clock of the last channels but poses.
+    last = len(measurement.equations.channels) - 1
+    (when,) = (when for own, when in clocks(measurement, piece, theta) if own.start <= last < own.stop)
     rates = measurement.motion(piece.spline.evaluate(coefficients, when)[:3]).dq
     return axis_speeds(measurement.equations, rates)
 

@@ -117,9 +117,9 @@ class Stages:
         return np.isin(np.arange(len(self.names)), list(self.setup))
 
     @cached_property
-    def is_stated(self) -> np.ndarray:
+    def is_estimated(self) -> np.ndarray:
         """Mask of the set-up parameters that are estimated without a search (p,)."""
-        return np.isin(np.arange(len(self.names)), [k for k, each in self.setup.items() if each.row.stated])
+        return np.isin(np.arange(len(self.names)), [k for k, each in self.setup.items() if each.estimated])
 
     def explored(self, steps: Sequence[float], share: int, finest: Sequence[float]) -> TrajectoryEstimate:
         """Exploring fit with white noise and the densest knots that still decrease the noise of a recording notably.
@@ -167,8 +167,8 @@ class Stages:
             reversals = at_first(self.measurement.equations, [piece.signal for piece in pieces], rates)
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
-        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_stated, EXPLORED)
-        stated = tuple(Deviation(int(k), ()) for k in np.flatnonzero(self.is_stated))
+        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup | self.is_estimated, EXPLORED)
+        stated = tuple(Deviation(k, ()) for k, each in self.setup.items() if each.row.stated)
         how = Search(fit, stated), counts, tuple(steps), self.known
         return TrajectoryEstimate(self.measurement, *how, reversals=reversals, setup=self.setup)
 
@@ -354,7 +354,7 @@ class Stages:
 
         far = [at for at, each in self.setup.items() if each.row.far and self.search]
         delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}
-        candidates, least = self.is_setup & self.search, self._unfollowed(estimate)
+        candidates, least = self.is_setup & ~self.is_estimated & self.search, self._unfollowed(estimate)
         drives, groups = self._is_drive & ~estimate.fit.unbound.free, _groups(self.setup, len(self.names))
         search = searched(estimate.search, scattered, candidates, groups, least, drives, delays, self._gross)
         return replace(estimate, search=search)
@@ -476,10 +476,11 @@ class Stages:
 def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
     """Logarithms of the noise by which knots are chosen, of every recording (L, s).
 
-    It is that of the channels. Commands have none: what knots do not follow is then in the angles'.
+    It is that of the channels but poses. Commands have none: what knots do not follow is then in the angles'.
     """
-    angles = slice(0 if estimate.measurement.equations.servos is None else None)
-    return np.log([np.r_[each.channels, each.states[0, angles]] for each in estimate.fit.noises])
+    equations = estimate.measurement.equations
+    angles, own = slice(0 if equations.servos is None else None), len(equations.channels)
+    return np.log([np.r_[each.channels[:own], each.states[0, angles]] for each in estimate.fit.noises])
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:

@@ -143,9 +143,10 @@ def _resting(pieces: Sequence[Piece]) -> np.ndarray:
 
 
 def _alike(measurement: Measurement) -> tuple[int, ...]:
-    """Group number of each channel: forces of a sensor, its moments, and each joint torque separately."""
-    groups = [component // 3 for component in measurement.components]
-    return (*groups, *range(2, 2 + len(measurement.equations.channels) - len(groups)))
+    """Group number of each channel: forces of a sensor, its moments, joint torques each, positions, orientations."""
+    groups, single = [component // 3 for component in measurement.components], len(measurement.equations.channels)
+    poses = (2 + single + k // 3 for k in range(measurement.width - single))
+    return (*groups, *range(2, 2 + single - len(groups)), *poses)
 
 
 def _interpolated(piece: Piece) -> np.ndarray:

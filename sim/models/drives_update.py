@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from ident.mechanism.drives import Drive, checked_drives
-from sim.models.drives import acting_on, freedom_names, law
+from sim.models.model_drives import acting_on, freedom_names, law
 from sim.models.names import joint_name, name_of
 from sim.models.xml_places import digits
 

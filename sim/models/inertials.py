@@ -8,8 +8,7 @@ import numpy as np
 
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
 from sim.models.names import body_name
-from sim.models.notes import note
-from sim.models.refusals import refusals
+from sim.models.notes import note, refusals
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change a file's inertias."""

@@ -16,8 +16,8 @@ from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from sim.models.couplings import loops_of
-from sim.models.drives import drives_of_model
-from sim.models.loops import constraints_of
+from sim.models.model_drives import drives_of_model
+from sim.models.model_loops import constraints_of
 from sim.models.mujoco_model import (
     BEYOND,
     Source,
@@ -31,9 +31,9 @@ from sim.models.mujoco_model import (
     tree_from_model,
 )
 from sim.models.names import joint_name, name_of
-from sim.models.opensim.mechanism import is_opensim, mechanism_from_opensim
-from sim.models.plausible_units import note_units
-from sim.models.transmissions import transmissions
+from sim.models.notes import note_units
+from sim.models.opensim.reading import is_opensim, mechanism_from_opensim
+from sim.models.urdf_joints import transmissions
 
 
 @dataclass(frozen=True, eq=False)

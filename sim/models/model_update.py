@@ -32,11 +32,12 @@ from sim.models.inertials import (
 from sim.models.mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.names import body_name
-from sim.models.opensim.mechanism import OpenSimOrigin, is_opensim
+from sim.models.notes import refusals
+from sim.models.opensim.reading import OpenSimOrigin, is_opensim
 from sim.models.opensim.update import write_opensim
-from sim.models.refusals import refusals
-from sim.models.urdf import model_from_urdf, parsed
+from sim.models.urdf import model_from_urdf
 from sim.models.urdf_update import SAME, updated_urdf
+from sim.models.xml_files import parsed
 from sim.models.xml_places import digits, with_sections
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path

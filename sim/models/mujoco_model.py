@@ -19,10 +19,11 @@ from ident.mechanism.tree import Tree
 from sim.models.couplings import check_couplings
 from sim.models.inertials import compiled_as_stated, note_inertias
 from sim.models.names import body_id, body_name, joint_name
-from sim.models.opensim.mechanism import is_opensim
-from sim.models.refusals import refusals
-from sim.models.urdf import model_from_urdf, parsed
-from sim.models.xacro import SUFFIX as XACRO
+from sim.models.notes import refusals
+from sim.models.opensim.reading import is_opensim
+from sim.models.urdf import model_from_urdf
+from sim.models.xml_files import SUFFIX as XACRO
+from sim.models.xml_files import parsed
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""

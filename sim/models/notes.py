@@ -1,6 +1,16 @@
-"""Notes to the user on models that can nevertheless be used."""
+"""Remarks on models, also on units that are not plausible, and MuJoCo's errors as one line."""
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+
+from ident.display.brief import listed
+from ident.errors import ModelError
+from ident.geometry.inertia import com_from_parameters
+from ident.mechanism.mechanism import Mechanism
 
 
 class ModelNote(UserWarning):
@@ -10,3 +20,95 @@ class ModelNote(UserWarning):
 def note(text: str) -> None:
     """Warns the user about a model."""
     warnings.warn(text, ModelNote, stacklevel=4)
+
+
+@contextmanager
+def without_log() -> Iterator[None]:
+    """Drops MuJoCo's warnings in a block, which it would append to a file MUJOCO_LOG.TXT in the working folder."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+@contextmanager
+def refusals(source: object) -> Iterator[None]:
+    """Turns MuJoCo's errors in a block into one line that begins with their source; the block should only call MuJoCo.
+
+    Args:
+        source: The model's file, or a name for a model without one.
+
+    Raises:
+        ModelError: MuJoCo cannot read or compile the model, or lacks memory.
+    """
+    try:
+        with without_log():
+            yield
+    except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+        text = " ".join(str(error).split())
+        raise ModelError(text if text.startswith(str(source)) else f"{source}: {text}") from None
+
+
+LONGEST = 20.0
+"""Distance of a body from its parent, or of its centre of mass from its origin, m, above which it is in millimetres:
+links of 20 mm and more are then noted, links of real machines are shorter than 20 m."""
+
+LIGHTEST, HEAVIEST, SLENDER = 0.03, 1e5, 0.2
+"""Densities, kg/m³, below and above which a unit is wrong, and least thickness over length of the ellipsoid for that.
+Materials have 100 to 20000, real models with light or roughly stated links 1 to 60000; wrong units make a factor of
+1000 or, to the power of 3/2, of a million and more. Inertias of thin rods are often stated without their thickness."""
+
+NEGLIGIBLE = 1e-6
+"""Mass of a body, over that of the heaviest, up to which it only stands for a place."""
+
+USUAL = 1500.0
+"""Density of a usual body, kg/m³, to which the likeliest unit leads."""
+
+UNITS = {"kg cm², or in g mm² with masses in g": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
+"""Units in which inertias are given by mistake, kg m²."""
+
+
+def note_units(arm: Mechanism) -> None:
+    """Notes a mechanism's lengths and bodies that are plausible in other units only.
+
+    Warns:
+        ModelNote: There are such.
+    """
+    bodies, phi = arm.tree.bodies, np.zeros((0, 10)) if arm.prior is None else arm.prior.reshape(-1, 10)
+    lengths = {f"'{body.name}' from its parent": np.linalg.norm(body.home[:3, 3].astype(float)) for body in bodies}
+    heavy, light = dict[str, float](), dict[str, tuple[float, str]]()
+    for name, own in zip(arm.bodies, phi, strict=False):
+        if not np.isfinite(own).all() or own[0] <= NEGLIGIBLE * phi[:, 0].max():
+            continue
+        mass, com, inertia = com_from_parameters(own)
+        lengths[f"the centre of mass of '{name}' from its origin"] = np.linalg.norm(com)
+        second = np.trace(inertia) / 2 - np.linalg.eigvalsh(inertia)
+        if second.min() <= 0:
+            continue
+        semi_axes = np.sqrt(5 * second / mass)
+        volumes = (
+            4 / 3 * np.pi * each.prod() for each in (semi_axes, np.maximum(semi_axes, SLENDER * semi_axes.max()))
+        )
+        density, least = (mass / volume for volume in volumes)
+        if density < LIGHTEST:
+            unit = min(UNITS, key=lambda key: abs(np.log(density / UNITS[key] ** 1.5 / USUAL)))
+            light[name] = density, unit
+        elif least > HEAVIEST:
+            heavy[name] = least
+    farthest = max(lengths, key=lambda key: lengths[key], default="")
+    if farthest and lengths[farthest] > LONGEST:
+        where = f"{farthest} at {lengths[farthest]:.3g} m"
+        note(f"The model has {where}: its lengths may be in mm; kg, m and kg m² are needed.")
+    for unit in dict.fromkeys(unit for _, unit in light.values()):
+        these = {name: density for name, (density, its) in light.items() if its == unit}
+        note(f"By mass and inertia {_densities(these)}: their inertias may be in {unit}; kg, m and kg m² are needed.")
+    if heavy:
+        note(f"By mass and inertia {_densities(heavy)}: their masses may be in g; kg, m and kg m² are needed.")
+
+
+def _densities(bodies: dict[str, float]) -> str:
+    """Bodies with their densities."""
+    each = listed(f"{name} ({density:.2g})" for name, density in bodies.items())
+    return f"the densities of these bodies, in kg/m³, are those of no material: {each}"

@@ -11,14 +11,13 @@ from scipy.spatial.transform import Rotation
 from ident.errors import ModelError
 from ident.geometry.inertia import symmetric
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
-from sim.models.refusals import refusals
+from sim.models.notes import refusals
+from sim.models.urdf_joints import add_mimics, taken_mimics
 from sim.models.urdf_meshes import keep_meshes, leave_out
-from sim.models.urdf_mimics import add_mimics, taken_mimics
-from sim.models.xacro import is_xacro, urdf_of
+from sim.models.xml_files import parsed
 
 LARGEST = 1e100
 """Upper limit of an inertia's numbers, so that products of them are finite."""
-
 
 WORLD = "world"
 """Parent link that need not be declared: MuJoCo's world."""
@@ -117,31 +116,3 @@ def _stated(path: str | Path, link: ET.Element) -> Inertial:
     R = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0")).as_matrix()
     inertia = symmetric(numbers("inertia", "ixx iyy izz ixy ixz iyz", "0"))
     return inertial_of(numbers("mass", "value", "0")[0], numbers("origin", "xyz", "0 0 0"), R @ inertia @ R.T)
-
-
-def text_of(path: Path) -> bytes:
-    """Bytes of a model file, those of the URDF file that a xacro file describes."""
-    return urdf_of(path) if is_xacro(path, _root(path.read_bytes())) else path.read_bytes()
-
-
-def parsed(path: Path) -> ET.Element:
-    """Root element of an MJCF, URDF or OpenSim file, with comments kept, and xacro expanded.
-
-    Raises:
-        ModelError: The file does not exist, is no XML, has a name that is no UTF-8 text, or cannot be expanded.
-        InputError: What expands xacro is not installed.
-    """
-    if not path.is_file():
-        raise ModelError(f"A model is an MJCF, URDF or OpenSim file that exists, got '{path}'.")
-    if str(path).encode(errors="replace").decode() != str(path):
-        raise ModelError(f"The name of a model file has to be text in UTF-8, got {str(path)!r}; rename it.")
-    try:
-        root = _root(path.read_bytes())
-    except (ET.ParseError, LookupError, ValueError) as error:
-        # The last two are raised for unknown, non-text or multi-byte encodings.
-        raise ModelError(f"{path}: no XML that can be read: {error}.") from None
-    return _root(urdf_of(path)) if is_xacro(path, root) else root
-
-
-def _root(data: bytes) -> ET.Element:
-    return ET.fromstring(data, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))

@@ -11,8 +11,7 @@ import mujoco
 
 from ident.display.brief import listed
 from ident.errors import ModelError
-from sim.models.notes import note
-from sim.models.refusals import refusals
+from sim.models.notes import note, refusals
 
 PACKAGES = ("package", "model")
 """Schemes of names in a package, as `package://PACKAGE/meshes/link.stl`."""

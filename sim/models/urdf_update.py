@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
 from sim.models.inertials import shortened
-from sim.models.urdf import text_of
+from sim.models.xml_files import text_of
 from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
 
 SAME = 1e-12

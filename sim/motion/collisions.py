@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.mechanism.tree import Tree
 from sim.models.names import body_name, id_of
-from sim.models.refusals import refusals
+from sim.models.notes import refusals
 
 
 class _Contacts(NamedTuple):

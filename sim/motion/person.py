@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
 from ident.estimation.recorded_motion import base_motion, joint_states
-from ident.geometry.quaternion import continuous_quaternions, without_jumps
-from ident.geometry.se3 import inverse, pose
+from ident.geometry.se3 import continuous_quaternions, inverse, pose, without_jumps
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 

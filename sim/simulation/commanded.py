@@ -14,7 +14,7 @@ from sim.models.drives_update import changed_drives
 from sim.models.mechanism import mujoco_origin
 from sim.models.model_update import updated_spec
 from sim.models.names import joint_name
-from sim.models.refusals import without_log
+from sim.models.notes import without_log
 from sim.simulation.sensors import ONE_DOF
 
 LONGEST_STEP = 1e-3

@@ -8,7 +8,7 @@ import numpy as np
 from mujoco.rollout import rollout
 
 from ident.errors import ModelError
-from sim.models.refusals import without_log
+from sim.models.notes import without_log
 
 STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 """State of a rollout: time, qpos, qvel, and the states of actuators and plugins, in this order."""

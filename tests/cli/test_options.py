@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import traceback
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -14,10 +14,17 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments import mechanism
+import scenes
+from docs.tools.noise.recordings import sinusoids
+from experiments import human, mechanism, study
+from experiments.__main__ import main as everything
 from experiments.cli import options, running
+from experiments.cli.command import COMMANDS
 from experiments.document.provenance import version
+from experiments.document.writer import Output
+from experiments.reports import index
 from ident.errors import ExcitationError, InputError, LogError, ModelError
+from sim.simulation.simulate import simulate
 
 COMMAND = "python -m experiments.mechanism"
 ASKED = "please report it in the project's issue tracker"
@@ -54,16 +61,6 @@ def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
     assert f"version {version('multicontact')} and the command: {COMMAND} --out 'a folder'\n" in request
 
 
-def test_such_an_error_ends_the_command_with_1():
-    script = "from experiments import mechanism; from experiments.cli import running; "
-    script += "running.run(lambda args: float('x'), mechanism.parser)"
-    ended = subprocess.run([sys.executable, "-c", script, "--out", "x"], capture_output=True, text=True)
-    assert ended.returncode == 1
-    *_, message, request = ended.stderr.splitlines()
-    assert message == "ValueError: could not convert string to float: 'x'"
-    assert ASKED in request and request.endswith(f"{COMMAND} --out x")
-
-
 def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
     reached = []
 
@@ -77,29 +74,6 @@ def test_a_later_request_ends_what_went_on_after_the_first(monkeypatch):
         reached.append("the third one later is not")
 
     assert running.run(study, mechanism.parser, []) == 130 and len(reached) == 1
-
-
-def test_an_interrupt_while_the_page_is_set_is_taken_for_it(capsys, monkeypatch):
-    """An import that is interrupted may turn the interrupt into another error."""
-
-    @contextmanager
-    def page_of(_):
-        try:
-            signal.raise_signal(signal.SIGINT)
-        except KeyboardInterrupt:
-            raise ImportError("partially initialized module") from None
-        yield
-
-    monkeypatch.setattr(running, "page_of", page_of)
-    assert running.run(print, mechanism.parser, []) == 130
-    assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
-
-
-def test_an_option_that_is_no_number_is_named():
-    with pytest.raises(InputError, match="--fix takes a joint and where it stands, got knee high"):
-        options.fixed([["knee", "high"]])
-    with pytest.raises(argparse.ArgumentTypeError, match="needs a whole number of at least 1, got 'x'"):
-        options.whole_number(1)("x")
 
 
 IGNORES = """
@@ -164,3 +138,62 @@ def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
     assert options.of_model(args)["base_rpy_deg"] == [180.0, 0.0, -90.0]
     with pytest.raises(SystemExit):
         parser.parse_args(["--base-rpy", "180"])
+
+
+@pytest.mark.parametrize("before", [None, "mine"])
+def test_a_refusal_leaves_no_log_of_mujoco(tmp_path, monkeypatch, before):
+    monkeypatch.chdir(tmp_path)
+    log = Path("MUJOCO_LOG.TXT")
+    if before:
+        log.write_text(before, encoding="utf-8")
+
+    def study(options):
+        with log.open("a", encoding="utf-8") as file:
+            file.write("WARNING: Nan, Inf or huge value in QACC")
+        raise InputError("The servos lost the excitation.")
+
+    assert running.run(study, argparse.ArgumentParser, []) == 2
+    assert log.exists() is bool(before)
+
+
+WITHOUT = {"columns", "derive"}
+"""Commands without LaTeX tables and figures of results."""
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_that_prints_has_the_columns_of_the_page(name):
+    offered = {action.dest for action in COMMANDS[name].parser()._actions}
+    assert ("page_columns" in offered) == (name not in WITHOUT)
+
+
+def test_everything_is_for_the_chosen_page(tmp_path, monkeypatch):
+    given = []
+
+    def handed_on(*args, **_):
+        given.append(next(each.choices for each in args if isinstance(each, Output)))
+
+    for module in (mechanism, study, human):
+        monkeypatch.setattr(module, "report", handed_on)
+    monkeypatch.setattr(index, "write_index", lambda *_: None)
+    assert everything(["--page-columns", "1", "--out", str(tmp_path)]) == 0
+    assert given == 5 * [{"page_columns": 1}]
+
+
+UNUSED = ("scipy.ndimage", "scipy.sparse.linalg", "sim.markers.trial_fit", "experiments.runs.workers")
+"""Modules that take long to import, and that a short recording of joint angles does not need."""
+
+PDF = ("matplotlib.backends.backend_pdf", "matplotlib.backends.backend_svg", "fontTools.subset")
+"""Modules of formats that are not asked for."""
+
+
+def test_identify_imports_what_it_needs(tmp_path):
+    motion, log = sinusoids(np.random.default_rng(0), 2, 2.5), tmp_path / "log.npz"
+    simulate(scenes.load("double_pendulum"), motion, samples=250, seed=0).save(log)
+    model = Path(scenes.__file__).parent / "double_pendulum.xml"
+    options = [model, log, "--base", "base", "--out", tmp_path, "--formats", "png"]
+    code = (
+        "import sys; from experiments import identify; assert identify.main(sys.argv[1:]) == 0; "
+        f"print('slow:', *({{*{UNUSED + PDF}}} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code, *map(str, options)], check=True, capture_output=True, text=True)
+    assert run.stdout.splitlines()[-1] == "slow:"

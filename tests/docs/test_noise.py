@@ -2,7 +2,6 @@
 
 import csv
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,21 +9,15 @@ import pytest
 from docs.tools.noise import __main__ as noise
 from docs.tools.noise import counts, estimators
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, Condition
-from docs.tools.noise.estimators import ESTIMATORS, Answer, Case
+from docs.tools.noise.estimators import ESTIMATORS, Case
 from docs.tools.noise.recordings import noisy_recording
 from experiments.studies import competitors
 from experiments.studies.noise_processes import autoregressive
-from ident.errors import InputError
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 
 PERSON, PENDULUM = SUBJECTS["person"], SUBJECTS["pendulum"]
 IXX2 = PERSON.parameters.names.index("Ixx2")
-
-
-@pytest.fixture(scope="module")
-def exact_person():
-    return noisy_recording(CONDITIONS["person_half_degree"], 0, 0).noise_free
 
 
 def states(who, recording):
@@ -66,18 +59,6 @@ def test_with_its_own_instruments_it_is_weighted_least_squares():
     np.testing.assert_allclose(psi, expected, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.slow
-def test_filters_and_splines_are_unbiased_without_noise(exact_person):
-    who, some = PERSON, slice(0, 1000)
-    part = {name: x[some] for name, x in exact_person.measured.items()}
-    recording = replace(exact_person, time=exact_person.time[some], measured=part, true={})
-    filtered = competitors.low_passed(who.mechanism, recording, competitors.USUAL)
-    assert filtered[1] == 25
-    for motion, edge in (filtered, competitors.splined(who.mechanism, recording)):
-        psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=edge)
-        np.testing.assert_allclose(psi[IXX2], who.true[IXX2], rtol=2e-3)
-
-
 def test_noise_is_as_large_and_as_correlated_as_it_says():
     x = autoregressive(np.random.default_rng(0), 200_000, 0.95)
     assert x.std() == pytest.approx(1, abs=0.03)
@@ -88,15 +69,6 @@ def test_noise_is_as_large_and_as_correlated_as_it_says():
         level = np.radians(0.5) * condition.scale
         assert error.std() == pytest.approx(level, rel=0.2)
         assert (error[1:] * error[:-1]).mean() / level**2 == pytest.approx(decay, abs=0.2)
-
-
-def test_samples_are_missing_and_wrong():
-    missing = noisy_recording(CONDITIONS["pendulum_missing"], 0, 0)
-    assert 0.92 < len(missing.time) / 943 < 0.98
-    plain, wrong = (noisy_recording(CONDITIONS[f"pendulum_{kind}"], 0, 0) for kind in ("x1", "outliers"))
-    for name in ("joint1_position", "ground_force"):
-        assert 0.003 < (plain[name] != wrong[name]).mean() < 0.02
-    np.testing.assert_array_equal(plain["joint1_velocity"], wrong["joint1_velocity"])
 
 
 @pytest.fixture
@@ -124,20 +96,3 @@ def test_the_command_writes_tables(tmp_path, capsys):
     row = next(each for each in rows if (each["noise"], each["parameter"]) == ("noise ×3", "Ixx2"))
     assert float(row["true"]) == pytest.approx(PENDULUM.true[IXX2]) and float(row["bias"]) < -0.1
     assert json.loads((tmp_path / "provenance.json").read_text())["options"]["recordings"] == 3
-
-
-@pytest.mark.usefixtures("short", "here")
-def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch):
-    asked = []
-
-    def refuses(case):
-        asked.append(case)
-        if len(asked) % 3 == 0:
-            raise InputError("No.")
-        true = case.subject.true
-        return Answer(case.subject.parameters.names, true + case.recording["ground_force"][0, 0], np.ones(13), true)
-
-    monkeypatch.setitem(counts.ESTIMATORS, "pendulum", {"trajectory": refuses})
-    assert noise.main(["--out", str(tmp_path), "--recordings", "6"]) == 0
-    first = next(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
-    assert (first["recordings"], first["refused"]) == ("4", "2")

@@ -1,25 +1,20 @@
 """Conditions of the study of noise beyond white noise on smooth motions: they are as described, and run."""
 
-import csv
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
-from commands import refusal
 
 import scenes
-from docs.tools.noise import __main__ as noise
 from docs.tools.noise import counts
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
-from docs.tools.noise.estimators import Case, identified
+from docs.tools.noise.estimators import Case
 from docs.tools.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
 from docs.tools.noise.truth import drives, truth
-from experiments.studies.noise_processes import flicker, random_walk
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
-from ident.recordings.servo import model_servo
 from ident.regression.ordinary import least_squares
 from sim.simulation.simulate import simulate
 
@@ -126,49 +121,7 @@ def test_motions_that_are_drawn_need_what_mujoco_says(name):
             np.testing.assert_allclose(torques, links, atol=1e-8)
 
 
-@pytest.mark.slow
-def test_commands_beside_a_wrench_act_half_a_sample_later_than_they_are_logged():
-    """Viscous friction would be larger by kp times that half sample: more than twice of what it is."""
-    condition = replace(CONDITIONS["commands_sinusoids_plate"], samples=1000, gain=0.0)
-    answer = identified(Case.drawn(condition, 0, 0), "trajectory")
-    errors = dict(zip(answer.names, (answer.values - answer.true) / np.where(answer.true, answer.true, 1), strict=True))
-    assert max(abs(errors[f"{column}({joint})"]) for column in ("Fv", "Fc") for joint in ("turn", "shoulder")) < 0.15
-
-
-def test_servos_and_channels_are_misstated_as_their_recordings_say():
-    commands, gains = (Case.drawn(CONDITIONS[name], 0, 0) for name in ("commands_sinusoids_plate", "gains"))
-    model = {joint: model_servo(ARM.mechanism, joint) for joint in ARM.mechanism.tree.joints}
-    factors = [servo.kp / model[joint].kp for joint, servo in commands.recording.servos.items()]
-    assert set(commands.recording.scales.values()) == {0.05} and 0 < np.std(factors) < 0.15
-    plain = noisy_recording(replace(CONDITIONS["gains"], gain=0.0), 0, 0)
-    ratio = gains.recording.true["ground_force"] / plain.true["ground_force"]
-    np.testing.assert_allclose(ratio, ratio[:1].repeat(len(ratio), axis=0))
-    assert 0 < np.abs(ratio[0] - 1).max() < 0.04 and gains.recording.setup == {"gain": 0.01}
-
-
-@pytest.mark.parametrize(("process", "power"), [(flicker, -1.0), (random_walk, -2.0)])
-def test_drifts_are_as_large_as_white_noise_and_fall_with_frequency(process, power):
-    x = process(np.random.default_rng(0), (4096, 50))
-    np.testing.assert_allclose(x.std(axis=0), 1)
-    np.testing.assert_allclose(x.mean(axis=0), 0, atol=1e-12)
-    spectrum = (np.abs(np.fft.rfft(x, axis=0)) ** 2).mean(axis=1)
-    low, high = spectrum[4:12].mean(), spectrum[256:768].mean()
-    assert np.log(high / low) / np.log(512 / 8) == pytest.approx(power, abs=0.15)
-
-
 def answer(names, error, std, wide, setup=()):
     """An answer in the form of workers."""
     true = np.full(len(names), 2.0).tolist()
     return {"names": names, "error": error, "std": std, "true": true, "std_setup": wide, "setup": list(setup)}
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("here")
-def test_some_conditions_may_be_chosen(tmp_path, capsys):
-    command = ["--recordings", "2", "--out", str(tmp_path), "--conditions", "short"]
-    assert noise.main(command) == 0
-    rows = list(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
-    assert {row["noise"] for row in rows} == {"180 samples"}
-    # A run is resumed with the same conditions only.
-    assert "conditions differ" in refusal(noise.main, [*command, "flicker", "--resume"], capsys)
-    assert "Conditions are pendulum_x1, pendulum_x3" in refusal(noise.main, ["--conditions", "long"], capsys)

@@ -92,27 +92,6 @@ def test_the_benchmark_is_the_one_on_record():
     assert record["machine"] in shown
 
 
-def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_one(tmp_path):
-    def record(folder, processor, quick, commit="0123abc"):
-        folder.mkdir(parents=True, exist_ok=True)
-        content = {
-            "machine": {"processor": processor},
-            "provenance": {"options": {"quick": quick}, "git_commit": commit},
-        }
-        (folder / "benchmark.json").write_text(json.dumps(content))
-
-    record(tmp_path / "docs", "shown", quick=False)
-    assert blocks.benchmark_results(tmp_path)["machine"]["processor"] == "shown"
-    record(tmp_path / "results", "new", quick=False)
-    assert blocks.benchmark_results(tmp_path)["machine"]["processor"] == "new"
-    record(tmp_path / "results", "new", quick=True)
-    with pytest.raises(ValueError, match="is quick, or of changed"):
-        blocks.benchmark_results(tmp_path)
-    record(tmp_path / "results", "new", quick=False, commit="0123abc-dirty")
-    with pytest.raises(ValueError, match="is quick, or of changed"):
-        blocks.benchmark_results(tmp_path)
-
-
 @pytest.mark.skipif(
     int(mujoco.__version__.split(".")[0]) < 4, reason="the hand's weld twists otherwise before MuJoCo 4"
 )
@@ -137,10 +116,3 @@ def test_numbers_of_two_contacts_are_not_stale():
     for name, expected in sentences.items():
         text = " ".join(page(name).split())
         assert [sentence for sentence in expected if sentence not in text] == []
-
-
-def test_a_block_is_replaced_and_a_missing_one_is_named():
-    text = "a\n<!-- t -->\nold\n<!-- end t -->\nb"
-    assert blocks.with_block(text, "t", "new\n") == "a\n<!-- t -->\nnew\n<!-- end t -->\nb"
-    with pytest.raises(ValueError, match="<!-- u -->"):
-        blocks.with_block(text, "u", "")

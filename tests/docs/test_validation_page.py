@@ -1,7 +1,6 @@
 """The validation's page, README.md and paper.md show the run on record, and the registry's untried recordings."""
 
 import json
-import re
 
 import pytest
 from test_readme import DOCS, ROOT, block, page
@@ -43,35 +42,6 @@ def test_the_page_says_where_it_loses(shown):
 
 def _losses(shown):
     return [(each.entry.title, loss) for each in shown for loss in each.losses]
-
-
-def test_verdicts_are_words_in_the_table_and_folded_sentences(shown):
-    verdicts = block("validation.md", "verdicts")
-    assert verdicts.startswith("<details><summary>Verdicts in words</summary>")
-    assert verdicts.count("<li>") == len(shown.validations)
-    assert "Usable to" not in block("validation.md", "sentences") + block("validation.md", "recordings")
-    for each in shown:
-        assert f"<li>{each.entry.title}: " in verdicts and f" {each.outcome} |" in block("validation.md", "recordings")
-
-
-def test_what_was_not_published_is_a_dash(shown):
-    rows = block("validation.md", "was published").splitlines()
-    assert not any(each.entry.held_out for each in shown)
-    assert sum("| — |" in row for row in rows) == len(shown.validations)
-
-
-def test_what_the_paper_says_of_the_pendulum_in_steel_is_so(shown):
-    steel = shown.validations["double_pendulum"]
-    outside = [each.name for each in steel.entry.published if abs(steel.published_z(each)) > 1.96]
-    assert not outside and (steel.against_best < 1.05).all()
-    friction = [each.values[each.names.index("Fc(Joint1)")] for each in steel.trials.values()]
-    assert max(friction) - min(friction) > 0.1
-
-
-def test_untried_recordings_are_listed_without_numbers(shown):
-    listed = re.findall(r"^\| `(\w+)`", block("validation.md", "untried"), re.MULTILINE)
-    assert listed == [entry.name for entry in shown.untried] and len(listed) >= 6
-    assert not set(listed) & set(shown.validations)
 
 
 def test_a_new_run_takes_the_place_of_the_one_shown_unless_recordings_are_missing(tmp_path):

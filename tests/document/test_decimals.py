@@ -1,9 +1,15 @@
-"""Decimals follow standard deviations, published numbers stay as they are, and points are aligned."""
+"""Digits, symbols and lines of what is shown."""
+
+import re
 
 import numpy as np
 import pytest
 
+from experiments.document import tabular
+from experiments.document.document import Card, Document
+from experiments.document.symbols import pieces
 from experiments.document.tabular import Regrouped, Table, columns, decimals_of, number
+from experiments.document.terminal import WIDTH, wrapped
 
 
 def test_two_digits_of_a_standard_deviation_are_printed_whatever_its_size():
@@ -43,3 +49,61 @@ def test_only_sums_of_several_parameters_are_marked_and_noted():
     assert [row[0] for row in table.texts()] == ["m1† of a", "m2rz2 of b"]
     none = Regrouped.of({"": names})
     assert not Table("t", *columns(parameter=names, x=(1.0, 2.0)), regrouped=none).remarks()
+
+
+def shown(text):
+    """Text with symbols between dollars and without indices."""
+    return "".join(plain + "$" * bool(symbol) + "".join(map("".join, symbol)) for plain, symbol in pieces(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("m2rz2 + 0.425 m3", "$m2rz,2 + 0.425 $m3"),
+        ("Ixy2 of link1 by +3.2", "$Ixy,2 of link1 by +3.2"),
+        ("residuals in Fx, τz (0.1)", "residuals in $Fx, $τz (0.1)"),
+        ("offset(Mx)", "offset($Mx)"),
+        ("-π/2", "\N{MINUS SIGN}$π/2"),
+        ("θ_1", "$θ1"),
+        ("m2rz3, m2x, aFx, Fxy, 'Fx', theta, left_hand", "m2rz3, m2x, aFx, Fxy, 'Fx', theta, left_hand"),
+        ("theta", "theta"),
+        ("", ""),
+    ],
+)
+def test_parameters_and_channels_become_symbols_and_names_stay(text, expected):
+    assert shown(text) == expected
+
+
+SUM = "m1" + "".join(f" + 0.0{k} m{k}rz{k} - Ixx{k}" for k in range(11, 60))
+
+
+def words(lines):
+    return " ".join(lines).split()
+
+
+def test_long_sentences_break_below_what_they_begin_with():
+    sentence = "word " * 60 + "end."
+    short = "A line that fits stays  as it is."
+    lines = wrapped(f"{short}\n  - {sentence}").split("\n")
+    assert lines[0] == short and max(map(len, lines)) <= WIDTH
+    assert lines[1].startswith("  - word") and all(re.match(r"    \S", line) for line in lines[2:])
+    assert words(lines[1:]) == ["-", *sentence.split()]
+
+
+@pytest.mark.parametrize("cells", [("x", None), ("y", 2.0)])
+def test_tables_and_their_titles_fit(cells):
+    wide = tabular.Table("title " * 40, ("a", "b" * 40, "c", "d"), ((*cells, SUM, SUM),), footnote="note " * 40)
+    assert max(map(len, wide.text().splitlines())) <= WIDTH
+
+
+def test_doubts_stand_below_the_verdict_that_counts_them():
+    shown = Document(
+        verdict="Not usable as it is: one finding below speaks against it.",
+        findings=[Card("Logs", "Logs disagree.", True), Card("More", "A remark.", False)],
+        lines=["36 of 159."],
+    ).text()
+    assert shown.splitlines()[-3:] == [
+        "Not usable as it is: one finding below speaks against it.",
+        "  ! Logs disagree.",
+        "36 of 159.",
+    ]

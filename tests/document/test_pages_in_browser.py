@@ -145,17 +145,6 @@ def test_figures_are_dark_where_the_page_is(page, window):
     assert all("invert(1)" in each for each in window.run(filters))
 
 
-def test_paper_is_white_whatever_the_screen_is(page, window):
-    unfolded(window, page)
-    light = window.run(CHART, 0)
-    unfolded(window, page, dark=True)
-    dark = window.run(CHART, 0)
-    window.run("dispatchEvent(new Event('beforeprint'))")
-    assert window.run(CHART, 0) == light != dark
-    window.run("dispatchEvent(new Event('afterprint'))")
-    assert window.run(CHART, 0) == dark
-
-
 def test_printed_drawings_keep_their_proportions_and_have_a_legend(page, window):
     unfolded(window, page)
     window.devtools("Emulation.setEmulatedMedia", media="print")

@@ -1,6 +1,5 @@
 import csv
 import io
-import json
 import subprocess
 import sys
 from itertools import product
@@ -10,7 +9,7 @@ import pytest
 from scipy import signal
 
 from experiments.document import print_table, provenance, result_folder, tabular
-from experiments.reports import identify_figures
+from ident.display import plots
 from ident.files.atomic import PARTIAL
 
 TABLE = tabular.Table(
@@ -60,42 +59,6 @@ def test_headings_are_words_but_in_csv(name, words):
     assert r"\_" not in print_table.tex(table) and "$m_{1}r_{x,1}$ & 1.000" in print_table.tex(table)
 
 
-def test_long_headings_break_into_lines_in_tex():
-    table = tabular.Table("t", ("std_wrench_noise", "peak_force_N"), ((1.0, 2.0),))
-    stack = r"{\shortstack[c]{\rule{0pt}{2.3ex}"
-    assert rf"{stack}S.d.\\(wrench\\noise)}}}} & {stack}Peak force\\(\unit{{\newton}})}}}} \\" in print_table.tex(table)
-
-
-def test_huge_numbers_are_powers_of_ten():
-    table = tabular.Table("t", ("a",), ((232976553.0,), (-1e6,), (999999.0,)))
-    assert table.text().split()[2:] == ["2.33e+08", "-1.00e+06", "999999.000"]
-    assert "232976553.0" in table.csv()
-
-
-def test_text_is_aligned():
-    assert TABLE.text() == (
-        "Errors, kg\nparameter  error   paper\nm_1        0.000   0.500\nIxx2       0.333  -2.000\n"
-    )
-
-
-def test_empty_cells_stay_empty():
-    table = tabular.Table("t", ("a", "b"), (("x", None), ("y", 2.0)))
-    assert table.csv() == "a,b\nx,\ny,2.0\n"
-    assert "| x |  |" in table.markdown()
-
-
-def test_other_files_in_the_folder_are_left_alone(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    with result_folder.results_folder(tmp_path) as folder:
-        (folder / "a").write_text("new")
-    assert {file.name for file in tmp_path.iterdir()} == {"notes.txt", "a"}
-
-
-def test_provenance_is_json(tmp_path):
-    result_folder.write_json(tmp_path / "p.json", provenance.provenance({"seed": 1}, {"scene": "s"}))
-    assert json.loads((tmp_path / "p.json").read_text())["options"] == {"seed": 1}
-
-
 @pytest.mark.parametrize("obstacle", ["b", "summary"])
 def test_a_folder_in_the_way_changes_nothing(tmp_path, obstacle):
     (tmp_path / obstacle).mkdir()
@@ -134,14 +97,6 @@ def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch)
     (kept,) = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert kept.read_text() == "first"
     assert f"earlier files are in '{kept.parent}'" in str(raised.value)
-
-
-def test_provenance_is_of_this_repository_only(monkeypatch, tmp_path):
-    monkeypatch.setenv("GIT_DIR", str(tmp_path))
-    assert provenance.provenance({}, {})["git_commit"] != ""
-    monkeypatch.delenv("GIT_DIR")
-    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "experiments" / "document" / "provenance.py"))
-    assert provenance.provenance({}, {})["git_commit"] is None
 
 
 KILLED = """
@@ -213,7 +168,23 @@ def test_names_are_no_formulas_of_spreadsheets(name):
 @pytest.mark.parametrize("samples", [100, 511, 1777])
 def test_spectra_are_welchs(samples):
     x = np.random.default_rng(0).normal(size=samples).cumsum()
-    frequency, amplitude = identify_figures.amplitude_spectrum(x, 50.0)
+    frequency, amplitude = plots.amplitude_spectrum(x, 50.0)
     expected = signal.welch(x, 50.0, nperseg=min(samples, 512))
-    np.testing.assert_array_equal(frequency, expected[0])
+    np.testing.assert_allclose(frequency, expected[0])
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
+
+
+def test_the_provenance_has_the_kernels_and_the_remark_once(monkeypatch):
+    own = provenance.provenance({})["linear_algebra"]
+    assert own["openblas_kernels"] == provenance.kernels()
+    monkeypatch.setattr("experiments.document.provenance.kernels", lambda: {"scipy": "Haswell"})
+    monkeypatch.setattr("experiments.document.provenance.features", lambda: {"avx512f"})
+    made = provenance.provenance({})
+    assert made["linear_algebra"]["remark"].startswith("The OpenBLAS of scipy uses its kernels for Haswell")
+
+
+def test_without_openblas_or_a_list_of_features_nothing_is_said(monkeypatch, tmp_path):
+    monkeypatch.setattr(provenance.np, "__file__", str(tmp_path / "numpy" / "__init__.py"))
+    assert provenance.kernels() == {}
+    monkeypatch.setattr(provenance.Path, "read_text", lambda *_, **__: "processor: 0")
+    assert provenance.features() == set() and provenance.advice(provenance.kernels(), provenance.features()) is None

@@ -72,13 +72,6 @@ def test_bodies_are_where_the_motion_puts_them(written):
     np.testing.assert_allclose(place[0], shown.mechanism.pose[:3, 3], atol=1e-6)
 
 
-def test_links_join_the_bodies(written):
-    shown = replay()
-    poses, strips = shown.poses(shown.drawn), written["/mechanism/links"]["LineStrips3D:strips"]
-    assert len(strips) == len(TIME) // 2 and {len(row) for row in strips} == {2}
-    np.testing.assert_allclose(strips[5][1], poses[5, [1, 2], :3, 3], atol=1e-6)
-
-
 def test_forces_point_as_they_were_measured(written):
     force = written["/mechanism/forces/ground"]
     vectors = np.reshape(force["Arrows3D:vectors"], (-1, 3))

@@ -1,14 +1,12 @@
 """Scales of channels: a flat one has that of its kind, wherever channels are weighted by their signals."""
 
-from dataclasses import replace
-
 import numpy as np
+import pytest
 from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
+from slow_pendulum import recorded
 
 import ident
-from ident.estimation.channel_scales import channel_scales
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.excitation import excited
+from ident.estimation.channel_scales import LEAST, least_noise
 from ident.estimation.preparation import Part, prepared
 from ident.regression.filtered import filtered_least_squares
 from ident.trajectory.late_start import unexplained
@@ -25,19 +23,6 @@ def flattened(part, *channels):
     return angles_and_wrench(recording.time, recording.of_joints(PENDULUM.tree.joints, "position"), wrench)
 
 
-def test_a_flat_channel_has_the_scale_of_its_kind():
-    rng = np.random.default_rng(0)
-    every = rng.normal(size=(1000, 8)) * [0, 30, 2, 0, 0, 0, 5, 0] + [7, 0, 0, 9, 0, 0, 0, 1]
-    every[:, 5] = np.nan
-    every[::7, 1] = np.nan
-    spread = np.nanstd(every[:, :3], axis=0)
-    largest = spread[1]  # of all channels, for moments, none of which changes
-    expected = [largest, largest, spread[2], largest, largest, largest, *every[:, [6, 6]].std(axis=0)]
-    names = (*COMPONENTS, "hip", "unplugged")
-    np.testing.assert_allclose(channel_scales([every[:300], every[300:]], names), expected)
-    np.testing.assert_array_equal(channel_scales([np.full((9, 8), 3.0)], names), 1)
-
-
 def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():
     """With Fx flat in the first half 5.9 Hz were chosen for 3.0 Hz, with twice the residuals."""
     logs = [prepared(PENDULUM, flattened(slice(0, 400), *channels)) for channels in ((), (0,))]
@@ -50,23 +35,6 @@ def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():
     np.testing.assert_allclose(every[1].values[0][1:13], every[0].values[0][1:13], rtol=0.2, atol=0.05)
 
 
-def test_flat_channels_are_weighted_finitely_where_excitation_is_judged():
-    log = prepared(PENDULUM, faulty(1))
-    samples = log.samples
-    flat = replace(samples, measured=samples.measured * [1, 0, 1, 1, 1, 1])
-    (usual, _), (values, poor) = (excited(log.equations, each) for each in (samples, flat))
-    assert poor is None
-    np.testing.assert_allclose(values, usual, rtol=0.5)
-
-
-def test_ratios_of_flat_channels_are_those_of_their_kind():
-    held = ident.identify(PENDULUM, faulty(1), estimator="weighted").held_out
-    measured = held.samples.measured * [0, 1, 1, 1, 1, 1]
-    versions = tuple(replace(each, measured=measured) for each in held.versions)
-    held = replace(held, versions=versions, residual=np.ones_like(measured))
-    np.testing.assert_allclose(held.ratio[0], held.ratio[:3].min())
-
-
 def test_a_channel_that_angles_explain_exactly_leaves_weight_to_the_others():
     """Weighted by its rounding errors alone it would hide how the other one separates the columns."""
     rng = np.random.default_rng(0)
@@ -74,3 +42,29 @@ def test_a_channel_that_angles_explain_exactly_leaves_weight_to_the_others():
     columns = np.stack([np.stack([a, b], axis=1), np.stack([a, a], axis=1)], axis=1)
     residual = np.stack([a - b, rounding], axis=1)
     assert unexplained(residual, columns, ("shoulder", "elbow")) < np.log(1e-13)
+
+
+T = np.arange(1000) / 100
+
+
+def test_floors_are_those_of_spread_resolution_and_kind():
+    rng = np.random.default_rng(0)
+    flat, coarse, fine = np.full(1000, 3.0), 0.3 * np.round(np.sin(T) / 0.3), 30 * np.sin(T) + rng.normal(size=1000)
+    every = np.stack([flat, fine, coarse, flat, fine], axis=1)
+    every[::7, 2] = np.nan
+    floor = least_noise([every[:600], every[600:]], ("Fx", "Fy", "Fz", "joint1", "joint2"))
+    of_fine = LEAST * fine.std()
+    np.testing.assert_allclose(floor, [of_fine, of_fine, 0.3 / np.sqrt(12), of_fine, of_fine], rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_joint_at_rest_is_held_where_it_is(seed):
+    """The angle of a joint at rest is one number, without noise."""
+    estimate = ident.identify(PENDULUM, recorded(seed, speed=1.5, rests=0.7, noise=1))
+    assert estimate.prepared.notes == ("'joint2' rests at 0.7.",)
+    fit = estimate.trajectory.fit
+    assert fit.status == "converged" and not estimate.trajectory.search.incredible
+    for c in fit.coefficients:
+        np.testing.assert_allclose(c[:, 1], 0.7, atol=1e-3)
+    assert (abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
+    assert (estimate.held_out.ratio[1:] < 1.05 * estimate.rivals["model"][1:] + 0.01).all()

@@ -5,7 +5,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-import sagittal_walker
 import walker
 
 import ident
@@ -79,9 +78,3 @@ def test_torques_are_left_out_by_their_joints(pendulum):
         prepared(arm, both, leave_out=rest)
     with pytest.raises(ident.InputError, match=f"leave_out needs a list out of {', '.join(rest)}; got Fq"):
         prepared(arm, both, leave_out=["Fq"])
-
-
-def test_a_mechanism_that_flies_is_told_by_all_components():
-    person, recording = sagittal_walker.mechanism(), sagittal_walker.recording()
-    nothing = {name: x if x.ndim == 1 else 0 * x for name, x in recording.measured.items()}
-    assert len(prepared(person, replace(recording, measured=nothing), cutoff=10.0).equations.channels) == 6

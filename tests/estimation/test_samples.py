@@ -1,21 +1,21 @@
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 
+import driven_arm
 import numpy as np
 import pytest
-from fits import equations, fitted, sampled
+from fits import fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_states
+from recorded_faults import PENDULUM, faulty, shortened
 
-import scenes
-from ident.estimation.pieces import pieces
+import ident
+from ident.estimation.pieces import in_order
 from ident.estimation.samples import arrays_of, even
 from ident.mechanism.motion import BaseMotion
-from ident.recordings.recording import Recording
-from sim.models.mujoco_model import tree_from_model
-from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import simulate
 
 TREE = double_pendulum()
-TREE_OF_SCENE = tree_from_model(scenes.load("double_pendulum"), "base")
 STATES = random_states(np.random.default_rng(0), TREE, 90)
 WHOLE = sampled(*STATES, np.random.default_rng(1).normal(size=(90, 6)))
 MOTION = BaseMotion(np.tile(np.eye(4), (90, 1, 1)), np.zeros((90, 6)), np.zeros((90, 6)))
@@ -29,13 +29,6 @@ def refusal(*source):
     with pytest.raises(ValueError) as caught:
         fitted(TREE, iter(source), gravity=GRAVITY)
     return str(caught.value)
-
-
-def test_parts_take_everything_along():
-    covariance = np.tile(np.eye(6), (90, 1, 1))
-    part = with_arrays(base=MOTION, covariance=covariance)[10:30]
-    assert len(part) == len(part.motion) == len(part.motion.base.T) == len(part.covariance) == 20
-    assert with_arrays(covariance=np.eye(6))[:3].covariance.shape == (6, 6)
 
 
 @pytest.mark.parametrize("size", [1, 7, 30, 90, 200])
@@ -59,19 +52,6 @@ def test_even_pieces_are_the_same_samples(size):
     both = next(even([constant[:40], constant[40:]], 90))
     np.testing.assert_array_equal(both.covariance, np.tile(np.eye(6), (90, 1, 1)))
     assert both.motion.base is None
-
-
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_a_recording_is_read_from_its_file_in_pieces(tmp_path, suffix):
-    spec = scenes.load("double_pendulum")
-    recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
-    recording.save(tmp_path / f"run.{suffix}")
-    whole = fitted(TREE_OF_SCENE, recording, gravity=GRAVITY)
-    in_pieces = fitted(TREE_OF_SCENE, Recording.chunks(tmp_path / f"run.{suffix}", samples=70), gravity=GRAVITY)
-    np.testing.assert_allclose(in_pieces.psi, whole.psi, rtol=1e-11, atol=1e-12)
-    assert in_pieces.samples == 300
-    (alone,) = pieces(recording, equations(TREE_OF_SCENE))
-    np.testing.assert_array_equal(alone.measured, recording.wrench("ground").values)
 
 
 def test_bad_pieces_are_named():
@@ -99,10 +79,54 @@ def test_bad_pieces_are_named():
         fitted(TREE, with_arrays(ddq=STATES[2][:80]), gravity=GRAVITY)
 
 
-def test_errors_of_the_iterator_pass_through():
-    def failing():
-        yield WHOLE
-        raise OSError("the disk is gone")
+def test_it_is_map_whoever_finishes_first():
+    released = {k: threading.Event() for k in range(8)}
+    released[7].set()
 
-    with pytest.raises(OSError, match="the disk is gone"):
-        fitted(TREE, failing(), gravity=GRAVITY)
+    def function(k):
+        # Each item waits for the next one.
+        assert released[k].wait(timeout=60)
+        released.get(k - 1, threading.Event()).set()
+        return k**2
+
+    with ThreadPoolExecutor(8) as executor:
+        assert list(in_order(executor, function, range(8), ahead=8)) == list(map(lambda k: k**2, range(8)))
+        assert list(in_order(executor, function, [])) == []
+
+
+RECORDINGS = {
+    "wrench": (PENDULUM, shortened(faulty(0), 120), ("_force", "ground_torque")),
+    "torques": (driven_arm.mechanism(), driven_arm.log(4.0, 50.0), ("_torque",)),
+}
+
+
+def scaled(recording, ends, factor):
+    """The recording with some of its channels times a factor."""
+    measured = {name: x * factor if name.endswith(ends) else x for name, x in recording.measured.items()}
+    return replace(recording, measured=measured, true={}, noise={}, streams={})
+
+
+@pytest.mark.parametrize("estimator", ["weighted", "trajectory"])
+@pytest.mark.parametrize("of", RECORDINGS)
+def test_numbers_that_no_sensor_reads_are_one_sentence(of, estimator):
+    arm, recording, ends = RECORDINGS[of]
+    options = {"estimator": estimator} | ({"cutoff": 8.0} if estimator == "weighted" else {})
+    for factor in (1e-310, 1e-200, 1e-154, 1e-153, 1e-120):
+        with pytest.raises(ident.InputError, match=r"The recording is constant in every channel"):
+            ident.identify(arm, scaled(recording, ends, factor), **options)
+    for factor in (1e9, 1e30, 1e151, 1e154, 1e155, 1e300):
+        with pytest.raises(ident.InputError, match=r"^channel '\w+' needs numbers below 1e\+08, sample \d+ has "):
+            ident.identify(arm, scaled(recording, ends, factor), **options)
+    with pytest.raises(ident.InputError, match=r"_position' needs numbers below 1e\+08"):
+        ident.identify(arm, scaled(recording, ("_position",), 1e200), **options)
+
+
+def test_streams_are_in_range_too():
+    arm, recording, _ = RECORDINGS["torques"]
+    streams = {name: (recording.time, x) for name, x in recording.measured.items()}
+    late = (recording.time, np.where(np.arange(len(recording.time)) == 7, 1e160, recording["bend_torque"]))
+    with pytest.raises(ident.InputError, match=r"'bend_torque' needs numbers below 1e\+08, sample 7 has 1e\+160"):
+        ident.identify(arm, ident.Recording.from_streams(streams | {"bend_torque": late}))
+    tiny = (recording.time, 1e-200 * recording["bend_torque"])
+    estimate = ident.identify(arm, ident.Recording.from_streams(streams | {"bend_torque": tiny}), known=True)
+    assert "bend" not in estimate.channels and np.isfinite(estimate.std).all()

@@ -9,9 +9,7 @@ from random_models import ARM, random_model, random_model_states
 
 import ident
 import sim
-from ident.estimation.loads import predicted_channels, stated_drive_torques
-from ident.estimation.preparation import prepared
-from ident.judgement.torque_checks import torque_checks
+from ident.estimation.loads import stated_drive_torques
 from ident.mechanism.drives import Drive
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
@@ -60,17 +58,6 @@ def test_torques_of_random_models_are_mujocos():
     assert driven > 5 * MODELS
 
 
-def test_a_ball_has_the_spring_that_mujoco_gives_it():
-    text = """<mujoco><worldbody><body><joint type="ball" name="hip" stiffness="3" damping=".1"/><geom size=".1"/>
-    </body></worldbody></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(text)
-    model.qpos_spring[:] = [0.8, 0.6, 0, 0]
-    arm, at = sim.mechanism(model), states(np.random.default_rng(0), model, 20)
-    assert set(arm.drives) == {"hip.x", "hip.y", "hip.z"}
-    assert arm.drives["hip.x"].springref == pytest.approx(2 * np.arctan2(0.6, 0.8))
-    np.testing.assert_allclose(predicted(arm, at), by_mujoco(model, *at)[0], atol=1e-12)
-
-
 def test_friction_of_a_joint_at_rest_is_zero_and_has_its_sign_beyond():
     arm = sim.mechanism("scenes/arm.xml", base="base")
     q = np.zeros((3, 4))
@@ -117,22 +104,3 @@ def test_the_model_as_it_came_predicts_with_its_drives_and_the_estimate_is_the_s
     # Near its reversals MuJoCo's friction follows the acceleration.
     assert (driven.rivals["model"] < [0.01, 0.15]).all()
     assert (driven.rivals["model"] < 0.2 * bare.rivals["model"]).all()
-
-
-def test_a_spring_that_the_model_states_is_part_of_the_torque_that_is_checked():
-    arm, recording = recorded(SPRUNG)
-    with_spring, without = (torque_checks(prepared(each, recording)) for each in (arm, replace(arm, drives={})))
-    assert with_spring.joints[0].gain == pytest.approx(1, abs=0.01)
-    assert with_spring.joints[0].error < 0.01 < without.joints[0].error
-
-
-def test_predicted_channels_have_drives_in_torques_only():
-    arm, recording = recorded(SPRUNG)
-    motion = prepared(arm, recording).samples.motion
-    driven, bare = (
-        predicted_channels(each, motion, np.eye(4), torques=True) for each in (arm, replace(arm, drives={}))
-    )
-    for k, joint in enumerate(arm.tree.freedoms):
-        own = stated_drive_torques(arm, motion)[:, k]
-        np.testing.assert_allclose(driven.pop(joint) - bare.pop(joint), own, atol=1e-12 * abs(own).max())
-    assert all((driven[name] == bare[name]).all() for name in bare)

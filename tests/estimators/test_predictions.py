@@ -5,28 +5,13 @@ from dataclasses import replace
 import driven_arm
 import numpy as np
 import pytest
-from coded import coded
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.reports.identify_report import quality_table
-from ident.estimators import predictions, trajectory
-from ident.regression.filtered import FilteredLeastSquares
+from ident.estimators import predictions
 from ident.setup import PRIORS
 
 EXACT = dict.fromkeys(PRIORS, 0.0)
-
-
-def test_other_candidates_are_judged_on_the_motions_of_the_estimate_with_smoothing_of_their_own(monkeypatch):
-    """With its parameters, least squares predict as the estimate does; with others, channels are smoothed otherwise."""
-
-    def same(problem, equations, result):
-        return FilteredLeastSquares((1.0,), result.fit.theta[None, : len(equations.names)])
-
-    monkeypatch.setattr(trajectory, "_least_squares", same)
-    estimate = ident.identify(PENDULUM, shortened(faulty(), 400), setup=EXACT)
-    np.testing.assert_allclose(estimate.rivals["least squares"], estimate.held_out.ratio, rtol=1e-9)
-    assert (estimate.rivals["model"] != estimate.held_out.ratio).all()
 
 
 def spoilt(recording, factor):
@@ -94,17 +79,6 @@ def test_torques_of_joints_that_rub_are_judged_where_they_move(crept):
     # All candidates alike: least squares have the same friction, and the same excess at rest.
     assert crept.rivals["least squares"][2] < 0.15 < 0.5 < held.ratio_at_rest(held.rivals["least squares"])[2]
     assert crept.verdict().usable and crept.verdict().best == "estimate"
-
-
-def test_what_is_at_rest_is_a_line_of_its_own(crept):
-    at_rest = crept.held_out.ratio_at_rest(crept.held_out.residual)
-    lines = {row[0]: row for row in quality_table(crept).rows}
-    line = lines["bend, at rest"]
-    assert line[3] == pytest.approx(at_rest[2]) and line[3] > 5 * lines["bend"][3]
-    assert line[2] == pytest.approx(line[3] * line[1]) and line[-1].startswith("not judged")
-    (finding,) = coded(crept, "breakaway_friction")
-    assert finding.values["at_rest"]["bend"] == pytest.approx(at_rest[2])
-    assert crept.to_dict()["held_out"]["bend"]["ratio_at_rest"] == pytest.approx(at_rest[2])
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from written_formats import write_c3d
 
 from experiments.angles import main
 from ident.errors import LogError
-from ident.files.markers import Markers
 from ident.files.readers import read_markers
 
 pytestmark = pytest.mark.extras
@@ -82,16 +81,6 @@ def table(text, tmp_path):
 def test_damaged_tables_are_refused(tmp_path, text, expected):
     with pytest.raises(LogError, match=expected):
         read_markers(table(text, tmp_path))
-
-
-def test_other_files_and_units_are_refused(tmp_path):
-    with pytest.raises(LogError, match="file that exists"):
-        read_markers(tmp_path / "nothing.trc")
-    (tmp_path / "a.trc").write_text(TEXT)
-    with pytest.raises(LogError, match="the file states its unit; leave out that lengths are in m"):
-        read_markers(tmp_path / "a.trc", "m")
-    with pytest.raises(LogError, match="markers need different labels, 'A' is given to more than one"):
-        Markers(TIME[:1], ("A", "A"), np.zeros((1, 2, 3)))
 
 
 def test_markers_of_c3d_files_are_read(tmp_path):

@@ -1,15 +1,26 @@
 """Data classes from tables of entries: one sentence for each thing that can be wrong, with the table's name."""
 
+import os
+import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from time import process_time
 from typing import Annotated, Any
 
 import numpy as np
 import pytest
 
+from experiments.studies import study_entries
 from ident.annotations import NotNegative, Point, Positive, Vector, one_of
 from ident.errors import InputError, LogError
+from ident.files.atomic import replacing
 from ident.files.schema import made
+from ident.files.table import Table
+from ident.mechanism.body import Body
+from ident.mechanism.tree import Tree
+from ident.recordings.columns.mapping import read_mapping
+from sim.markers.settings import read_settings
 
 
 @dataclass(frozen=True)
@@ -87,3 +98,95 @@ def test_what_does_not_fit_is_one_sentence(change, message):
     with pytest.raises(LogError) as refused:
         made(Cart, "cart", {**GIVEN, **change}, file="carts.toml")
     assert str(refused.value).startswith(message) and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        ([3], "row 5, column 'x' is empty or NaN, as are 1 of 20 samples of it; a filter"),
+        ([3, 9, 15], "row 5, column 'x' is empty or NaN, as are 3 of 20 samples of it; a filter"),
+        ([3, 9, 10, 11, 15, 16], "as are 6 of 20 samples of it, 3 in a row from row 11 to row 13; a filter"),
+        ([3, 9, 10, 17, 18, 19], "as are 6 of 20 samples of it, 3 in a row from row 19 to row 21; a filter"),
+    ],
+)
+def test_the_longest_run_of_missing_samples_is_named(missing, message):
+    x = np.arange(20.0)
+    x[missing] = np.nan
+    table = Table({"x": x}, range(2, 22), "row")
+    with pytest.raises(LogError) as refusal:
+        table.column("x")
+    assert message in str(refusal.value)
+    np.testing.assert_array_equal(table.column("x", gaps=True), x)
+
+
+FULL = Path("/dev/full")
+
+
+def write(path, text):
+    with replacing(path) as temporary:
+        assert temporary.suffix == path.suffix
+        temporary.write_text(text)
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
+def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
+    write(tmp_path / "a.csv", "first")
+    sentence = (
+        rf"^'{tmp_path}/a.csv' could not be written \({os.strerror(28)}\) and is as it was; "
+        r"make room or write elsewhere, and run again\.$"
+    )
+    with pytest.raises(OSError, match=sentence), replacing(tmp_path / "a.csv") as temporary:
+        temporary.unlink()
+        temporary.symlink_to(FULL)
+        temporary.write_text("second")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.csv", "first")]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_what_is_no_regular_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    for path in (tmp_path / "pipe.csv", tmp_path / "folder.csv"):
+        before = path.stat()
+        with pytest.raises(OSError, match=rf"^'{path}' could not be written \(it is no regular file\)"):
+            write(path, "new")
+        assert path.stat() == before
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+TREE = Tree((Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0.0]), "elbow"),))
+READERS = {
+    "columns": lambda path: read_mapping(path, TREE),
+    "markers": read_settings,
+    "study": study_entries.read,
+}
+KEY = ".".join(["a"] * 20_000)
+TEXTS = {
+    "dots": f"{KEY} = 1",
+    "dots of a table": f"[{KEY}]",
+    "dots with spaces": KEY.replace(".", " .\t") + " = 1",
+    "quoted names": KEY.replace("a", '"a"') + " = 1",
+    "dots in a value": f"x = {{ {KEY} = 1 }}",
+    "many keys": "\n".join(f"{KEY[:400]}.b{k} = 1" for k in range(2000)),
+    "digits": "x = 0x" + "1" * 10_000_000,
+    "digits of a float": "x = 0." + "1" * 500_000,
+    "brackets": "x = " + "[" * 15_000,
+    "braces": "x = " + "{a=" * 5000,
+    "size": "x = [\n" + "1,\n" * 400_000 + "]",
+}
+
+
+@pytest.mark.parametrize("read", READERS.values(), ids=READERS)
+def test_settings_that_take_gigabytes_are_one_sentence(tmp_path, read):
+    for what, text in TEXTS.items():
+        (tmp_path / "c.toml").write_text(text, encoding="utf-8")
+        tracemalloc.start()
+        begun = process_time()
+        try:
+            with pytest.raises(InputError, match=r"c\.toml: .* to be TOML in UTF-8") as raised:
+                read(tmp_path / "c.toml")
+            assert tracemalloc.get_traced_memory()[1] < 20_000_000, what
+        finally:
+            tracemalloc.stop()
+        assert process_time() - begun < 5, what
+        assert "\n" not in str(raised.value) and len(str(raised.value)) < 300

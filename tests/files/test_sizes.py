@@ -36,12 +36,6 @@ def packed(path, text):
     return path
 
 
-def test_short_rows_take_the_memory_of_their_numbers(tmp_path):
-    path = packed(tmp_path / "log.csv.gz", b"time,q\n" + 60_000 * b"0,0\n")
-    (table,) = peak(path)
-    assert len(table.rows) == 60_000 and peak.bytes < 6_000_000
-
-
 @pytest.mark.parametrize("text", [b"%s", b"# %s", b"time,q\n0,%s", b"nRows=1\n%s"])
 @pytest.mark.parametrize("end", ["csv", "csv.gz", "mot", "trc"])
 def test_one_line_is_not_read_whole(tmp_path, monkeypatch, text, end):
@@ -147,26 +141,3 @@ def chunk(path, kind, content, stated):
         record = struct.pack("<I", len(header)) + header + struct.pack("<I", len(packed)) + packed
         path.write_bytes(b"#ROSBAG V2.0\n" + record)
     return path
-
-
-@pytest.mark.parametrize(("end", "kind"), [("mcap", "lz4"), ("mcap", "zstd"), ("bag", "lz4"), ("bag", "bz2")])
-def test_chunks_under_a_false_size_are_counted(tmp_path, end, kind):
-    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
-    path = chunk(tmp_path / f"log.{end}", kind, bytes(30_000_000), 1000)
-    assert "MB in memory where at most 2 MB" in peak(path, LIMIT, read_clocks)
-    # Unpacked a megabyte at a time.
-    assert peak.bytes < 20_000_000
-    assert largest_chunk(path, 100_000_000) == 30_000_000
-    path.write_bytes(path.read_bytes()[:-5])
-    assert largest_chunk(path, 100_000_000) <= 30_000_000
-
-
-@pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
-@pytest.mark.parametrize("name", ["log_mcap", "log"])
-def test_bags_that_are_packed_in_other_ways_are_counted_too(tmp_path, name, mode):
-    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
-    path, time = tmp_path / name, np.arange(20) / 100
-    write_bag(path, {"/x": (time, np.zeros((20, 80_000)))}, packed=True, mode=mode)
-    assert "MB in memory where at most 0 MB" in peak(path, 400_000, read_clocks)
-    (table,) = read_clocks(path, limit=50_000_000)
-    assert len(table.rows) == 20

@@ -4,7 +4,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from experiments.document import figures
-from experiments.reports import identify_figures
+from experiments.document.document import Plot
 
 
 def not_drawn(figure: Figure, extension: str) -> bytes:
@@ -13,11 +13,6 @@ def not_drawn(figure: Figure, extension: str) -> bytes:
 
 
 def leave_undrawn(patched: pytest.MonkeyPatch) -> None:
-    """Draws no figures while a monkeypatch lasts, and measures no ticks to align labels, which would draw them once.
-
-    Figures of `identify` are empty, as their axes take longer to set up than the estimate.
-    """
+    """Draws no figures while a monkeypatch lasts: those of documents are empty, and so are their files."""
     patched.setattr(figures, "drawn", not_drawn)
-    patched.setattr(figures, "align_ylabels", lambda axes: None)
-    for name in ("held_out_figure", "parameters_figure", "spectra_figure"):
-        patched.setattr(identify_figures, name, lambda *given: Figure())
+    patched.setattr(Plot, "figure", Figure())

@@ -25,14 +25,6 @@ def test_without_wrench_and_torque_numbers_that_fit_are_taken_and_others_asked(t
         assert all("nothing in the log can confirm" in x.why[0] for x in belief.of("position").values())
 
 
-def test_joints_turned_around_are_aligned_all_the_same(tmp_path):
-    robot = seven()
-    turned = replace(robot, q=robot.q * [1, -1, 1, 1, -1, 1, 1], dq=robot.dq * [1, -1, 1, 1, -1, 1, 1])
-    belief = believed_of(tmp_path, robot, stamped(robot) | states(turned, "q_{}", "dq_{}", "tau_{}"))
-    assert [belief.of("position")[joint].column for joint in robot.joints] == [f"q_{k}" for k in range(7)]
-    assert [belief.of("position")[joint].gain for joint in robot.joints] == [1, -1, 1, 1, -1, 1, 1]
-
-
 def test_fixing_the_fingers_as_advised_leaves_nothing_open(tmp_path):
     hand = seven(fingers=True)
     columns = stamped(hand) | states(hand, "q_{}", "dq_{}", "tau_{}")
@@ -70,15 +62,6 @@ def test_no_gain_is_written_that_the_file_contradicts(tmp_path, unit, name):
     belief = believed_of(tmp_path, robot, columns)
     assert {(x.gain, x.unit) for x in belief.of("torque").values()} == {(1.0, "N m")}
     assert "but no gain is put for it" in belief.of("torque")["panda_joint6"].why[-1]
-
-
-def test_gears_of_all_joints_are_gains_where_nothing_says_the_unit(tmp_path):
-    robot = seven()
-    gears = np.array([100, 100, 80, 80, 50, 50, 50])
-    motors = replace(robot, tau=robot.tau / gears)
-    belief = believed_of(tmp_path, robot, stamped(robot) | states(motors, "q_{}", "", "motor_torque_{}"))
-    gains = np.array([belief.of("torque")[joint].gain for joint in robot.joints])
-    np.testing.assert_allclose(gains, gears, rtol=0.15)
 
 
 def test_torques_of_two_families_that_are_as_good_are_asked_about(tmp_path):

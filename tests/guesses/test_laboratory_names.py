@@ -17,7 +17,7 @@ from experiments.guesses.guess import believed
 from experiments.guesses.written import write_mapping
 from ident.estimation.loads import predicted_channels
 from ident.mechanism.motion import Motion
-from ident.payload.identification import identify_payload
+from ident.payload.beyond_sensor import identify_payload
 
 TIME = np.arange(1500) / 100
 JOINTS = ("pan", "lift", "elbow")
@@ -128,26 +128,6 @@ def test_commanded_positions_are_commands(tmp_path, measured, commanded):
     np.testing.assert_allclose(read["lift_command"], Q[:, 1] + 0.05 * TAU[:, 1], atol=1e-6)
 
 
-def test_commands_beside_a_wrench_stay_remarks(tmp_path):
-    columns = columns_of("{n}_pos", Q) | columns_of("{n}_goal", Q + 0.05 * TAU)
-    exact = predicted_channels(ARM, Motion(*waves(3)), np.eye(4))
-    wrench = {f"plate_{name.lower()}": exact[name] for name in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
-    belief = belief_of(tmp_path, columns | wrench)
-    write_mapping(tmp_path / "c.toml", belief)
-    assert list(belief.groups) == ["ground"] and "lift_goal" in (tmp_path / "c.toml").read_text()
-    assert "lift_command" not in ident.read_log(tmp_path / "log.csv", ARM, tmp_path / "c.toml").measured
-
-
-@pytest.mark.parametrize("name", ["{n}_force", "force_{n}", "{n} force [N]", "{n}_effort"])
-def test_forces_of_slides_are_theirs(tmp_path, name):
-    arm, q, tau = log(("slide",) * 3)
-    belief = belief_of(tmp_path, columns_of("{n}_pos", 1e3 * q) | columns_of(name, tau), arm)
-    assert mapped(belief, "torque") == dict(zip(JOINTS, columns_of(name, q), strict=True)) and not belief.groups
-    assert {x.unit for x in belief.of("torque").values()} == {"N"}
-    write_mapping(tmp_path / "c.toml", belief)
-    np.testing.assert_allclose(ident.read_log(tmp_path / "log.csv", arm, tmp_path / "c.toml")["pan_position"], q[:, 0])
-
-
 @pytest.mark.parametrize("names", [("position", "torque"), ("actual position", "commanded position"), ("angle", "x")])
 def test_the_only_position_is_that_of_the_only_joint(tmp_path, names):
     fixed = ARM.fixed({"pan": [0.0], "elbow": [0.0]})
@@ -195,19 +175,6 @@ def test_a_wrist_sensor_is_not_the_grounds(tmp_path, capsys, force, torque, torq
         assert abs(payload.in_frame().values[0] - wrist.TOOL["mass"]) < 0.01
 
 
-def test_a_wrench_that_fits_nowhere_is_asked_about(tmp_path):
-    robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
-    recording, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
-    noise = 0.3 * np.random.default_rng(2).normal(size=(len(recording.time), 6))
-    columns = {"time": recording.time} | {f"{j}_position": recording[f"{j}_position"] for j in wrist.JOINTS}
-    path.write_text(text(columns | vector("f{}", noise[:, :3]) | vector("t{}", noise[:, 3:])), encoding="utf-8")
-    belief = believed(robot, [path])
-    assert "ground" not in belief.groups and belief.groups["sensor"].is_doubtful
-    assert belief.open[0].startswith("It is open where the wrench 'sensor' is measured.")
-    write_mapping(tmp_path / "c.toml", belief)
-    assert ident.read_log(path, robot, tmp_path / "c.toml").sensors == {}
-
-
 def test_markers_lead_to_the_angles(tmp_path, capsys):
     sites = "".join(f'<site name="M{k}" pos=".{k} 0 .0{k}"/>' for k in range(1, 5))
     (tmp_path / "arm.xml").write_text(model("hinge", "hinge", "hinge").replace("</body>", sites + "</body>", 1))
@@ -218,23 +185,3 @@ def test_markers_lead_to_the_angles(tmp_path, capsys):
     output = capsys.readouterr().out
     assert output.endswith(f"\nmulticontact angles {tmp_path / 'arm.xml'} {path} --fix pan\n")
     assert "positions of 4 markers: M1, M2, M3, M4" in output and "may be in" not in output
-
-
-def test_wrapped_columns_are_unwrapped_before_they_are_compared(tmp_path):
-    belief = belief_of(tmp_path, columns_of("q_{}", (DEG * Q) % 360) | columns_of("tau_{}", TAU))
-    assert mapped(belief, "position") == dict(zip(JOINTS, ("q_1", "q_2", "q_3"), strict=True))
-    assert any("jumps by a whole turn" in line for line in belief.log.summary())
-
-
-def test_rates_of_joints_named_like_moments_are_no_wrench(tmp_path):
-    names = dict(zip(JOINTS, ("mx", "my", "mz"), strict=True))
-    text_of = "".join(model("hinge", "hinge", "hinge"))
-    for joint, name in names.items():
-        text_of = text_of.replace(f'"{joint}"', f'"{name}"')
-    columns = {
-        f"{name}{end}": x
-        for end, y in (("", Q), ("_vel", np.gradient(Q, TIME, axis=0)))
-        for name, x in zip(names.values(), y.T, strict=True)
-    }
-    belief = belief_of(tmp_path, columns, sim.mechanism(mujoco.MjSpec.from_string(text_of)))
-    assert not belief.groups and mapped(belief, "velocity") == {name: f"{name}_vel" for name in names.values()}

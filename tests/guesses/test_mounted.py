@@ -32,8 +32,3 @@ def test_a_base_in_another_orientation_is_written_and_no_sign_is_turned(tmp_path
     belief, mapping = guessed(tmp_path, rpy)
     assert mapping.base_rpy_deg == rpy
     assert all(x.gain == 1 for x in belief.quantities.values())
-
-
-def test_signs_of_torques_stay_signs_on_a_base_that_stands(tmp_path):
-    belief, mapping = guessed(tmp_path, (0.0, 0.0, 0.0), sign=-1)
-    assert mapping.base_rpy_deg is None and {x.gain for x in belief.of("torque").values()} == {-1.0}

@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
-from guesses.odd_logs import DEG, text
+from guesses.odd_logs import text
 from guesses.test_laboratory_names import ARM, JOINTS, TAU, TIME, Q, belief_of, columns_of, mapped
 
 import ident
 import scenes
 import sim
-from experiments.guesses.belief import DOUBTFUL, LIKELY
+from experiments.guesses.belief import DOUBTFUL
 from experiments.guesses.guess import believed
 from experiments.guesses.written import write_mapping
 
@@ -45,11 +45,6 @@ def test_percentages_of_a_range_are_no_degrees(tmp_path, name, size):
     belief = belief_of(tmp_path, columns_of(name, size / np.abs(Q).max() * Q))
     assert mapped(belief, "position") == {} and "percentages of calibrated ranges" in belief.open[0]
     assert {x.sure for x in belief.quantities.values()} == {DOUBTFUL}
-
-
-def test_an_angle_whose_unit_others_state_is_not_sure(tmp_path):
-    belief = belief_of(tmp_path, columns_of("{n}_position", Q * [DEG, 1, 1]) | columns_of("{n}_torque", TAU))
-    assert {j: x.sure for j, x in belief.of("position").items()} == dict.fromkeys(JOINTS, LIKELY)
 
 
 def test_a_mirrored_component_of_a_wrench_gets_a_gain(tmp_path):

@@ -1,12 +1,8 @@
 """Words of column names."""
 
-import numpy as np
 import pytest
 
-from experiments.guesses.clock import clock_of
-from experiments.guesses.families import families
-from experiments.guesses.words import LIKE, likeness, words
-from ident.errors import LogError
+from experiments.guesses.words import words
 from ident.recordings.wrench_names import wrench_groups
 
 
@@ -40,43 +36,6 @@ def test_names_say_quantity_unit_and_whose(name, kind, unit, core):
     assert (meaning.kind, meaning.unit, meaning.core) == (kind, unit, core)
 
 
-@pytest.mark.parametrize(
-    ("column", "joint", "alike"),
-    [
-        ("knee_r_angle", "RightKnee", True),
-        ("knee_l_angle", "knee_r", False),
-        ("q1", "joint1", True),
-        ("q2", "joint1", False),
-        ("q12", "joint1", False),
-        ("/jointset/hip_r/hip_flexion_r/value", "hip_flexion_r", True),
-        ("temperature", "elbow", False),
-    ],
-)
-def test_likeness_needs_numbers_and_sides(column, joint, alike):
-    assert (likeness(words(column), words(joint)) >= LIKE) == alike
-
-
-@pytest.mark.parametrize(
-    ("names", "numbers", "kind"),
-    [
-        (["actual_q_0", "actual_q_1"], (0, 1), "position"),
-        (["position[3]", "position[2]"], (2, 3), "position"),
-        (["field.position0", "field.position1"], (0, 1), "position"),
-        (["observation.state.0", "observation.state.1"], (0, 1), ""),
-        (["A1 [deg]", "A2 [deg]"], (1, 2), "position"),
-        (["T1 [Nm]", "T2 [Nm]"], (1, 2), "torque"),
-        (["axisTMsr_nr0", "axisTMsr_nr1"], (0, 1), "torque"),
-        (["lbr::joint_0::force", "lbr::joint_1::force"], (0, 1), "torque"),
-        (["ur10_q_0", "ur10_q_1"], (0, 1), "position"),
-        (["I_1 [A]", "I_2 [mA]"], (1, 2), "current"),
-    ],
-)
-def test_families_of_numbered_names(names, numbers, kind):
-    (family,) = families([*names, "time", "other"])
-    assert (family.numbers, family.kind, family.is_of_joints) == (numbers, kind, True)
-    assert family.names == tuple(sorted(names))
-
-
 @pytest.mark.parametrize("whose", ["1", "foot_r", "calcn_l"])
 @pytest.mark.parametrize("moment", ["force_{}_m{}", "moment_{}_m{}", "torque_{}_{}"])
 def test_moments_of_plates_belong_to_their_forces(whose, moment):
@@ -85,12 +44,3 @@ def test_moments_of_plates_belong_to_their_forces(whose, moment):
     (group,) = wrench_groups([*names, "knee_angle_r"]).values()
     kinds = ("force", "point", "torque")
     assert group == dict(zip([(kind, axis) for kind in kinds for axis in "xyz"], names, strict=True))
-
-
-def test_without_times_or_with_two_clocks_a_sentence_says_so():
-    rng, t = np.random.default_rng(0), np.arange(200) / 100
-    with pytest.raises(LogError, match="no column of it grows as times do, of x"):
-        clock_of({"x": rng.normal(size=200)})
-    late = t + np.cumsum(rng.uniform(0, 0.02, 200))
-    with pytest.raises(LogError, match="its times may be any of clock_a, clock_b"):
-        clock_of({"clock_a": t, "clock_b": late})

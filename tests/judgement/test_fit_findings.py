@@ -1,20 +1,13 @@
 """Findings on residuals, convergence and joint ranges: their thresholds, and those of doubts."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from recorded_faults import JOINTS, PENDULUM
 
-from ident.judgement.fit_findings import (
-    course_findings,
-    posture_findings,
-    quality_findings,
-    setup_remarks,
-)
-from ident.judgement.setup_findings import SetupFinding
-from ident.mechanism.motion import Motion
+from ident.judgement.evidence import SetupFinding
+from ident.judgement.fit_findings import course_findings
+from ident.judgement.residual_findings import quality_findings
+from ident.judgement.setup_findings import setup_remarks
 
 
 def joint(**fit):
@@ -64,22 +57,3 @@ def test_residuals_over_signals_are_sorted_by_what_they_mean():
         ("poor_prediction", False, ("b", "e")),
     ]
     assert findings[2].values == {"ratios": {"b": 0.6, "e": 0.61}, "part": "held-out"}
-
-
-def postures(q):
-    """Findings on the first joint, whose range is ±1."""
-    mechanism = replace(PENDULUM, ranges={JOINTS[0]: (-1.0, 1.0)})
-    q = np.stack([q, 9 * np.ones(len(q))], axis=1)
-    samples = SimpleNamespace(motion=Motion(q, 0 * q, 0 * q))
-    return judged_by(posture_findings, mechanism=mechanism, logs=[SimpleNamespace(samples=samples)])
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_postures_beyond_a_joints_range_are_a_doubt_but_for_rare_and_small_ones(sign):
-    inside = np.linspace(-1, 1, 1000)
-    assert not postures(inside)
-    assert not postures(np.where(np.arange(1000) < 500, sign * 1.08, inside))
-    assert not postures(np.where(np.arange(1000) < 8, sign * 2, inside))
-    (finding,) = postures(np.where(np.arange(1000) < 20, sign * 1.12, inside))
-    assert finding.doubt and finding.place.joints == (JOINTS[0],)
-    assert finding.code == "beyond_joint_ranges" and finding.values["shares"] == {JOINTS[0]: pytest.approx(0.02)}

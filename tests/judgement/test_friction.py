@@ -71,18 +71,6 @@ def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, rat
         assert finding.values == {"shares": {"joint2": share}, "drives": ("viscous", "coulomb")}
 
 
-def test_stribeck_friction_that_was_searched_for_is_not_asked_for_again():
-    drives = tuple(f"{column}({joint})" for column in ("Fv", "Fc") for joint in ("joint1", "joint2"))
-    result = estimate(0.3, 0.1, drives)
-    result.logs = [SimpleNamespace(searches_stribeck=True)]
-    assert not list(friction_findings(result))
-    result.fit.names, result.fit.values = (*drives, "Fs(joint2)"), np.array([0, 0, 1, 2, 0.5])
-    (finding,) = torque_findings.low_velocity_findings(result)
-    assert not finding.doubt and finding.values == {"values": {"joint2": 0.5}} and finding.place.joints == ("joint2",)
-    result.logs = [SimpleNamespace(searches_stribeck=False)]
-    assert not list(torque_findings.low_velocity_findings(result))
-
-
 def reversals(monkeypatch, *, size=1.0, slip=0.003, at_rest=0.4, **motors):
     """Findings on two torques of which the second's joint, or the first motor, has friction."""
     result = estimate(0.0, 0.1)
@@ -107,10 +95,3 @@ def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
     (finding,) = reversals(monkeypatch, size=0.0, slip=0.05, left=[1.0, 2.0])
     assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"left": 0.05}}
     assert not reversals(monkeypatch, size=0.0, slip=0.05, left=[10.0, 20.0])
-
-
-def test_friction_that_does_not_jump_is_a_remark(monkeypatch):
-    (finding,) = reversals(monkeypatch, size=0.0, slip=0.05)
-    assert not finding.doubt and finding.place.joints == ("joint2",)
-    assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"joint2": 0.05}}
-    assert not reversals(monkeypatch, size=0.0, slip=0.01)

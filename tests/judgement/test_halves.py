@@ -4,13 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_faults import PENDULUM, faulty, shortened
 
-import ident
-from ident.estimators import trajectory as estimator
+from ident.judgement.agreement import LEAST_ADDED, disagreements, widening
 from ident.judgement.fit_findings import halves_findings
-from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements, widening
-from ident.setup import PRIORS
 
 
 def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
@@ -51,26 +47,6 @@ def joint(estimates, precision, *, known=0.0, mean=0.0, counts=None, scatter=Non
     )
 
 
-def mean_and_variance(estimates, precision, known, mean):
-    """Mean and variance of one half, with half of the prior."""
-    estimates, precision = np.array(estimates, float), np.array(precision, float)
-    whole = precision.sum() + known / 2
-    return (precision @ estimates + known * mean / 2) / whole, 1 / whole
-
-
-@pytest.mark.parametrize("known", [0.0, 30.0])
-def test_halves_of_one_recording_are_compared_with_half_of_what_is_known_each(known):
-    estimates, precision = [1.0, 1.2, 0.4, 0.5], [10, 20, 5, 8]
-    z = disagreement(joint(estimates, precision, known=known, mean=0.3))
-    (a, va), (b, vb) = (mean_and_variance(estimates[k], precision[k], known, 0.3) for k in (slice(0, 2), slice(2, 4)))
-    assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
-
-
-def test_a_half_that_tells_nothing_disagrees_with_nobody():
-    assert disagreement(joint([1.0, 0.0], [10, 0])) is None
-    assert disagreement(joint([1.0, 0.0], [10, 0], known=1.0)) is not None
-
-
 def test_what_adds_nothing_does_not_differ_by_rounding():
     """A recording counts as adding at least a hundredth of the variance."""
     estimates, precision = [1.0, 1.1, 0.9], [10.0, 20, 1e-9]
@@ -96,19 +72,6 @@ def in_log(own, other):
     return {"estimate": np.array([own, 0.2]), "least squares": np.array([other, 0.2])}
 
 
-@pytest.mark.parametrize(
-    ("second", "third", "best", "doubt"),
-    [(0.2, 0.2, (2, 3), False), (0.3, 0.6, (2,), True), (0.6, 0.6, (), True), (0.6, 0.3, (3,), True)],
-)
-def test_logs_that_the_estimate_predicts_best_are_no_doubt(second, third, best, doubt):
-    logs = [in_log(0.2, 0.4), in_log(second, 0.4), in_log(third, 0.4)]
-    result = SimpleNamespace(disagreement=None, disagreements=(0.5, 5.0, 6.0), in_logs=logs, channels=("Fx", "Fy"))
-    (finding,) = halves_findings(result)
-    assert finding.doubt is doubt and finding.values["best"] == best and finding.values["logs"] == (2, 3)
-    ends = {(2, 3): "predicts log 2, 3 best", (2,): "predicts log 2 best", (3,): "predicts log 3 best"}
-    assert ends.get(best, "identify the logs one by one.") in finding.text
-
-
 @pytest.mark.parametrize(("own", "doubt"), [(0.35, False), (0.45, True)])
 def test_a_log_that_is_predicted_far_worse_than_others_is_a_doubt_however_bad_candidates_are(own, doubt):
     logs = [in_log(0.2, 0.4), in_log(own, 1.0), in_log(0.2, 0.4), in_log(0.2, 0.4)]
@@ -121,20 +84,6 @@ def test_halves_that_differ_by_two_deviations_are_a_remark():
     (finding,) = halves_findings(SimpleNamespace(disagreement=2.3, disagreements=(), in_logs=()))
     assert not finding.doubt and finding.code == "halves_disagree" and finding.values == {"rms_z": 2.3}
     assert not list(halves_findings(SimpleNamespace(disagreement=1.9, disagreements=(), in_logs=())))
-
-
-@pytest.mark.parametrize(("z", "wider"), [(None, 1), (0.9, 1), (2.1, 2.1)])
-def test_intervals_are_as_much_wider_as_halves_differ(monkeypatch, z, wider):
-    monkeypatch.setattr(estimator, "disagreement", lambda joint: z)
-    estimate = ident.identify(PENDULUM, shortened(faulty(), 150), setup=dict.fromkeys(PRIORS, 0.0))
-    assert (estimate.widening, estimate.disagreement) == (wider, z)
-    number = len(estimate.fit.covariance)
-    np.testing.assert_allclose(estimate.fit.covariance, wider**2 * estimate.trajectory.fit.covariance[:number, :number])
-
-
-def test_the_widening_is_continuous():
-    z = np.linspace(0, 6, 60_001)
-    assert np.abs(np.diff([widening(each) for each in z])).max() < 1.001e-4
 
 
 @pytest.mark.parametrize(

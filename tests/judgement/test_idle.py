@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import driven_arm
 import numpy as np
 
-from ident.judgement.idle import idle_channels, not_predicted, still_channels
+from ident.judgement.residuals import idle_channels, still_channels
 from ident.mechanism.motion import Motion
 
 
@@ -36,8 +36,3 @@ def test_a_torque_of_a_joint_at_rest_and_one_of_noise_do_not_count():
 def test_a_component_that_the_model_does_not_change_is_of_a_wrench():
     changes = {"Fx": 1e-9, "Fy": 5.0, "Fz": 8.0, "Mx": 0.2, "My": 1e-5, "Mz": 0.0}
     assert set(still_channels(changes)) == {"Fx", "My", "Mz"} and still_channels({"Fz": 0.0}) == {"Fz": "still"}
-
-
-def test_only_what_is_not_predicted_is_left_out_and_no_grosser_error():
-    ratios = {"Fx": 0.4, "Fy": 0.6, "Fz": 1.4, "Mx": 1.6, "My": 0.7}
-    assert not_predicted(dict.fromkeys(("Fx", "Fy", "Fz", "Mx"), "noise"), ratios).keys() == {"Fy", "Fz"}

@@ -8,7 +8,7 @@ import pytest
 
 import ident
 from ident.estimation.preparation import prepared
-from ident.judgement.lateness import delay_check
+from ident.judgement.model_fit import delay_check
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
 ARM = driven_arm.mechanism(**driven_arm.NONE)

@@ -1,16 +1,13 @@
 """A planar model and a person who sways: the finding that names channels to leave out, and its effect."""
 
-import json
 from functools import cache
 
 import numpy as np
 import pytest
 import sagittal_walker
 from coded import coded
-from commands import refusal
 
 import ident
-from experiments import columns, identify
 
 
 @cache
@@ -47,41 +44,3 @@ def test_signs_of_plates_are_still_held_against_the_model():
     (finding,) = coded(estimate, "wrench_sign_or_axes")
     assert finding.values["opposite"] and finding.values["frame"] == "as stated"
     assert finding.place.wrenches == ("right",) and not estimate.verdict().usable
-
-
-def files(folder):
-    """A model, and a log of angles and of two plates' forces and moments about the origin."""
-    recording = sagittal_walker.recording()
-    table = {"time": recording.time}
-    for name, x in recording.measured.items():
-        table |= {f"{name}.{axis}": x[:, k] for k, axis in enumerate("xyz")} if x.ndim == 2 else {name: x}
-    np.savetxt(
-        folder / "log.csv", np.column_stack(list(table.values())), delimiter=",", header=",".join(table), comments=""
-    )
-    (folder / "person.xml").write_text(sagittal_walker.text(), encoding="utf-8")
-    mapping = "[base]\nheld = false\n"
-    for name, body in sagittal_walker.STANDS.items():
-        mapping += f'[wrenches.{name}]\nframe = "world"\non = "{body}"\n'
-        for kind in ("force", "torque"):
-            mapping += f"{kind} = {[f'{name}_{kind}.{axis}' for axis in 'xyz']}\n"
-    (folder / "columns.toml").write_text(mapping, encoding="utf-8")
-    return [str(folder / "person.xml"), str(folder / "log.csv")]
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_option_of_the_command(tmp_path, capsys):
-    given = [*files(tmp_path), "--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path)]
-    message = refusal(identify.main, [*given, "--leave-out", "Fz", "sideways"], capsys)
-    assert "leave_out needs a list out of Fx, Fy, Fz, Mx, My, Mz, tx, " in message and "got sideways." in message
-    message = refusal(identify.main, [*given, "--leave-out", "Fx", "Fy", "Fz", "Mx", "My", "Mz"], capsys)
-    assert "log.csv has nothing to fit: all that it measures is left out, Fx, Fy, Fz, Mx, My, Mz." in message
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_columns_prints_a_command_that_can_be_copied(tmp_path, capsys):
-    assert columns.main([*files(tmp_path), "--out", str(tmp_path / "guessed.toml")]) == 0
-    *_, command = capsys.readouterr().out.splitlines()
-    assert command.endswith(" --leave-out Fz Mx My")
-    assert identify.main([*command.split()[2:], "--out", str(tmp_path), "--name", "out"]) == 0
-    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    assert list(estimate["held_out"]) == ["Fx", "Fy", "Mz"] and estimate["outcome"] == "usable"

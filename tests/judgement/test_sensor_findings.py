@@ -34,25 +34,6 @@ def test_a_clipped_force_is_named_and_left_out_where_it_is():
     assert estimate.checks.weight.measured == pytest.approx(PENDULUM.mass, rel=0.005)
 
 
-def test_least_squares_leave_its_samples_out():
-    recording, limit = clipped(0.1)
-    estimate = ident.identify(PENDULUM, recording, estimator="weighted")
-    (log, part), (own,) = estimate.logs[0], estimate.prepared.clipped
-    assert own.kept and own.limits == (limit,) and own.share == pytest.approx(0.1, abs=0.01)
-    np.testing.assert_array_equal(own.samples, recording["ground_force"][:, 2] == limit)
-    assert not own.samples[log.taken(part)].any() and len(estimate.residual) == len(log.taken(part))
-    assert len(coded(estimate, "clipped_channel")) == 1
-
-
-def test_a_channel_that_is_clipped_mostly_is_left_out():
-    recording, _ = clipped(0.6, component=4)
-    log = prepared(PENDULUM, recording)
-    assert "My" not in log.equations.channels and not log.clipped[0].kept
-    assert len(log.taken(slice(None))) == len(recording.time)
-    (finding,) = coded(ident.identify(PENDULUM, recording), "clipped_channel")
-    assert finding.values["share"] == pytest.approx(0.6, abs=0.005) and not finding.values["kept"]
-
-
 @pytest.mark.parametrize("steps", [{}, {"forces": 0.01, "moments": 0.01}, {"forces": 3.0, "moments": 0.3}])
 def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
     """With fine and with coarse steps."""

@@ -92,19 +92,6 @@ def evidence_of(result):
     return SimpleNamespace(checks=SimpleNamespace(torques=result))
 
 
-@pytest.mark.parametrize("joint", [3, 4])
-def test_a_torque_that_another_body_explains_is_in_no_other_unit(joint):
-    """A forearm with its mass nearer to the axis would explain a tenth of the fifth joint's torques.
-
-    No likely body explains a tenth of the fourth's.
-    """
-    gains = np.ones(7)
-    gains[joint] = 0.1
-    check = checks(gains=gains).joints[joint]
-    assert check.alike > 0.8 and check.gain == pytest.approx(0.1, rel=0.3)
-    assert check.scaled == (joint == 3)
-
-
 def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():
     recording = log(hand=False, friction=1.0, seconds=10.0, rate=50.0)
     estimate = ident.identify(arm(), recording, drive=(), estimator="weighted", cutoff=4.0)

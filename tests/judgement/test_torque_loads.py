@@ -10,7 +10,7 @@ from coded import coded
 import ident
 import scenes
 import sim
-from sim.motion.trapezoids import Trapezoids
+from sim.motion.excitation import Trapezoids
 
 OF_TORQUES = ("torque_sign", "torque_scale", "body_not_carried")
 

@@ -2,16 +2,13 @@
 
 from dataclasses import replace
 
-import lifting
 import numpy as np
 import pytest
 from coded import coded
-from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, leaning, wrench_of
+from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, leaning, wrench_of
 
 import ident
 from ident.estimation.preparation import prepared
-from ident.judgement import unmeasured
-from ident.judgement.diagnosis import ContactCheck
 from ident.judgement.unmeasured import unmeasured_contacts
 
 FORCE = 10, 0, 60
@@ -29,40 +26,6 @@ def test_they_are_found_where_they_are(spans, heavier):
         np.testing.assert_allclose(contact.carries, FORCE[2] / WEIGHT, atol=0.05)
         assert contact.contact.body == "link2" and contact.contact.explained > 0.99
         np.testing.assert_allclose(contact.contact.point, (0, 0, 0.1), atol=0.05)
-
-
-@pytest.mark.parametrize("seed", [3, 6])
-def test_nothing_is_found_where_the_low_pass_ends(seed):
-    """Errors of accelerations at the last samples can amount to a third of the weight."""
-    recording = lifting.recorded(lifting.lifter(seed), lifting.STOOP, 0.4, 10 * seed + 1)
-    assert not unmeasured_contacts(prepared(lifting.table(), recording))
-
-
-def test_the_limit_is_above_what_scatters_and_what_is_in_excess():
-    rng = np.random.default_rng(0)
-    quiet, excess = 1e-3 * rng.normal(size=400), np.zeros(400)
-    excess[7] = -5.0
-    assert unmeasured._limit(quiet, 1.0) == 1.0
-    assert unmeasured._limit(100 * quiet, 1e-9) == pytest.approx(unmeasured.ONE_SIDED * -100 * quiet.min())
-    assert unmeasured._limit(excess, 1.0) == 5 * unmeasured.ONE_SIDED
-    noisy = np.abs(rng.normal(size=400))
-    assert unmeasured._limit(noisy, 2.0) == pytest.approx(max(2.0, unmeasured.SPREAD * noisy[noisy < 2].std()))
-
-
-@pytest.mark.parametrize(("explained", "beside", "named"), [(0.85, 2.0, True), (0.5, 0.9, True), (0.75, 1.1, False)])
-def test_a_body_is_named_that_a_force_on_it_explains_or_passes_near(explained, beside, named):
-    at = ContactCheck("hand", np.zeros(3), explained, beside * unmeasured.NEAR)
-    assert unmeasured.Unmeasured(1.0, 2.0, 0.3, at).body == ("hand" if named else None)
-
-
-def test_nothing_is_found_where_as_much_is_too_much_elsewhere():
-    """A contact only pushes: errors to both sides are the model's, or a sensor's."""
-    pushed, pulled = (wrench_of(leaning([span], FORCE)) for span in ((1, 2.5), (6, 7)))
-    right = faulty()
-    both = pushed - 0.7 * (pulled - wrench_of(right))
-    q = right.of_joints(JOINTS, "position")
-    assert len(unmeasured_contacts(prepared(PENDULUM, angles_and_wrench(right.time, q, pushed)))) == 1
-    assert not unmeasured_contacts(prepared(PENDULUM, angles_and_wrench(right.time, q, both)))
 
 
 def test_nothing_is_found_where_the_weight_is_not_measured():

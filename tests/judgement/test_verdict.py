@@ -1,21 +1,15 @@
 """Findings and verdicts of identifications from short simulated recordings."""
 
-import re
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
-import wrist
 from coded import coded
 from recorded_faults import PENDULUM, angles_and_wrench
-from test_torque_checks import NO_HAND, log
 
 import ident
-import sim
 from ident.judgement.candidates import NOTABLY
 from ident.judgement.finding import Finding
-from ident.judgement.torque_findings import bound_findings
 from ident.judgement.verdict import Outcome, Verdict, decided
 
 
@@ -95,14 +89,6 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
     assert doubt.values["take"] == "model"
 
 
-def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estimate):
-    other = replace(with_ratios(estimate, squares=[0.5, 0.9, 0.6, 1, 1]), singular_values=np.array([1, 1e-5]))
-    worse = other.verdict().worse
-    assert (
-        worse.values["take"] is None and worse.text.endswith("Move the joints further.") and "as a prior" in worse.text
-    )
-
-
 def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):
     doubted = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1, 1, 1, 1, 1])
     verdict = Verdict.of(doubted.evidence, [Finding.of("weight_drifts", drift=2.0)])
@@ -162,21 +148,6 @@ def test_channels_are_named_where_they_are_fewer_than_five(estimate, missed, wor
     assert verdict.channels == words and words in str(verdict) and words in verdict.brief
 
 
-def test_what_is_known_is_in_the_verdict(estimate):
-    verdict = estimate.verdict()
-    assert not verdict.precision.poor and f"Of {estimate.base.rank} base parameters it knows" in str(verdict)
-    assert re.search(r"It determines the whole mass, 20\.\d+ ± 0\.\d+ kg, but no single ones\.", str(verdict))
-    poor = replace(verdict, precision=replace(verdict.precision, known=(0, 1, 2), mass=None))
-    assert "Usable to predict wrenches, not to read off single parameters:" in str(poor)
-    assert "Single masses are not determined." in str(poor)
-    weighed = replace(verdict.precision, weighed=("link1", "link2"))
-    assert "It determines the mass of link1, link2." in str(replace(verdict, precision=weighed))
-    many = replace(verdict.precision, weighed=tuple("abcdefg"), wider=tuple("abcde"), bodies=tuple("abcdefgh"))
-    assert "the mass of 7 of 8 bodies." in str(replace(verdict, precision=many)) and "deviations of 5 of them" in str(
-        replace(verdict, precision=many)
-    )
-
-
 @pytest.mark.parametrize("name", ["least squares", "model"])
 def test_a_candidate_that_is_better_in_the_median_channel_is_the_first_sentence(estimate, name):
     own, other = {"squares": [0.9, 0.9, 0.95, 0.9, 1.02], "model": [2, 2, 2, 2, 2]}, "squares"
@@ -193,36 +164,3 @@ def test_a_candidate_that_is_better_in_the_median_channel_is_the_first_sentence(
     # Better in the median channel, and far worse in one.
     one = with_ratios(estimate, **(own | {other: [0.9, 0.9, 0.9, 0.9, 3]})).verdict()
     assert one.worse is None and one.best == "estimate"
-
-
-def test_drives_at_their_bound_are_at_most_so_much(estimate):
-    assert estimate.to_dict()["bounded"] == {} and not list(bound_findings(estimate.evidence))
-    one = replace(estimate, bounded={"Fc(joint1)": (0.131, 0.08)})
-    (finding,) = bound_findings(one.evidence)
-    assert finding.values == {"at_most": {"Fc(joint1)": 0.131}, "units": {"Fc(joint1)": "N m"}}
-    assert not finding.doubt and finding.place.joints == ("joint1",) and finding in one.findings
-    assert one.to_dict()["bounded"] == {"Fc(joint1)": {"at_most": 0.131, "std_free": 0.08}}
-    two = replace(one, bounded={"Fc(joint1)": (0.131, 0.08), "Ia(joint2)": (0.02, 0.01)})
-    (finding,) = bound_findings(two.evidence)
-    assert "Fc(joint1), Ia(joint2) are at their bound of zero: at most 0.13 N m, 0.02 kg m² (95 %)" in finding.text
-
-
-def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
-    assert not coded(estimate, "heavier_last_link")
-    light = PENDULUM.known.copy()
-    light[-10:] *= 0.6
-    estimate = ident.identify(replace(PENDULUM, prior=light), sines(3, seconds=8, size=1))
-    (finding,) = coded(estimate, "heavier_last_link")
-    assert not finding.doubt and finding.place.bodies == ("link2",) and finding.values["body"] == "link2"
-    more, std = finding.values["mass"], finding.values["std"]
-    assert std < more / 2 and abs(more - 0.4 * PENDULUM.known[-10]) < 3 * std
-
-
-@pytest.mark.slow
-def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
-    """A hand that the model lacks moves first moments of its arm, and the masses could drift with them."""
-    bare = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=NO_HAND)))
-    estimate = ident.identify(bare, log(seconds=5))
-    full = estimate.consistent()
-    assert full.attainable and (abs(np.log(full.phi[::10] / bare.known[::10]))[:7] < np.log(1.35)).all()
-    assert not any(finding.doubt for finding in coded(estimate, "masses_shown", "masses_hardly_shown"))

@@ -9,7 +9,8 @@ from recorded_faults import JOINTS, PENDULUM, angles_and_wrench, faulty, wrench_
 import ident
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import ContactCheck
-from ident.judgement.wrench_findings import contact_findings, weight_findings
+from ident.judgement.weighing import weight_findings
+from ident.judgement.wrench_findings import contact_findings
 from ident.mechanism.motion import Motion
 from ident.recordings.wrench import Sensor
 

@@ -8,7 +8,7 @@ from marked import errors, labels_of, marked_person, trial
 from ident.errors import InputError, ModelError
 from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import marked_model
-from sim.markers.scaled_file import write_scaled
+from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import fit_trial
 
 
@@ -56,17 +56,6 @@ def test_lengths_that_are_no_persons_are_refused(person):
     *_, x = trial(tall, 3)
     with pytest.raises(InputError, match=r"of \w+_thigh would have to be scaled by more than 0\.3 to 3: check unit"):
         scaling(marked, x, groups)
-
-
-def test_inertias_are_those_of_the_scaled_body():
-    def ball(size, pos):
-        return mujoco.MjSpec.from_string(f"""<mujoco><worldbody><body name="a"><freejoint/>
-            <geom type="box" size="{size} {2 * size} {3 * size}" pos="{pos} 0 0" density="{1000 * (0.1 / size) ** 3}"/>
-            </body></worldbody></mujoco>""").compile()
-
-    grown, expected = scaled_model(ball(0.1, 0.2), [("a",)], np.array([1.3])), ball(0.13, 0.26)
-    for name in ("body_mass", "body_ipos", "body_inertia", "geom_pos", "geom_size"):
-        np.testing.assert_allclose(getattr(grown, name), getattr(expected, name), rtol=1e-12)
 
 
 def test_the_written_model_is_the_scaled_one(person, tmp_path):

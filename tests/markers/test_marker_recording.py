@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from marked import labels_of, marked_person, trial
 
-from ident.errors import InputError
 from sim.markers.marked_model import base_of, marked_model
-from sim.markers.recording import recording
 from sim.markers.trial_fit import fit_trial
+from sim.markers.trial_recording import recording
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +36,3 @@ def test_frames_without_markers_and_joints_without_any(person):
     np.testing.assert_allclose(angles.base[there, :3, 3], qpos[there, :3], atol=1e-9)
     assert np.isnan(angles.as_measured("left_knee_position").values).sum() == 3
     assert 0 <= angles.noise["left_knee_position"] < 1e-8
-
-
-def test_a_base_that_no_marker_tells_of_is_refused(person):
-    marked, time, _, x = person
-    y = np.full_like(x, np.nan)
-    y[:, :1] = x[:, :1]
-    with pytest.raises(InputError, match="The markers determine no joint below the base"):
-        recording(fit_trial(marked, y), time, "pelvis")

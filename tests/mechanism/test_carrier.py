@@ -4,14 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 import wrist
-from measurements import random_inputs
 
 import ident
 import sim
-from ident.estimation.equations import Equations
-from ident.estimation.measurement import Measurement
 from ident.geometry.se3 import coAd, inverse
-from ident.mechanism.carrier import divided
 from ident.model.regressor import base_wrench_regressor
 
 ARM = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
@@ -37,28 +33,6 @@ def test_poses_are_those_of_the_tree_and_rates_their_derivatives():
     slope = inverse(motion.T) @ (near[1].T - near[0].T) / (2 * h)
     np.testing.assert_allclose(slope[:3, 3], motion.V[:3], atol=1e-8)
     np.testing.assert_allclose([slope[2, 1], slope[0, 2], slope[1, 0]], motion.V[3:], atol=1e-8)
-
-
-def test_the_trajectory_estimate_predicts_the_same_from_the_carriers_angles():
-    equations = Equations.of_wrench(TOOL, moving=True)
-    frame = wrist.sensors()["wrist"].pose
-    measurement = Measurement(equations, frame, tuple(range(6)), {}, ())
-    assert measurement.coordinates == 7
-    states, wrenches, theta = random_inputs(np.random.default_rng(1), measurement)
-    motion = measurement.motion(states)
-    expected = base_wrench_regressor(TOOL.tree, *motion.states, gravity=TOOL.gravity, base=motion.base)
-    expected = expected @ equations.parameters.regroup(np.eye(10)).T @ theta @ coAd(inverse(frame)).T
-    np.testing.assert_allclose(measurement.values(states, wrenches, theta), expected.T, atol=1e-12)
-
-
-def test_only_what_is_before_a_body_carries_it():
-    tree = sim.mechanism(
-        mujoco.MjSpec.from_string(wrist.model(beyond='<body name="cap" pos="0 0 0.1"><geom size="0.01"/></body>'))
-    ).tree
-    carrier, carried, members = divided(tree, "tool")
-    assert carrier.tree.names == tree.names[:8] and carrier.joints == wrist.JOINTS
-    assert carried.names == ("tool", "cap") and [tree.names[i] for i in members] == ["tool", "cap"]
-    assert carried.bodies[1].parent == 0 and not carried.joints
 
 
 def test_what_cannot_be_carried_is_refused():

@@ -56,11 +56,6 @@ def test_a_carrier_with_loops_moves_as_one_whose_joints_are_all_logged():
         np.testing.assert_allclose(computed, expected, atol=1e-9)
 
 
-def test_a_body_beside_a_loop_has_a_carrier_without_it():
-    arm = read(PALLETIZER.replace('<body name="rocker"', f'{body("flap", "flap", "0 0 0", 0.2)}<body name="rocker"'))
-    assert arm.beyond("flap").carrier.joints == ("yaw", "flap")
-
-
 def test_a_payload_is_weighed_beyond_a_loop():
     arm, (own, every), rng = read(PALLETIZER), motions(), np.random.default_rng(0)
     part = arm.beyond("hand")

@@ -3,15 +3,13 @@
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, PIN, ROCKER, WRIST, by_mujoco, closed, opened, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
 
 import ident
 import sim
-from experiments.document.replay import Replay
 from ident.errors import InputError, ModelError
 from ident.estimation.loads import stated_drive_torques
 from ident.estimation.preparation import prepared
-from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
@@ -77,20 +75,6 @@ def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
     np.testing.assert_allclose(base.reduce(Y) @ base.regroup(arm.known), Y @ arm.known, atol=1e-8 * abs(Y).max())
 
 
-@pytest.mark.parametrize(
-    ("name", "lacking"), [("sums", ("rod", "flap")), ("tendons", ("crank",)), ("tendons", ("rod",))]
-)
-def test_sums_of_joints_are_solved_at_once_however_far(name, lacking, monkeypatch):
-    closure = opened(name).closed(lacking).tree.closure
-    monkeypatch.setattr(type(closure), "_newton", None)
-    x = 50 * np.random.default_rng(0).normal(size=(9, 2))
-    y = closure.along(x, np.arange(9.0)).solved(x)
-    residual, J, _ = closure.rows(closure._joined(closure._coordinates, x, y))
-    assert abs(residual).max() < 1e-12 * abs(y).max()
-    a, d = closure._freedoms
-    np.testing.assert_allclose(J[..., d] @ closure.slopes(x, 0 * y), -J[..., a], atol=1e-12 * abs(J).max())
-
-
 def test_loops_stay_on_the_branch_of_the_model():
     """Past the posture in which a parallelogram is flat, its bodies could go on as those of an antiparallelogram."""
     arm = read(PARALLELOGRAM).closed(("rod", "rocker"), ("crank",))
@@ -124,11 +108,6 @@ def read(model):
 
 T = np.arange(300) / 100
 SWING = 0.6 * np.sin(3 * T)
-
-
-def test_a_mechanism_prints_its_independent_and_dependent_joints():
-    assert "joints: crank\n  dependent: rod, rocker" in str(read(FOUR_BAR))
-    assert "joints: crank, right\n  dependent: rod, arm" in str(read(FIVE_BAR))
 
 
 def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
@@ -226,35 +205,6 @@ def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
         ident.identify(read(model), log, estimator="ordinary")
 
 
-def test_a_replay_keeps_loops_closed():
-    arm = read(FOUR_BAR)
-    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
-    motion = Motion(SWING[:, None], *np.zeros((2, len(T), 1)))
-    replay = Replay(ready.mechanism, ready.recording, motion, (), np.arange(len(T)), {})
-    names = [body["name"] for body in replay.to_page()["bodies"]]
-    poses = replay.poses(np.arange(0, len(T), 10))
-    ends = [poses[:, names.index(name)] @ [x, 0, z, 1] for name, x, z in (("rod", 0.3, 0.12), ("rocker", 0.05, 0.22))]
-    np.testing.assert_allclose(*ends, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_a_load_in_a_loop_is_weighed_by_the_cranks_torque():
-    arm, rng, t = closed("four-bar"), np.random.default_rng(0), np.arange(800) / 100
-    logs = []
-    for load, waves in ((0.0, [2, 5.3]), (0.6, [1.7, 4.6])):
-        q, dq, ddq = swings(t, [0.8, 0.25], waves)
-        phi = arm.known.reshape(-1, 10).copy()
-        phi[arm.bodies.index("rod")] += parameters_from_com(load, np.array([0.2, 0, 0.05]), 1e-3 * load * np.eye(3))
-        tau = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi.ravel())[:, 0]
-        noisy = {"crank_position": q[:, 0] + 1e-4 * rng.normal(size=len(t)), "crank_torque": tau}
-        noisy["crank_torque"] = tau + 2e-3 * rng.normal(size=len(t))
-        logs.append(ident.read_log({"time": t} | noisy, read(FOUR_BAR)))
-    load = ident.identify_load(read(FOUR_BAR), logs[:1], logs[1:], body="rod").in_frame()
-    true = np.array([0.6, 0.2, 0.05])
-    assert load.identifiable[[0, 1, 3]].all()
-    assert (abs(load.values[[0, 1, 3]] - true) < 4 * load.std_setup[[0, 1, 3]]).all()
-
-
 def test_columns_of_dependent_joints_count():
     arm, rng, t = read(FOUR_BAR), np.random.default_rng(0), np.arange(1000) / 100
     crank = 0.6 * np.sin(3 * t)
@@ -272,42 +222,3 @@ def test_columns_of_dependent_joints_count():
     assert ready.notes[-3] == "rod, rocker depend on crank, by the constraints 'pin'."
     assert "The column of 'rod' is not used: it differs from the closed loops by 0.07" in ready.notes[-2]
     assert ready.notes[-1] == "The column of 'rocker' counts too, as loops are closed, but for a constant of 0.02."
-
-
-def test_locks_and_what_follows_a_locked_joint_do_not_contradict():
-    locks = "".join(f'<joint name="at_{j}" joint1="{j}" polycoef="0.1 0 0 0 0"/>' for j in ("crank", "rocker"))
-    arm = read(text(CRANK + ROCKER, locks + '<joint name="gear" joint1="rod" joint2="crank"/>'))
-    closure = arm.closed(("crank", "rod", "rocker")).tree.closure
-    np.testing.assert_allclose(closure.solved(np.zeros((1, 0))), [[0.1, 0.1, 0.1]], atol=1e-12)
-
-
-def test_a_joint_that_a_weld_locks_rests():
-    arm = read(text(CRANK, '<weld name="glue" body1="crank" body2="rod"/>'))
-    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
-    assert ready.mechanism.tree.dependent == ("rod",) and ready.equations.parameters.rank == 3
-    welded = arm.fixed({"rod": [0.0]})
-    states = np.random.default_rng(0).normal(size=(3, 7, 1))
-    Y, expected = (base_wrench_regressor(each.tree, *states, gravity=arm.gravity) for each in (ready.mechanism, welded))
-    np.testing.assert_allclose(Y, expected, atol=1e-12)
-
-
-def test_parts_have_their_own_loops():
-    arm = read(WRIST)
-    assert arm.beyond("palm").in_loops == arm.in_loops
-    with pytest.raises(ModelError, match="constraint 'left_pin' is between a body of this part and one outside it"):
-        arm.beyond("left_driver")
-
-
-def test_joints_that_follow_from_those_with_a_column_are_determined():
-    assert opened("gripper").determined({"left_driver"}).keys() == {*opened("gripper").tree.joints} - {"left_driver"}
-    assert opened("five-bar").determined({"crank", "right"}) == dict.fromkeys(("rod", "arm"), "crank, right")
-    assert "right" not in opened("five-bar").determined({"crank"})
-
-
-def test_a_loop_that_is_measured_whole_and_not_driven_stays_open():
-    assert read(FOUR_BAR).closed((), ()).tree.joints == ("crank", "rod", "rocker")
-    assert read(FOUR_BAR).closed((), ("rocker",)).tree.joints == ("rocker",)
-    assert read(FOUR_BAR).closed(("crank",), ()).tree.dependent == ("crank", "rocker")
-    assert not read(text(CRANK + ROCKER, PIN.replace("<connect", '<connect active="false"'))).constraints.rows
-    fixed = read(FOUR_BAR).fixed({"crank": [0.0], "rod": [0.0], "rocker": [0.0]})
-    assert not fixed.constraints.rows and not fixed.in_loops

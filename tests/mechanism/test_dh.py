@@ -5,12 +5,7 @@ import pytest
 
 from ident.errors import ModelError
 from ident.mechanism.body import BASE
-from ident.mechanism.constraint import Coincidence
 from ident.mechanism.dh import Frame, tree_from_mdh
-from ident.mechanism.loops import Constraints
-from ident.model.regressor import base_wrench_regressor
-from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 
 
 def rotation(axis, angle):
@@ -67,15 +62,6 @@ def test_fixed_frames_fold_away_on_a_branching_tree():
     np.testing.assert_allclose(at["left"], left, atol=1e-15)
     np.testing.assert_allclose(at["tool"], right @ rotation(2, 0.3) @ translation(2, 0.2), atol=1e-15)
     np.testing.assert_allclose(at["camera"], right @ translation(0, 0.1), atol=1e-15)
-
-
-def test_a_link_without_inertia_keeps_its_joint():
-    tree = tree_from_mdh(
-        [Frame("1", None, "revolute", inertia=False), Frame("2", "1", "revolute", alpha=np.pi / 2, d=0.3)]
-    )
-    assert tree.names == ("1", "2")
-    states = np.random.default_rng(0).normal(size=(3, 5, 2))
-    assert base_wrench_regressor(tree, *states, gravity=[0, 0, -9.81]).shape == (5, 6, 10)
 
 
 @pytest.mark.parametrize(
@@ -138,37 +124,3 @@ def test_a_joint_follows_others_that_move(first, second, message):
     ]
     with pytest.raises(ModelError, match=message):
         tree_from_mdh(rows)
-
-
-ANTECEDENTS = [None, "1", "2", "3", "4", "5", "1", "7"]
-"""Geometry of Khalil's example of a closed loop, the Acma SR400, as in OpenSYMORO's `sr400.par`, with lengths in m."""
-
-
-def sr400(**follows):
-    """Its opened tree: frames 2, 3, 7 and 8 are a parallelogram."""
-    turn, d2, d3, d4, d8 = np.pi / 2, 0.3, 0.7, 0.1, 0.35
-    rows = zip(ANTECEDENTS, (0, -turn, 0, -turn, turn, -turn, -turn, 0), (0, d2, d3, d4, 0, 0, d2, -d8), strict=True)
-    frames = [
-        Frame(str(k), parent, "revolute", alpha=alpha, d=d, r=0.8 if k == 4 else 0.0)
-        for k, (parent, alpha, d) in enumerate(rows, start=1)
-    ]
-    return tree_from_mdh([replace(frame, **follows.get(f"_{frame.name}", {})) for frame in frames])
-
-
-def test_a_parallelogram_by_its_pin_and_by_its_dependent_angles_are_one():
-    tree = sr400(_3={"follows": {"7": 1.0, "2": -1.0}, "constant": -np.pi / 2}, _8={"follows": {"2": 1.0, "7": -1.0}})
-    pins = [np.eye(4), np.eye(4)]
-    pins[0][0, 3], pins[1][1, 3] = 0.7, -0.35
-    pin = Coincidence("pin", ("8", "3"), tuple(tuple(T.ravel().tolist()) for T in pins))
-    opened = sr400()
-    posture = {name: np.array([-np.pi / 2 if name in "28" else 0.0]) for name in opened.joints}
-    closed = opened.closed(Constraints((pin,), posture).closure(opened, ("3", "8")))
-    q = np.random.default_rng(0).uniform(-0.5, 0.5, (6, 6))
-    q[:, 1] -= np.pi / 2
-    for computed, expected in zip(*(t.dependent_states(q, q, 2 * q) for t in (closed, tree)), strict=True):
-        np.testing.assert_allclose(computed, expected, atol=1e-9)
-    gravity = np.array([0, 0, -9.81])
-    for sensors, rank in ((Sensors(base_wrench=False, joint_torques=True), 39), (Sensors(), 44)):
-        bases = [find_base_parameters(each, gravity=gravity, sensors=sensors) for each in (closed, tree)]
-        assert [base.rank for base in bases] == [rank, rank] and bases[0].kept == bases[1].kept
-        np.testing.assert_allclose(bases[0].beta, bases[1].beta, atol=1e-6)

@@ -7,14 +7,10 @@ import pytest
 from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_twist
 
 from ident.errors import ModelError
-from ident.estimation.recorded_motion import joint_states
-from ident.mechanism.body import Body
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Body, Follower
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
-from ident.model import dim
-from ident.model.inverse_dynamics import inverse_dynamics
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
@@ -62,25 +58,6 @@ def test_a_follower_moves_as_a_joint_of_its_own_would(seed):
     np.testing.assert_allclose(torques[:, 1], together, atol=1e-12 * abs(each).max())
 
 
-def test_the_rates_of_a_follower_are_those_of_its_coordinate():
-    lead, t, h = Follower("knee", (0.1, -0.4, 0.3, 0.2, -0.05)), np.array([0.3]), 1e-4
-    x, dx, ddx = lead.states(np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t))
-    before, after = lead.value(np.sin(2 * (t - h))), lead.value(np.sin(2 * (t + h)))
-    np.testing.assert_allclose(dx, (after - before) / (2 * h), rtol=1e-6)
-    np.testing.assert_allclose(ddx, (after - 2 * x + before) / h**2, rtol=1e-5)
-
-
-@pytest.mark.parametrize("samples", [2, 9])
-def test_the_recorded_regressor_is_the_papers(samples):
-    tree, _, phi = knee(3)
-    motion = Motion(*random_states(np.random.default_rng(1), tree, samples))
-    Y, torques = (f(tree, *motion.states, gravity=GRAVITY) for f in (base_wrench_regressor, joint_torque_regressor))
-    for k in range(samples):
-        wrench, tau = dim.inverse_dynamics(Mechanism(tree, GRAVITY, phi), motion[k])
-        np.testing.assert_allclose(Y[k] @ phi, wrench, rtol=1e-10, atol=1e-9)
-        np.testing.assert_allclose(torques[k] @ phi, tau, rtol=1e-10, atol=1e-9)
-
-
 @pytest.mark.parametrize("sensors", [Sensors(), Sensors(False, True), Sensors(moving_base=True)])
 def test_the_regrouping_holds_at_other_states(sensors):
     tree, _, _ = knee(2)
@@ -95,33 +72,6 @@ def test_the_regrouping_holds_at_other_states(sensors):
     Y = regressor(tree, q, dq, ddq, gravity=GRAVITY, base=moving).reshape(-1, 30)
     np.testing.assert_allclose(Y[:, base.dependent], base.reduce(Y) @ base.beta, atol=1e-8 * abs(Y).max())
     assert np.linalg.matrix_rank(base.reduce(Y)) == base.rank
-
-
-def test_a_leader_that_is_fixed_holds_its_followers():
-    tree, _, _ = knee(4)
-    fixed = tree.fixed({"knee": [0.7]})
-    assert fixed.joints == ("hip",)
-    assert not fixed.followers
-    np.testing.assert_allclose(fixed.poses(np.array([0.2])), tree.poses(np.array([0.2, 0.7])), atol=1e-12)
-
-
-def test_a_follower_that_nothing_moves_is_welded():
-    tree, _, phi = knee(4)
-    still = replace(tree.bodies[3], follows=Follower("knee", (0.3, 0.0)))
-    welded = replace(still, home=still.home @ still.joint_pose(np.array([0.3])), twist=np.zeros(6), follows=None)
-    states = random_states(np.random.default_rng(0), tree, 7)
-    wrenches = [
-        inverse_dynamics(Tree((*tree.bodies[:3], last)), Motion(*states), phi, gravity=GRAVITY)[0]
-        for last in (still, welded)
-    ]
-    np.testing.assert_allclose(*wrenches, atol=1e-12 * abs(wrenches[0]).max())
-
-
-def test_joint_states_are_those_of_the_leaders():
-    tree, _, _ = knee(0)
-    states = np.random.default_rng(0).normal(size=(3, 2))
-    for computed, stated in zip(joint_states(tree, states), states, strict=True):
-        np.testing.assert_array_equal(computed, stated)
 
 
 def test_a_follower_needs_a_leader_and_one_axis():

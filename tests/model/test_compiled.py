@@ -35,7 +35,7 @@ def both(function):
 
 
 @pytest.mark.parametrize("torques", [False, True])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_regressors_of_random_trees_are_those_of_numpy(seed, torques):
     rng = np.random.default_rng(seed)
     tree, samples = random_tree(rng), SAMPLES[seed % 4]
@@ -78,50 +78,6 @@ def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
         assert (abs(computed - right) <= 2.5 * np.spacing(abs(right.astype(float)))).all()
 
 
-def test_what_is_no_number_or_infinite_gives_none():
-    tape = Tape(1)
-    program = Program.of(tape, [np.sin(tape.inputs[0])])
-    x = np.ones((1, 40))
-    x[0, [3, 38]] = np.nan, np.inf
-    out = np.zeros((1, 40))
-    with compiled.switched(True), np.errstate(invalid="ignore"):
-        program.run(x, out)
-    np.testing.assert_array_equal(np.isnan(out), ~np.isfinite(x))
-
-
 def test_every_operation_of_the_tape_is_known():
     known = {np.negative, np.positive, np.add, np.subtract, np.multiply, *OTHERS}
     assert set(adjoint._DERIVATIVES) | {np.positive} == known
-
-
-def test_the_last_inputs_may_be_numbers():
-    tape = Tape(3)
-    a, b, c = tape.inputs
-    program = Program.of(tape, [a * b + c, c, b / 3])
-    x, out, spread = np.arange(40.0)[None], np.zeros((3, 40)), np.zeros((3, 40))
-    program.run(x, out, [2.0, 5.0])
-    program.run(np.vstack([x, np.full((1, 40), 2.0), np.full((1, 40), 5.0)]), spread)
-    np.testing.assert_array_equal(out, spread)
-    np.testing.assert_array_equal(out[0], 2 * x[0] + 5)
-
-
-def test_the_environment_switches_it_off(monkeypatch):
-    assert compiled.available()
-    monkeypatch.setenv(compiled.VARIABLE, "0")
-    assert not compiled.available()
-    with compiled.switched(True):
-        assert compiled.available()
-    assert not compiled.available()
-
-
-@pytest.fixture
-def anew():
-    compiled._library.cache_clear()
-    yield
-    compiled._library.cache_clear()
-
-
-@pytest.mark.usefixtures("anew")
-def test_what_was_built_from_other_sources_is_left_alone(monkeypatch):
-    monkeypatch.setattr(compiled, "VERSION", compiled.VERSION + 1)
-    assert not compiled.available()

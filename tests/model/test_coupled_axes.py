@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from measurements import random_inputs, random_measurement
 
-from ident.estimation.loads import SLIP, drives_of, usual_drives
+from ident.estimation.loads import SLIP, drives_of
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
-from ident.model.axes import Axes
-from ident.model.regressor import drive_columns, drive_names
-from ident.tolerances import DRIVE, STRIBECK, USUAL_DRIVE
+from ident.tolerances import DRIVE, STRIBECK
 
 KINDS = ("revolute", "prismatic")
 
@@ -89,29 +87,3 @@ def test_motors_of_one_joint_each_are_the_joints_but_for_their_gears(seed):
     same = np.array([at[name] for name in alone.names])
     expected = alone.values(states, wrenches, same)
     np.testing.assert_allclose(m.values(states, wrenches, theta), expected, atol=1e-12 * abs(expected).max())
-
-
-def test_without_motors_axes_are_the_freedoms():
-    m, _, rng = coupled(0)
-    tree, axes = m.tree, Axes.of(m.tree)
-    motion = Motion(*rng.normal(size=(3, 5, len(tree.freedoms))))
-    assert axes.names == tree.freedoms and axes.driven.all() and axes.moved(motion.dq) is motion.dq
-    for kind, block in zip(USUAL_DRIVE, drive_columns(tree, motion, USUAL_DRIVE), strict=True):
-        signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": np.sign(motion.dq)}[kind]
-        np.testing.assert_array_equal(block, signal[:, :, None] * np.eye(len(tree.freedoms)))
-    assert drives_of(axes, USUAL_DRIVE, range(3)) == drive_names(tree, USUAL_DRIVE)
-
-
-def test_friction_of_coupled_joints_is_the_motors_and_springs_are_the_joints():
-    m, _, _ = coupled(0)
-    first, second, last = m.tree.freedoms[:3]
-    axes = m.equations.axes
-    assert axes.names == (*m.tree.freedoms, "wrist 1", "wrist 2")
-    assert drives_of(axes, ("viscous", "spring"), [1, 2]) == (
-        *("Fv(wrist 1)", "Fv(wrist 2)", f"Fv({last})"),
-        *(f"K({second})", f"K({last})"),
-    )
-    # Motors of joints that a mechanism does not have are none of its own.
-    assert Axes.of(m.tree, {"wrist 1": {first: 1.0, "elsewhere": 1.0}}).motors == ()
-    usual = usual_drives(m.equations.mechanism, (0, 1, 2), axes)
-    assert usual[:3] == ("Ia(wrist 1)", "Ia(wrist 2)", f"Ia({last})")

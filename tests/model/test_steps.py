@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.model import compiled
-from ident.model.steps import LINEAR, steps
+from ident.model.steps import steps
 from ident.model.tape import Program, Tape
 
 INPUTS, NUMBERS, RESULTS, REGISTERS = 3, (2.0, -0.5), 3, 4
@@ -50,26 +50,3 @@ def of(expression, inputs=4):
     program = Program.of(tape, [expression(*tape.inputs)])
     first = inputs + len(program.numbers)
     return steps(program.code, first + 1, -2, -1).tolist(), first
-
-
-def test_a_sum_takes_up_one_product():
-    steps, result = of(lambda a, b, c, d: a * b + c * d)
-    assert len(steps) == 2 and steps[-1][4] == result
-    assert of(lambda a, b, c, _: c - a * b) == ([[LINEAR, 0, 1, 2, 4, 1, 0]], 4)
-    assert of(lambda a, b, c, _: a * b - c) == ([[LINEAR, 0, 1, 2, 4, 0, 1]], 4)
-
-
-def test_what_is_needed_twice_is_computed():
-    steps, _ = of(lambda a, b, c, d: (a * b + c) * (a * b - d))
-    assert len(steps) == 4
-
-
-def test_negatives_are_taken_up():
-    """y = -a + (-a) b in one step."""
-    code = [(np.negative, 0, None, 5), (np.multiply, 5, 1, 6), (np.add, 5, 6, 4)]
-    assert steps(code, 5, -2, -1).tolist() == [[LINEAR, 0, 1, 0, 4, 1, 1]]
-
-
-def test_what_is_overwritten_is_not_taken_up():
-    code = [(np.multiply, 5, 1, 6), (np.add, 0, 1, 5), (np.add, 5, 6, 4)]
-    assert len(steps(code, 5, -2, -1)) == 3

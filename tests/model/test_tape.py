@@ -1,11 +1,8 @@
-import gc
-
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.model.tape import Program, Tape, uncollected
+from ident.model.tape import Program, Tape
 
 OPERATIONS = ("+", "-", "*", "negative", "sin", "cos", "-1", "0", "1", "half")
 
@@ -50,52 +47,3 @@ def test_zeros_and_ones_cost_nothing():
     assert a + b is b + a and a * b is b * a and a + (-b) is a - b and (-a) * b is -(a * b)
     before = len(tape.steps)
     assert (a * b) * 1 + 0 is b * a and len(tape.steps) == before
-
-
-def test_what_no_result_needs_is_not_computed():
-    tape = Tape(2)
-    a, b = tape.inputs
-    _ = np.sin(b) * a
-    program = Program.of(tape, [a + b, 3.0, 0.0, a + b, a])
-    assert [operation for operation, *_ in program.code] == [np.add, np.positive, np.positive]
-    out = np.zeros((5, 4))
-    program.fill(out)
-    inputs = np.arange(8.0).reshape(2, 4)
-    program.run(inputs, out)
-    np.testing.assert_array_equal(out, [inputs.sum(axis=0), [3] * 4, [0] * 4, inputs.sum(axis=0), inputs[0]])
-
-
-def test_results_of_a_chain_share_one_register():
-    tape = Tape(1)
-    x = tape.inputs[0]
-    for _ in range(50):
-        x = np.sin(x) + 0.5
-    assert Program.of(tape, [x]).registers == 1
-
-
-def test_formulas_of_arrays_run_on_signals():
-    rng = np.random.default_rng(0)
-    A, x = rng.normal(size=(3, 3)), rng.normal(size=(3, 7))
-    tape = Tape(3)
-    program = Program.of(tape, list(A @ np.cos(np.array(tape.inputs)) / 2 - np.ones(3)))
-    out = np.zeros((3, 7))
-    program.run(x, out)
-    np.testing.assert_allclose(out, A @ np.cos(x) / 2 - 1, atol=1e-15)
-
-
-@pytest.mark.parametrize("enabled", [True, False])
-def test_collection_of_garbage_goes_on_as_before_a_recording(enabled):
-    def recorded(fails):
-        assert not gc.isenabled()
-        assert not fails
-
-    before = gc.isenabled()
-    try:
-        (gc.enable if enabled else gc.disable)()
-        uncollected()(recorded)(False)
-        assert gc.isenabled() == enabled
-        with pytest.raises(AssertionError):
-            uncollected()(recorded)(True)
-        assert gc.isenabled() == enabled
-    finally:
-        (gc.enable if before else gc.disable)()

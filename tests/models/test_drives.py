@@ -1,6 +1,5 @@
 """Drives of joints as MJCF, URDF and OpenSim files state them."""
 
-import pickle
 from dataclasses import replace
 
 import mujoco
@@ -33,25 +32,11 @@ def arm(elbow="", actuators="", **options):
     return mechanism(mujoco.MjModel.from_xml_string(ARM.format(elbow=elbow, actuators=actuators)), **options)
 
 
-def test_defaults_and_classes_count():
-    assert arm().drives == {"shoulder": Drive(viscous=0.5), "elbow": Drive(viscous=0.5, coulomb=0.1, rotor=0.2)}
-    own = arm('damping="0" stiffness="3" springref=".7"').drives["elbow"]
-    assert own == Drive(coulomb=0.1, rotor=0.2, stiffness=3, springref=0.7)
-
-
 def test_a_spring_with_a_time_constant_is_what_the_compiler_makes_of_it():
     model = mujoco.MjModel.from_xml_string(ARM.format(elbow='springdamper=".1 1"', actuators=""))
     drive = mechanism(model).drives["elbow"]
     assert drive.stiffness == model.jnt_stiffness[1] > 0
     assert drive.viscous == model.dof_damping[1] > 0.5
-
-
-def test_what_a_model_disables_is_no_drive():
-    spec = mujoco.MjSpec.from_string(ARM.format(elbow='stiffness="2"', actuators=""))
-    names = [name for name in ("SPRING", "DAMPER", "PASSIVE") if hasattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")]
-    for name in (*names, "FRICTIONLOSS"):
-        spec.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}"))
-    assert mechanism(spec).drives == {"elbow": Drive(rotor=0.2)}
 
 
 def test_actuators_have_their_gear_and_gains():
@@ -97,13 +82,6 @@ def test_a_dc_motor_has_its_friction_and_its_gains_in_the_drive():
             assert arm(actuators=motor.format(more)).drives["elbow"].actuators[0].kind == "general"
 
 
-@pytest.mark.skipif(not hasattr(mujoco.MjModel, "dof_dampingpoly"), reason="this MuJoCo's dampers are linear")
-@pytest.mark.parametrize("elbow", ['damping="1 .5"', 'stiffness="1 .5"'])
-def test_what_is_not_linear_is_noted(elbow):
-    with pytest.warns(ModelNote, match="The drives of elbow are more than a spring"):
-        arm(elbow)
-
-
 @pytest.mark.parametrize(
     ("elbow", "message"),
     [
@@ -142,16 +120,6 @@ def test_drives_given_in_python_are_checked(drives, message):
     with pytest.raises(ModelError) as error:
         replace(arm(), drives=drives)
     assert message in str(error.value)
-
-
-def test_drives_stay_with_their_joints():
-    whole = arm()
-    assert whole.beyond("lower").drives == {}
-    assert arm(fix={"elbow": []}).drives.keys() == {"shoulder"}
-    assert whole.fixed({"shoulder": [0.3]}).drives.keys() == {"elbow"}
-    assert arm(merge_welds=True).drives == arm(base="base").drives == whole.drives
-    assert arm(base="upper").drives.keys() == {"elbow"}
-    assert pickle.loads(pickle.dumps(replace(whole, source=None))).drives == whole.drives
 
 
 def test_a_free_joint_has_a_drive_for_each_of_its_freedoms():

@@ -1,5 +1,4 @@
 import re
-import warnings
 from dataclasses import replace
 
 import mujoco
@@ -94,17 +93,6 @@ def test_an_updated_mjcf_reads_back_as_the_parameters_with_all_else_untouched(tm
         assert "<!-- kept -->" in out.read_text(encoding="utf-8")
 
 
-def test_total_mass_settings_do_not_scale_the_parameters(tmp_path):
-    path = written(tmp_path, MJCF.format(compiler=' settotalmass="50"'), "arm.xml")
-    phi = random_phi(np.random.default_rng(0), 3)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # MuJoCo 4 deprecates the setting
-        write_model(tmp_path / "new.xml", mechanism(path, "base"), phi)
-        other = compiled(path).body("other").mass
-    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", "base"), phi, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(compiled(tmp_path / "new.xml").body("other").mass, other)
-
-
 @pytest.mark.parametrize("name, base", [("double_pendulum", "base"), ("humanoid", "pelvis"), ("humanoid", None)])
 def test_scenes_round_trip(tmp_path, name, base):
     spec = scenes.load(name)
@@ -143,17 +131,6 @@ def test_an_updated_model_simulates_to_the_same_wrenches(tmp_path):
     np.testing.assert_allclose(wrench, expected, atol=1e-9 * abs(expected).max())
 
 
-def test_included_bodies_are_updated_as_well(tmp_path):
-    written(tmp_path, '<mujoco><body name="arm"><joint/><geom size=".1"/></body></mujoco>', "part.xml")
-    text = (
-        '<mujoco><worldbody><body name="base"><geom size=".1"/><include file="part.xml"/></body></worldbody></mujoco>'
-    )
-    path = written(tmp_path, text, "whole.xml")
-    phi = random_phi(np.random.default_rng(0), 2)
-    write_model(tmp_path / "new.xml", mechanism(path), phi)
-    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml"), phi, rtol=1e-9, atol=1e-12)
-
-
 @NO_MESHES
 @pytest.mark.parametrize("extension", ["", '<mujoco><compiler fusestatic="true" discardvisual="false"/></mujoco>'])
 def test_a_urdf_keeps_its_root_and_needs_no_meshes(tmp_path, extension):
@@ -166,17 +143,6 @@ def test_a_urdf_keeps_its_root_and_needs_no_meshes(tmp_path, extension):
     turn = np.array([[np.cos(0.2), 0, np.sin(0.2)], [0, 1, 0], [-np.sin(0.2), 0, np.cos(0.2)]])
     inertia = turn @ [[0.01, 0, 0.001], [0, 0.02, 0], [0.001, 0, 0.015]] @ turn.T
     np.testing.assert_allclose(com_from_parameters(phi[:10])[2], inertia, atol=1e-12)
-
-
-@NO_MESHES
-def test_a_root_link_named_world_is_the_world(tmp_path):
-    text = URDF.format(mesh=MESH, extension='<link name="world"/>').replace(
-        "</robot>",
-        '<joint name="stand" type="fixed"><parent link="world"/><child link="root"/></joint></robot>',
-    )
-    model = model_from_urdf(written(tmp_path, text, "arm.urdf")).compile()
-    assert model.body("root").mass[0] == 3
-    assert tree_from_model(model, "root").names == ("root", "upper", "tool", "flange")
 
 
 @NO_MESHES

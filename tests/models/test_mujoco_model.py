@@ -4,10 +4,9 @@ import pytest
 
 from ident.errors import InputError, ModelError
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
-from sim.models.couplings import check_torques, couplings
+from sim.models.couplings import check_torques
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import (
-    base_motion,
     gravity_in_base,
     mechanism_bodies,
     parameters_from_model,
@@ -48,11 +47,6 @@ def test_only_the_bodies_on_the_base_belong_to_the_tree():
     assert [list(x) for x in state_columns(m, "base")] == [[1], [1]]
 
 
-def test_mocap_bodies_are_not_part_of_a_mechanism():
-    m = model(ARM, '<body name="hand" mocap="true"><geom size=".1"/></body>')
-    assert tree_from_model(m).names == ("base", "arm")
-
-
 def test_a_model_comes_compiled_as_a_specification_or_as_a_file(tmp_path):
     text = xml(ARM)
     path = tmp_path / "arm.xml"
@@ -61,21 +55,6 @@ def test_a_model_comes_compiled_as_a_specification_or_as_a_file(tmp_path):
     for source in sources:
         assert tree_from_model(source).names == ("base", "arm")
         np.testing.assert_array_equal(parameters_from_model(source), parameters_from_model(sources[0]))
-
-
-def test_several_joints_on_a_body_are_links_without_mass():
-    tree = tree_from_model(model(HINGES))
-    assert tree.names == ("base", "arm:u", "arm")
-    assert tree.joints == tree.freedoms == ("u", "w")
-    assert [tree.names[i] for i in tree.inertial] == ["base", "arm"]
-
-
-def test_freedoms_of_a_free_body_and_a_ball_are_named():
-    ball = '<body name="hand"><joint name="wrist" type="ball"/><geom size=".1"/></body>'
-    m = world(f'<body name="arm"><freejoint name="root"/><geom size=".1"/>{ball}</body>')
-    expected = ("root:x", "root:y", "root:z", "root.x", "root.y", "root.z", "wrist.x", "wrist.y", "wrist.z")
-    assert tree_from_model(m).freedoms == expected
-    assert tree_from_model(m, "arm").freedoms == expected[-3:]
 
 
 def test_welded_bodies_are_kept_or_merged():
@@ -181,17 +160,9 @@ def test_couplings_of_joints_matter_to_no_others_and_not_where_these_are_fixed()
         tree_from_model(m, "base", fix={"w": []})
 
 
-def test_a_joint_of_the_base_couples_it_with_what_carries_it():
-    rails = '<body name="base"><joint name="rail" type="slide"/><geom size=".1"/>' + ARM + "</body>"
-    drive = '<equality><joint name="drive" joint1="rail" joint2="elbow"/></equality>'
-    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{rails}</worldbody>{drive}</mujoco>")
-    with pytest.raises(ModelError, match="'drive' of elbow, rail, which reach outside"):
-        tree_from_model(m, "base")
-    with pytest.warns(ModelNote, match="By equality .joint. 'drive' of elbow, rail, joints without a column"):
-        assert mechanism(m).in_loops == ("rail", "elbow")
-
-
 WRAPPED = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
+
+
 FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1"/>'
 
 
@@ -202,18 +173,6 @@ def test_a_tendon_around_a_body_and_a_flex_on_it_are_couplings():
         tree_from_model(m, "base")
     with pytest.warns(ModelNote, match="flex 'cloth'"):
         tree_from_model(model(FLEX))
-
-
-def test_equalities_that_are_switched_off_do_not_matter():
-    assert "arm" in tree_from_model(model(ARM, after=LOOP.replace("<connect", '<connect active="false"'))).names
-
-
-def test_bodies_without_names_get_names_of_their_own():
-    m = world('<body><joint/><geom size=".1"/></body><body name="body1"><joint/><geom size=".1"/></body>')
-    tree = tree_from_model(m)
-    assert tree.names == ("body1_", "body1")
-    assert len(set(tree.joints)) == 2
-    assert tree_from_model(m, "body1_").names == ("body1_",)
 
 
 BETWEEN = """<mujoco><option gravity="1 2 -9"/><worldbody><site name="nail" pos="0 0 2"/><body name="base">
@@ -251,21 +210,6 @@ def test_only_couplings_with_the_surroundings_show_in_the_base_wrench(equality):
     assert (apart < 1e-10).all() if equality in INSIDE else (apart > 0.01).all()
 
 
-def test_a_world_without_bodies_is_refused():
-    with pytest.raises(ModelError, match="no body besides the world"):
-        tree_from_model(world(""))
-
-
-def test_a_tendon_that_is_but_a_sum_of_coordinates_is_no_coupling():
-    assert not couplings(model(ARM, after=CABLE.replace('limited="true" range="0 1"', "")))
-
-
-def test_couplings_of_others_do_not_matter():
-    rails = '<body name="cart"><joint name="rail" type="slide"/><geom size=".1"/></body>'
-    pulley = '<tendon><fixed name="cable"><joint joint="rail" coef="1"/></fixed></tendon>'
-    assert tree_from_model(model(ARM, rails, pulley), "base").names == ("base", "arm")
-
-
 def test_a_mechanism_without_mass_is_refused():
     light = world('<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>')
     with pytest.raises(ModelError, match="A mechanism needs mass; ghost have none"):
@@ -276,13 +220,6 @@ def test_a_mechanism_without_mass_is_refused():
 def test_unknown_bases_are_refused(function):
     with pytest.raises(ModelError, match="no body named 'foot'; its bodies are base, arm"):
         function(model(ARM), "foot")
-
-
-def test_the_motion_of_a_base_at_rest_is_none():
-    m = model(ARM)
-    still = base_motion(m, "base", *np.ones((3, 4, 1)))
-    np.testing.assert_array_equal(still.T, np.tile(np.eye(4), (4, 1, 1)))
-    np.testing.assert_allclose([still.V, still.dV], 0, atol=1e-12)
 
 
 def test_bodies_with_numbers_that_are_not_finite_are_named():

@@ -15,11 +15,9 @@ from opensim_files import (
     Joint,
     constant,
     coordinate,
-    coupler,
     document,
     every_kind,
     linear,
-    multiplied,
     spatial,
     table,
 )
@@ -137,19 +135,6 @@ def test_a_spline_through_points_of_a_cubic_is_that_cubic_and_straight_beyond(ki
         np.testing.assert_allclose(spline.evaluated(np.array([end + beyond])), straight, rtol=1e-12)
 
 
-@pytest.mark.parametrize("points", [3, 4, 5, 7])
-def test_a_spline_has_the_third_derivatives_of_its_outermost_points(points):
-    rng = np.random.default_rng(points)
-    x, y = np.cumsum(rng.uniform(0.3, 0.9, points)), rng.normal(size=points)
-    spline = curve(ET.fromstring(table(x, y)))
-    np.testing.assert_allclose(spline.evaluated(x), y, atol=1e-12)
-    for piece, outermost in ((slice(0, 2), slice(0, 4)), (slice(-2, None), slice(-4, None))):
-        inside = np.linspace(*x[piece], 6)
-        third = 6 * Polynomial.fit(inside, spline.evaluated(inside), 3).convert().coef[3]
-        through = Polynomial.fit(x[outermost], y[outermost], 3).convert().coef[3] if points > 3 else 0.0
-        assert third == pytest.approx(6 * through, rel=1e-6, abs=1e-8)
-
-
 @pytest.mark.parametrize("kind", ["SimmSpline", "PiecewiseLinearFunction"])
 def test_tables_need_two_points_or_more_that_rise(kind):
     two = curve(ET.fromstring(table([-1, 1], [0.5, 1.5], kind)))
@@ -172,41 +157,6 @@ def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):
     distance = float(re.search(r"most ([\d.]+) mm", str(notes[0].message))[1]) / 1e3
     assert abs(poses[:, 1] - np.interp(bend, [-2.1, -1, 0.2], [0.1, 0, 0.3])).max() <= 1.02 * distance
     assert arm.ranges["bend"] == (-2.0, 0.1)
-
-
-def test_what_is_a_polynomial_stays_one(tmp_path):
-    cubic = "<PolynomialFunction><coefficients>0.3 0 -0.1 0.02</coefficients></PolynomialFunction>"
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        arm = sim.mechanism(knee(tmp_path, (cubic, multiplied(linear(0.5, 1), 0.2), linear(1))))
-    x = arm.tree.poses(np.array([0.0, 0.7]))[arm.tree.names.index("shin"), :2, 3]
-    np.testing.assert_allclose(x, [0.3 * 0.7**3 - 0.1 * 0.7 + 0.02, 0.2 * 1.35], atol=1e-12)
-
-
-def test_a_coordinate_that_moves_nothing_by_itself_leads_all_the_same(tmp_path):
-    path = knee(tmp_path, (linear(0.02), constant(0), linear(2, 0.1)))
-    arm = sim.mechanism(path)
-    assert arm.tree.joints == ("hip", "bend")
-    T = arm.tree.poses(np.array([0.0, 0.4]))[arm.tree.names.index("shin")]
-    np.testing.assert_allclose([T[0, 3], np.arctan2(T[1, 0], T[0, 0])], [0.008, 0.9], atol=1e-12)
-    computed = joint_torque_regressor(arm.tree, *states(arm, 3), gravity=arm.gravity) @ arm.prior
-    # Power by finite differences: work of gravity when the knee bends, at rest.
-    q = np.array([[0.3, -0.5]])
-    computed = (joint_torque_regressor(arm.tree, q, 0 * q, 0 * q, gravity=arm.gravity) @ arm.prior)[0, 1]
-
-    def height(bend):
-        poses = arm.tree.poses(np.array([0.3, bend]))[list(arm.tree.inertial)]
-        return sum((T @ [*own[1:4], own[0]])[1] for T, own in zip(poses, arm.prior.reshape(-1, 10), strict=True))
-
-    np.testing.assert_allclose(computed, 9.8 * (height(-0.5 + 1e-6) - height(-0.5 - 1e-6)) / 2e-6, rtol=1e-6)
-
-
-@pytest.mark.parametrize(("tag", "says"), [("isEnforced", "false"), ("isDisabled", "true")])
-def test_a_constraint_that_is_switched_off_constrains_nothing(tmp_path, tag, says):
-    path = knee(
-        tmp_path, (constant(0), constant(0), linear(1)), constraints=coupler("bend", "hip", linear(1), 1.0, tag, says)
-    )
-    assert sim.mechanism(path).tree.joints == ("hip", "bend")
 
 
 def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_told(tmp_path):
@@ -236,15 +186,6 @@ def test_a_base_carries_its_part_of_the_model(tmp_path):
     with pytest.raises(ModelError, match="follows 'bend', which is not on it") as error:
         read(written(tmp_path, every_kind(3)[0].replace("name>beta_0", "name>ankle_0"), "led.osim"), base="shank")
     assert "led.osim" in str(error.value)
-
-
-def test_merged_welds_keep_the_wrench(tmp_path):
-    path = written(tmp_path, every_kind(1)[0])
-    arm, merged = read(path), read(path, merge_welds=True)
-    assert len(merged.bodies) == len(arm.bodies) - 2
-    q, dq, ddq = states(arm, 4)
-    computed, expected = (base_wrench_regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (merged, arm))
-    np.testing.assert_allclose(computed, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -287,13 +228,6 @@ def test_what_cannot_be_read_is_named(tmp_path, old, new, message):
     assert "\n" not in str(error.value)
 
 
-def test_a_loop_is_named(tmp_path):
-    phi = {"a": random_phi(np.random.default_rng(0), 1)}
-    joints = [Joint("PinJoint", name, "ground", "a", [coordinate(name)]) for name in ("one", "two")]
-    with pytest.raises(ModelError, match=r'<PinJoint name="two"> closes a loop'):
-        sim.mechanism(written(tmp_path, document(joints, phi)))
-
-
 def linkage(version, first="rod", second="rocker"):
     """A parallelogram of pins, closed by a point constraint."""
     at = lambda *x: (np.array(x), np.zeros(3))  # noqa: E731
@@ -331,32 +265,6 @@ def test_a_point_that_is_held_to_the_ground_is_named(tmp_path):
     path = written(tmp_path, linkage(4, second="ground"))
     with pytest.raises(ModelError, match=r'<PointConstraint name="pin"> reaches outside the .* --ignore pin'):
         read(path)
-
-
-def test_a_constraint_that_is_perhaps_enforced_is_refused(tmp_path):
-    text = linkage(4).replace("<isEnforced>true", "<isEnforced>maybe", 1)
-    with pytest.raises(ModelError, match="name=\"pin\"> needs true or false in <isEnforced>, got 'maybe'"):
-        read(written(tmp_path, text))
-
-
-def test_an_entity_is_not_followed(tmp_path):
-    secret = written(tmp_path, "0 0 0", "secret.txt")
-    text = every_kind(1)[0]
-    evil = f'<!DOCTYPE x [<!ENTITY e SYSTEM "{secret.as_uri()}">]>'
-    evil = text.replace("?>\n", "?>\n" + evil, 1).replace("<gravity>", "<gravity>&e;", 1)
-    with pytest.raises(ModelError):
-        read(written(tmp_path, evil))
-
-
-def test_elements_in_entities_are_not_written_back(tmp_path):
-    text = re.sub("<mass>[^<]*</mass>", "&m;", every_kind(1)[0], count=1)
-    text = text.replace("?>\n", '?>\n<!DOCTYPE x [<!ENTITY m "<mass>3</mass>">]>\n', 1)
-    path = written(tmp_path, text)
-    arm = read(path)
-    assert arm.prior[0] == 3
-    with pytest.raises(ModelError, match="come from entities"):
-        sim.write_model(tmp_path / "new.osim", arm, 2 * arm.prior)
-    assert not (tmp_path / "new.osim").exists()
 
 
 def test_an_ignored_constraint_lets_its_coordinate_go(tmp_path):
@@ -416,11 +324,3 @@ def test_what_cannot_be_written_is_said(tmp_path):
     with pytest.raises(ModelError, match="MuJoCo reads no OpenSim files"):
         sim.tree_from_model(path)
     assert not (tmp_path / "new.osim").exists()
-
-
-def test_an_odd_inertia_is_taken_and_noted(tmp_path):
-    text, _ = every_kind(1)
-    odd = re.sub(r"<inertia>[^<]*</inertia>", "<inertia>1 1 5 0 0 0</inertia>", text, count=1)
-    with pytest.warns(ModelNote) as notes:
-        sim.mechanism(written(tmp_path, odd))
-    assert any("stated for pelvis is taken as it is" in str(note.message) for note in notes)

@@ -1,11 +1,8 @@
 """Models in millimetres or grams: notes that name the unit and the body."""
 
-import warnings
-
 import mujoco
 import pytest
 
-import scenes
 import sim
 from sim.models.notes import ModelNote
 
@@ -38,12 +35,3 @@ def test_a_unit_that_no_material_allows_is_noted_with_the_body(factors, told):
     with pytest.warns(ModelNote, match=told) as notes:
         arm(**factors)
     assert len(notes) == 1
-
-
-def test_models_in_si_units_have_no_note():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for factors in ({}, {"mass": 0.05}, {"mass": 5.0}, {"inertia": 0.1}, {"inertia": 10.0}, {"length": 20.0}):
-            arm(**factors)
-        for scene in scenes.NAMES:
-            sim.mechanism(scenes.load(scene))

@@ -1,12 +1,9 @@
 """Properties of a mechanism in a model besides its tree."""
 
-import pickle
-
 import mujoco
 import numpy as np
 import pytest
 
-import scenes
 from sim.models import mujoco_model
 from sim.models.mechanism import mechanism
 
@@ -26,25 +23,6 @@ def path(tmp_path):
     return path
 
 
-def test_a_mechanism_is_what_the_model_says(path):
-    arm = mechanism(path, "base")
-    model = mujoco_model.compiled(path)
-    assert arm.tree == mujoco_model.tree_from_model(model, "base")
-    np.testing.assert_array_equal(arm.known, mujoco_model.parameters_from_model(model, "base"))
-    np.testing.assert_array_equal(arm.gravity, mujoco_model.gravity_in_base(model, "base"))
-    assert arm.mass == pytest.approx(model.body_mass.sum())
-    assert list(arm.sites) == ["low", "tip"]
-    assert arm.ranges == {"lift": (-1, 2)}
-    assert "lift" not in mechanism(path, "base", fix={"lift": []}).ranges
-
-
-def test_a_model_is_compiled_once(path, monkeypatch):
-    read, calls = mujoco_model._compiled_file, []
-    monkeypatch.setattr(mujoco_model, "_compiled_file", lambda *args: calls.append(args) or read(*args))
-    mechanism(str(path), "base", fix={"lift": [0.1]})
-    assert len(calls) == 1
-
-
 @pytest.mark.parametrize("base", [None, "base", "plinth"])
 @pytest.mark.parametrize("fix", [None, {"lift": [0.4]}])
 def test_sites_stay_in_place_where_welds_are_merged(path, base, fix):
@@ -54,18 +32,6 @@ def test_sites_stay_in_place_where_welds_are_merged(path, base, fix):
     for name in kept.sites:
         places = [m.tree.poses(q)[m.tree.names.index(m.site(name)[0])] @ m.site(name)[1] for m in (kept, merged)]
         np.testing.assert_allclose(*places, atol=1e-12)
-
-
-def test_a_site_on_the_second_body_at_rest_moves_to_the_first():
-    text = """<mujoco><worldbody><body name="wall" pos="1 2 3" euler="0 0 30"><geom size=".1"/></body>
-    <body name="post" pos="-1 .5 0" euler="0 20 0"><geom size=".1"/><site name="top" pos="0 .2 .3"/>
-    <body name="arm"><joint name="turn"/><geom size=".1"/></body></body></worldbody></mujoco>"""
-    kept, merged = (mechanism(mujoco.MjSpec.from_string(text), merge_welds=merge) for merge in (False, True))
-    assert kept.site("top")[0] == "post" and merged.site("top")[0] == "wall"
-    poses = [
-        m.tree.poses(np.array([0.4]))[m.tree.names.index(m.site("top")[0])] @ m.site("top")[1] for m in (kept, merged)
-    ]
-    np.testing.assert_allclose(*poses, atol=1e-12)
 
 
 def test_a_site_is_where_mujoco_has_it(path):
@@ -86,11 +52,3 @@ def test_a_model_without_mass_is_a_mechanism_without_a_prior():
     assert ghost.tree.names == ("ghost",) and ghost.prior is None
     with pytest.raises(ValueError, match="A mechanism needs mass; ghost have none"):
         _ = ghost.weight
-
-
-def test_a_mechanism_of_a_file_or_of_a_compiled_model_goes_to_other_processes(path):
-    for source in (path, scenes.load("double_pendulum").compile()):
-        arm = mechanism(source, "base")
-        again = pickle.loads(pickle.dumps(arm))
-        assert again.tree == arm.tree and again.source.base == "base"
-        np.testing.assert_array_equal(again.known, arm.known)

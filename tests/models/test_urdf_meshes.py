@@ -78,20 +78,6 @@ def test_meshes_are_found_in_the_packages_of_the_environment_and_of_an_option(tm
     assert mechanism(path).source.model.nmesh == 1
 
 
-def test_names_of_files_and_whole_paths_are_taken(tmp_path):
-    put(tmp_path / "far off/b.obj")
-    for name in (f"file://{tmp_path}/far%20off/b.obj", f"{tmp_path}/far off/b.obj"):
-        assert mechanism(robot(tmp_path / "arm.urdf", collision=name)).source.model.nmesh == 1
-
-
-def test_meshes_that_are_another_packages_are_not_taken(tmp_path):
-    path = robot(tmp_path / "arm/urdf/arm.urdf", collision="package://hand/meshes/b.obj")
-    put(tmp_path / "arm/meshes/b.obj")
-    put(tmp_path / "arm/package.xml", "<package><name>arm</name></package>")
-    with pytest.warns(ModelNote, match=r"A mesh is not found.*package://hand/meshes/b\.obj; --packages FOLDER"):
-        assert mechanism(path).source.model.nmesh == 0
-
-
 def test_meshes_that_cannot_be_read_are_named_with_what_is_wrong(tmp_path):
     for name, text in {"flat.obj": "v 0 0 0\n", "b.dae": "<COLLADA/>", "b.stl": "solid b\nendsolid b\n"}.items():
         put(tmp_path / name, text)

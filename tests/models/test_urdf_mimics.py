@@ -6,8 +6,8 @@ import pytest
 import sim
 from ident.errors import ModelError
 from ident.estimation.loads import stated_drive_torques
+from ident.mechanism.body import Follower
 from ident.mechanism.constraint import Relation
-from ident.mechanism.follower import Follower
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 from sim.models.model_update import write_model
@@ -51,17 +51,6 @@ def test_a_mimic_is_written_back_as_it_was(tmp_path):
     write_model(tmp_path / "new.urdf", arm, 1.1 * arm.known)
     element = '<mimic joint="left" multiplier="-1.5" offset="0.1"/>'
     assert element in (tmp_path / "new.urdf").read_text()
-
-
-def test_a_mimic_of_a_fixed_joint_has_no_effect(tmp_path):
-    assert not read(tmp_path, joint("left"), joint("right", '<mimic joint="left"/>', "fixed")).mimics
-
-
-def test_a_leader_that_is_fixed_holds_its_mimic(tmp_path):
-    arm = read(tmp_path, RIGHT, joint("left"), joint("free")).fixed({"left": [0.2]})
-    assert arm.tree.joints == ("free",) and {*arm.tree.still} == {"left", "right"}
-    right = arm.tree.poses(np.zeros(1))[arm.tree.names.index("of_right")]
-    np.testing.assert_allclose(np.arctan2(right[1, 0], right[0, 0]), 0.1 - 1.5 * 0.2, atol=1e-12)
 
 
 @pytest.mark.parametrize(

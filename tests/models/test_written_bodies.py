@@ -1,9 +1,7 @@
 """Bodies of an estimate in written models: comments beside them, short numbers, folders that may be moved."""
 
 import re
-from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import opensim_files
 import pytest
@@ -77,37 +75,3 @@ def test_an_opensim_file_has_the_intervals_of_its_bodies(tmp_path, version):
     write_model(out, arm, full_of(arm))
     assert len(COMMENT.findall(out.read_text())) == len(arm.bodies)
     np.testing.assert_allclose(mechanism(out, "b0").known, full_of(arm).phi, rtol=1e-4, atol=1e-4)
-
-
-@dataclass
-class Noted:
-    phi: np.ndarray
-    comments: dict
-
-
-def test_numbers_that_no_body_has_when_rounded_keep_their_digits(tmp_path):
-    """A body so flat that six digits would take its extent."""
-    path, out = tmp_path / "arm.xml", tmp_path / "new.xml"
-    path.write_text(MJCF.format(compiler=""), encoding="utf-8")
-    arm = mechanism(path, "base")
-    phi = full_of(arm).phi.copy()
-    phi[-10:] = [1 / 3, 0, 0, 0, 0.1 / 3, 0.1 / 3, 0.2 / 3, 0, 0, 0]
-    write_model(out, arm, Noted(phi, {arm.bodies[-1]: "95 % intervals: mass 0.3 kg"}))
-    np.testing.assert_allclose(mechanism(out, "base").known[-10:], phi[-10:], rtol=1e-6)
-
-
-def test_folders_of_meshes_are_relative_to_the_written_file(tmp_path):
-    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
-    (tmp_path / "here" / "assets").mkdir(parents=True)
-    (tmp_path / "here" / "assets" / "a.obj").write_text(corners)
-    text = MJCF.format(compiler=' meshdir="assets"').replace(
-        "<worldbody>", '<asset><mesh file="a.obj"/></asset><worldbody>'
-    )
-    path, out = tmp_path / "here" / "arm.xml", tmp_path / "here" / "out" / "new.xml"
-    path.write_text(text.replace('<geom size=".1"/>', '<geom type="mesh" mesh="a"/>'), encoding="utf-8")
-    out.parent.mkdir()
-    arm = mechanism(path, "base")
-    write_model(out, arm, full_of(arm))
-    assert str(tmp_path) not in out.read_text(encoding="utf-8")
-    moved = (tmp_path / "here").rename(tmp_path / "there")
-    assert mujoco.MjModel.from_xml_path(str(moved / "out" / "new.xml")).nmesh == 1

@@ -46,19 +46,6 @@ def test_a_xacro_file_is_the_urdf_file_that_it_describes(files, name):
     np.testing.assert_allclose(mechanism(files / "new.urdf", "base").known, 2 * plain.known, rtol=1e-12)
 
 
-def test_packages_are_found_above_the_file(files):
-    pytest.importorskip("xacrodoc", reason="xacrodoc is in the extra 'xacro'")
-    folder = files / "my_arm" / "urdf"
-    folder.mkdir(parents=True)
-    (files / "my_arm" / "package.xml").write_text(
-        '<package format="2"><name>my_arm</name><version>1.0.0</version><description>an arm</description>'
-        '<maintainer email="a@b.c">a</maintainer><license>MIT</license></package>'
-    )
-    (folder / "parts.xacro").write_text(PARTS)
-    (folder / "arm.xacro").write_text(XACRO.replace("parts.xacro", "$(find my_arm)/urdf/parts.xacro"))
-    assert mechanism(folder / "arm.xacro", "base").mass == 3
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -1,9 +1,11 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
-from sim.motion.excitation import DOUBLE_PENDULUM, Excitation
+from ident.errors import InputError
+from sim.motion.excitation import DOUBLE_PENDULUM, Excitation, Trapezoids
+from sim.motion.fourier import FourierTrajectory
+from sim.motion.interior_point import minimum
 
 TIME = np.arange(943) / 100
 
@@ -12,28 +14,6 @@ def test_motion_stays_within_a_ur5s_speed_and_the_scenes_limits():
     q, dq, _ = DOUBLE_PENDULUM.trajectory(TIME)
     np.testing.assert_allclose([q[:, 0].min(), q[:, 1].max()], [-1.89, 1.90], atol=0.01)
     assert 2.2 < abs(dq).max() < 2.3
-
-
-def test_velocity_and_position_are_integrals():
-    fine = np.arange(0, 2, 1e-4)
-    q, dq, ddq = DOUBLE_PENDULUM.trajectory(fine)
-    np.testing.assert_allclose(np.gradient(q, fine, axis=0)[1:-1], dq[1:-1], atol=1e-6)
-    np.testing.assert_allclose(np.gradient(dq, fine, axis=0)[1:-1], ddq[1:-1], atol=1e-6)
-
-
-def test_noise_is_held_and_integrated_exactly():
-    rng_state = np.random.default_rng(3)
-    excitation = replace(DOUBLE_PENDULUM, noise=0.5)
-    fine = np.arange(0, 1000) / 1000
-    clean = np.array(DOUBLE_PENDULUM.trajectory(fine))
-    q, dq, ddq = np.array(excitation.trajectory(fine, rng_state)) - clean
-    held = ddq.reshape(100, 10, 2)
-    np.testing.assert_allclose(held, held[:, :1] + np.zeros((1, 10, 1)), atol=1e-12)
-    assert np.isclose(held[:, 0].std(), 0.5, rtol=0.2)
-    h = 1e-3
-    np.testing.assert_allclose(np.diff(dq, axis=0), h * ddq[:-1], atol=1e-12)
-    np.testing.assert_allclose(np.diff(q, axis=0), h * dq[:-1] + h**2 / 2 * ddq[:-1], atol=1e-12)
-    assert not dq[0].any() and not q[0].any()
 
 
 @pytest.mark.parametrize(
@@ -50,3 +30,108 @@ def test_bad_excitations_are_refused(change, message):
     good = {name: getattr(DOUBLE_PENDULUM, name) for name in ("offset", "amplitude", "frequency", "phase", "noise")}
     with pytest.raises(ValueError, match=message):
         Excitation(**(good | change))
+
+
+def test_velocities_and_accelerations_are_the_derivatives():
+    drawn, h = Trapezoids.drawn(np.random.default_rng(0), 3, 10), 1e-4
+    time = np.arange(0, 10, h)
+    q, dq, ddq = drawn.trajectory(time)
+    assert q.shape == dq.shape == ddq.shape == (len(time), drawn.joints) == (100_000, 3)
+    assert np.abs(np.gradient(q, h, axis=0) - dq).max() < 4 * h * np.abs(ddq).max()
+    # Except at the jumps, four for each move.
+    wrong = np.abs(np.gradient(dq, h, axis=0) - ddq) > 1e-6
+    assert wrong.mean() < 4 * 3 * 11 / len(time)
+    np.testing.assert_array_equal(drawn.with_noise(3).trajectory(time, np.random.default_rng(1))[0], q)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (([[0, 1]], [[1]], [[0, 1, 2]]), r"got shapes \(1, 2\), \(1, 1\) and \(1, 3\)"),
+        (([[0, 1]], [[1, 1]], [[0, 1]]), "goals"),
+        (([[0, 1]], [[1, np.nan]], [[0, 1, 2]]), "finite numbers"),
+        (([[0, 1]], [[1.5, 1]], [[0, 1, 2]]), "to end before the next one"),
+        (([[0, 1]], [[0, 1]], [[0, 1, 2]]), "take some time"),
+    ],
+)
+def test_what_is_no_such_motion_is_refused(given, message):
+    with pytest.raises(InputError, match=message):
+        Trapezoids(*given)
+
+
+def random_trajectory(harmonics=5, joints=3, duration=7.3):
+    rng = np.random.default_rng(harmonics)
+    return FourierTrajectory(duration, rng.normal(size=joints), rng.normal(size=(joints, 2 * harmonics - 2)))
+
+
+@pytest.mark.parametrize("harmonics", [2, 3, 5, 12])
+def test_it_rests_at_both_ends_and_returns(harmonics):
+    q, dq, ddq = random_trajectory(harmonics).states(np.array([0, 7.3]))
+    np.testing.assert_allclose(dq, 0, atol=1e-12)
+    np.testing.assert_allclose(ddq, 0, atol=1e-11)
+    np.testing.assert_allclose(q[0], q[1], atol=1e-12)
+
+
+def test_derivatives_are_those_of_finite_differences():
+    trajectory, time, h = random_trajectory(), np.linspace(0, 7.3, 50), 1e-5
+    before, now, after = (trajectory.states(time + shift) for shift in (-h, 0, h))
+    for k in (0, 1):
+        np.testing.assert_allclose((after[k] - before[k]) / (2 * h), now[k + 1], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"coefficients": [[1.0, 2, 3]]}, r"shapes \(1,\) and \(1, 3\)"),
+        ({"coefficients": [[], []]}, r"shapes \(1,\) and \(2, 0\)"),
+        ({"center": [0.0, 1]}, r"shapes \(2,\) and \(1, 2\)"),
+        ({"center": [np.nan]}, "finite numbers"),
+        ({"duration": 0.0}, "positive duration, got 0.0 s"),
+        ({"duration": np.inf}, "positive duration"),
+    ],
+)
+def test_bad_series_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        FourierTrajectory(**({"duration": 1.0, "center": [0.0], "coefficients": [[1.0, 2.0]]} | change))
+
+
+def convex(rng, n, w):
+    """A quadratic function plus one of fourth order, and its gradient, of points (n, w)."""
+    root, pull = rng.normal(size=(n * w, n * w)), 5 * rng.normal(size=n * w)
+
+    def function(x):
+        flat = x.ravel()
+        value = np.sum((root @ flat) ** 2) / 2 + np.sum(flat**4) / 4 - pull @ flat
+        return float(value), (root.T @ root @ flat + flat**3 - pull).reshape(x.shape)
+
+    return function
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
+    rng = np.random.default_rng(seed)
+    n, m, w = 3, 12, 4
+    function, limits = convex(rng, n, w), rng.normal(size=(n, m, w))
+    visited = []
+
+    def watched(x):
+        visited.append(abs(np.einsum("nmw,nw->nm", limits, x)).max())
+        return function(x)
+
+    x = minimum(watched, np.zeros((n, w)), limits, 400)
+    rows = np.zeros((n, m, n, w))
+    rows[range(n), :, range(n)] = limits
+    rows = rows.reshape(n * m, n * w)
+    rows = np.vstack([rows, -rows])
+    theirs = minimize(
+        lambda x: function(x.reshape(n, w))[0],
+        np.zeros(n * w),
+        jac=lambda x: function(x.reshape(n, w))[1].ravel(),
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": lambda x: 1 - rows @ x, "jac": lambda x: -rows},
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    assert max(visited) < 1
+    # The barrier's last weight bounds its cost, and this is its remainder.
+    assert -1e-9 < function(x)[0] - theirs.fun < 0.004
+    assert abs(limits @ x[:, :, None]).max() > 0.99

@@ -1,23 +1,18 @@
 """Priors from tables of people: the tables' sums, bodies of known lengths by hand, and required inputs."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from ident.errors import InputError, ModelError
+from ident.errors import InputError
 from ident.geometry import se3
-from ident.mechanism.body import BASE, Body
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.parameters.anthropometry import spread
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.person import Person, Placed, with_person
 from ident.parameters.prior import KNOWN, body_covariance, known_covariance
 
 GRAVITY = np.array([0, -9.81, 0])
-FOOT = Placed("foot", np.zeros(3), np.array([0.2, 0, 0]))
 HINGE = np.array([0, 0, 0, 0, 0, 1.0])
 
 
@@ -83,17 +78,6 @@ def test_a_person_has_a_table_a_mass_a_height_and_a_sex(given, message):
         Person(*given)
 
 
-def test_the_width_is_what_is_published():
-    # Cheng's thigh: 13.6 ± 1.8 %; Winter, de Leva and Dumas: 10, 14.16 and 12.3 % for men.
-    shares = np.array([0.1, 0.1416, 0.123])
-    mass, center = spread("thigh", "male")
-    assert mass == pytest.approx(np.hypot(1.8 / 13.6, shares.std(ddof=1) / shares.mean()))
-    assert center == pytest.approx(np.hypot(0.035, np.std([0.433, 0.4095, 0.429], ddof=1)))
-    arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh")})
-    assert list(arm.prior_known) == ["thigh_r"]
-    assert arm.prior_known["thigh_r"] == pytest.approx({"mass": mass, "center": center * 0.4, "inertia": 0.3})
-
-
 def test_what_is_known_of_base_parameters_has_these_widths():
     arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh")})
     base = structural_base_parameters(arm)
@@ -103,10 +87,3 @@ def test_what_is_known_of_base_parameters_has_these_widths():
     change = body_covariance(thigh, arm.prior_known["thigh_r"]) - body_covariance(thigh)
     B = base.regroup(np.eye(50)).T
     np.testing.assert_allclose(mine - without, B[:, 10:20] @ change @ B[:, 10:20].T, atol=1e-6)
-
-
-def test_a_part_of_a_mechanism_keeps_how_well_its_bodies_are_known():
-    arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh"), "foot_r": FOOT})
-    assert set(arm.beyond("shank_r").prior_known) == {"foot_r"}
-    with pytest.raises(ModelError, match="prior_known names 'tail', which is none of pelvis, thigh_r"):
-        replace(arm, prior_known={"tail": {"mass": 0.1}})

@@ -7,17 +7,17 @@ from scipy.linalg import block_diag
 import scenes
 import sim
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
-from ident.model.regressor import base_wrench_regressor
-from ident.parameters.base_parameters import structural_base_parameters
+from ident.parameters.base_parameters import find_base_parameters, structural_base_parameters
 from ident.parameters.prior import (
     KNOWN,
     body_covariance,
     conditioned,
     known_covariance,
     known_covariances,
-    known_deviations,
+    parameters_identified,
     updated,
 )
+from sim.models.mechanism import mechanism
 
 CENTRAL = np.array([[0.06, 0.01, -0.005], [0.01, 0.05, 0.002], [-0.005, 0.002, 0.03]])
 BODIES = {
@@ -54,39 +54,6 @@ def test_bodies_that_are_drawn_deviate_as_is_known(body, known):
     assert (abs(products.mean(axis=0) - body_covariance(phi, known)) <= 5 * error + 1e-12).all()
 
 
-def test_moments_of_inertia_are_known_to_their_share_about_every_axis_of_the_centre():
-    exact = {"mass": 0.0, "center": 0.0, "inertia": 0.3}
-    C = body_covariance(BODIES["far from its frame"], exact)[4:, 4:]
-    for n in np.random.default_rng(0).normal(size=(5, 3)):
-        weights = np.array([*n**2, 2 * n[0] * n[1], 2 * n[0] * n[2], 2 * n[1] * n[2]])
-        assert np.sqrt(weights @ C @ weights) == pytest.approx(0.3 * n @ CENTRAL @ n)
-    assert not body_covariance(BODIES["a point"], exact).any()
-
-
-def test_deviations_are_those_of_each_body_by_hand():
-    arm = sim.mechanism(scenes.load("double_pendulum"), base="base")
-    std, phi = known_deviations(arm).reshape(-1, 10), arm.known.reshape(-1, 10)
-    np.testing.assert_allclose(std[:, 0], 0.2 * phi[:, 0])
-    np.testing.assert_allclose(std[:, 1:4], np.sqrt(0.2**2 * phi[:, 1:4] ** 2 + 1.04 * (0.05 * phi[:, :1]) ** 2))
-
-
-def test_intervals_hold_bodies_that_are_drawn():
-    """Few noisy wrenches of a pendulum and a prior: the posterior of a linear problem."""
-    arm, rng = sim.mechanism(scenes.load("double_pendulum"), base="base"), np.random.default_rng(0)
-    base = structural_base_parameters(arm)
-    states = rng.uniform(-1, 1, size=(3, 2, 2)) * np.array([1.0, 2, 4])[:, None, None]
-    rows = base.reduce(base_wrench_regressor(arm.tree, *states, gravity=arm.gravity)).reshape(-1, base.rank)
-    before, noise = known_covariance(arm, base), 2.0
-    after = np.linalg.inv(np.linalg.inv(before) + rows.T @ rows / noise**2)
-    gain, prior = after @ rows.T / noise**2, base.regroup(arm.known)
-    truth = base.regroup(np.hstack([drawn(phi, KNOWN, 4000, rng) for phi in arm.known.reshape(-1, 10)]))
-    measured = truth @ rows.T + noise * rng.normal(size=(len(truth), len(rows)))
-    z = (prior + (measured - prior @ rows.T) @ gain.T - truth) / np.sqrt(np.diag(after))
-    np.testing.assert_allclose(np.sqrt((z**2).mean(axis=0)), 1, atol=0.06)
-    assert 0.93 <= (abs(z) < 1.96).mean() <= 0.97
-    assert (abs(z) < 1.96).mean(axis=0).min() > 0.92
-
-
 def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     arm, rng = sim.mechanism(scenes.load("humanoid"), base="pelvis"), np.random.default_rng(0)
     base = structural_base_parameters(arm)
@@ -102,3 +69,31 @@ def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     np.testing.assert_allclose(phi, arm.known + direct @ (measured - prior), rtol=1e-5, atol=1e-8)
     variance = np.diag(S - direct @ B @ S)
     np.testing.assert_allclose(std, np.sqrt(variance), rtol=1e-4, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return mechanism(scenes.load("double_pendulum"), "base")
+
+
+def test_the_variances_that_bayes_rule_leaves(arm):
+    base = find_base_parameters(arm)
+    L = np.random.default_rng(0).normal(size=(base.rank, base.rank))
+    covariance = 1e-3 * L @ L.T
+    S = block_diag(*known_covariances(arm))
+    B = base.regroup(np.eye(len(S))).T
+    information = B.T @ np.linalg.inv(covariance) @ B
+    after = np.linalg.inv(np.linalg.inv(S) + information)
+    expected = (1 - np.diag(np.linalg.solve(S, after))).reshape(-1, 10).sum(axis=1)
+    identified = parameters_identified(arm, base, covariance)
+    np.testing.assert_allclose(identified, expected, atol=1e-4)
+    # The same with the prior included in the estimate.
+    both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(B @ S @ B.T))
+    np.testing.assert_allclose(parameters_identified(arm, base, both, included=True), identified, atol=1e-4)
+
+
+def test_nothing_is_told_by_noise_and_no_more_than_the_rank_by_perfect_data(arm):
+    base = find_base_parameters(arm)
+    assert parameters_identified(arm, base, 1e12 * np.eye(base.rank)).max() < 1e-6
+    perfect = parameters_identified(arm, base, 1e-12 * np.eye(base.rank))
+    assert perfect.sum() == pytest.approx(base.rank, abs=0.01) and perfect.max() <= 10

@@ -10,25 +10,20 @@ from mechanisms import (
     GRAVITY,
     JOINTS,
     double_pendulum,
-    random_phi,
     random_pose,
     random_states,
     random_tree,
-    random_twist,
     regrouping_error,
     tilted_axis,
 )
 from test_against_opensymoro import DATA, tree_of
 
-from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import coAd, inverse
-from ident.mechanism.body import BASE, Body
-from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.parameters.base_parameters import find_base_parameters, separating_sensors
-from ident.parameters.structure import Sensors, structure_matrix
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.structure import Sensors
 
 BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
 
@@ -40,7 +35,7 @@ def test_coefficients_are_exact():
         assert abs(coefficients[round(exact, 9)] - exact) < 1e-15
 
 
-@pytest.mark.parametrize("seed", range(18))
+@pytest.mark.parametrize("seed", range(9))
 def test_structure_equals_the_regressor_at_random_states(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, int(rng.integers(2, 9)), massless=0.2)
@@ -81,34 +76,6 @@ def test_rank_of_a_floating_chain_of_revolute_joints(n):
     assert find_base_parameters(tree, sensors=Sensors(moving_base=True)).rank == 10 + 7 * (n - 1)
 
 
-def test_regrouping_keeps_the_wrench():
-    rng = np.random.default_rng(0)
-    tree = random_tree(rng, 8)
-    base, phi = find_base_parameters(tree, gravity=GRAVITY), random_phi(rng, 8)
-    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=GRAVITY)
-    expected = Y @ phi
-    np.testing.assert_allclose(base.reduce(Y) @ base.regroup(phi), expected, atol=1e-11 * abs(expected).max())
-
-
-def test_without_gravity_less_is_seen():
-    assert find_base_parameters(double_pendulum(), gravity=np.zeros(3)).rank < 13
-
-
-def test_which_sensor_would_separate_more():
-    gains = separating_sensors(Mechanism(double_pendulum(), GRAVITY))
-    assert not gains["with the base wrench"] and not gains["with joint torques"]
-    assert len(gains["on a moving base"]) == 24 - 13
-    assert gains["with joint axes that are not parallel"] == ("m2rx2", "Iyy2", "Izz2", "m3rx3", "Iyy3", "Izz3")
-    torques = separating_sensors(Mechanism(double_pendulum(), GRAVITY), TORQUES)
-    assert torques["with the base wrench"] == ("m1", "m1rx1", "m1ry1", "Ixy2", "Ixz2", "Ixy3", "Ixz3")
-
-
-def test_structure_of_a_welded_tree_is_its_weight():
-    tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
-    assert structure_matrix(Mechanism(tree, GRAVITY)).shape[1] == 30
-    assert find_base_parameters(tree).names == ("m1", "m1rx1", "m1ry1")
-
-
 def test_what_cannot_have_base_parameters_is_refused():
     tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
     with pytest.raises(ValueError, match="see no parameter of this mechanism"):
@@ -135,11 +102,6 @@ def test_exact_numbers_give_exact_coefficients():
         find_base_parameters(Tree(bodies), gravity=exact([0, 0, -1]), kept=base.names)
 
 
-def test_pseudo_inertia_and_back():
-    phi = random_phi(np.random.default_rng(0), 4).reshape(4, 10)
-    np.testing.assert_allclose(parameters_from_pseudo_inertia(pseudo_inertia(phi)), phi, atol=1e-14)
-
-
 @pytest.mark.parametrize("moving_base", [False, True], ids=["resting", "moving"])
 def test_channels_of_the_base_wrench_see_what_their_regressor_shows(moving_base):
     """Ranks and regroupings of some rows of the regressor, in frames at any pose and along frame axes, 24 trees."""
@@ -160,17 +122,6 @@ def test_channels_of_the_base_wrench_see_what_their_regressor_shows(moving_base)
         exact = find_base_parameters(tree, gravity=GRAVITY, sensors=sensors)
         assert find_base_parameters(Y).rank == exact.rank, seed
         assert regrouping_error(exact, Y) <= 1e-9, seed
-
-
-def test_one_moment_of_a_helix_needs_every_power_of_its_bracket():
-    """Without gravity, one moment depends on a helix through 1, sin θ, cos θ, θ sin θ and θ cos θ."""
-    rng = np.random.default_rng(0)
-    tree = Tree((Body("b", BASE, random_pose(rng), random_twist(rng, "helical"), "j"),))
-    moment = Sensors(channels=np.eye(6)[[3]])
-    base = find_base_parameters(tree, gravity=np.zeros(3), sensors=moment)
-    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=np.zeros(3))[:, [3]]
-    assert base.rank == find_base_parameters(Y).rank == 5
-    assert regrouping_error(base, Y) <= 1e-12
 
 
 def test_channels_that_are_no_rows_of_a_wrench_are_refused():

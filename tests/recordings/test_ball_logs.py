@@ -51,13 +51,6 @@ def test_balls_are_found_by_name(tmp_path, names):
     assert not log.unused and not log.notes
 
 
-def test_balls_are_mapped_as_lists_of_columns(tmp_path):
-    cells = {name.replace("neck_", "C7 ").replace(".", " "): x for name, x in columns().items()}
-    entries = {"position": "wxyz", "velocity": "xyz", "torque": "xyz"}
-    lines = [f"{kind} = {[f'C7 {kind} {c}' for c in suffixes]}" for kind, suffixes in entries.items()]
-    check(read(tmp_path, cells, "\n".join(["[joints.neck]", *lines])))
-
-
 REFUSED = {
     "no column": ("neck_position.z", None, None, "'neck' needs columns of its positions, named neck_position, q_neck,"),
     "norm": ("neck_position.x", 3 + T, None, "row 2, joints.neck.position needs a norm of 1, got"),

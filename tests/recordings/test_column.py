@@ -1,24 +1,17 @@
 """Computed columns, coupled motors, selected rows and times, and text in other layouts."""
 
 import gzip
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from malformed_logs import DQ, PLAIN, N, Q, T, text
 
 from ident.errors import LogError
-from ident.files.column import Columns, joints_behind_motors
-from ident.files.schema import value_of
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.columns.entries import Row, couplings
+from ident.recordings.columns.entries import couplings
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.recording import Recording
 
 NAMES = ("leg", "torso")
 AXIS = np.eye(6)[4]
@@ -58,19 +51,6 @@ def test_gain_constant_and_unit(tmp_path):
     assert log.unused == [] and log.notes == []
 
 
-def test_weights_of_several_columns_and_decimal_commas(tmp_path):
-    columns = {"time": T, "m1": Q[:, 0] + Q[:, 1], "m2": Q[:, 0] - Q[:, 1]}
-    mapping = """
-    [joints.ankle]
-    position = { columns = ["m1", "m2"], weights = [0.5, 0.5] }
-    [joints.hip]
-    position = { columns = ["m1", "m2"], weights = [1, -1], gain = 0.5 }
-    """
-    for content in (text(columns), text(columns, ";", ",")):
-        log = read(tmp_path, content, mapping)
-        np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "position"), Q, atol=1e-12)
-
-
 COUPLED = f"""
 [motors.wrist]
 joints = ["ankle", "hip"]
@@ -87,16 +67,6 @@ def coupled():
     return columns | {"dq1": rates[:, 0], "dq2": rates[:, 1], "i1": currents[:, 0], "i2": currents[:, 1]}
 
 
-def test_motors_that_move_several_joints(tmp_path):
-    log = read(tmp_path, coupled(), COUPLED)
-    np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "position"), Q, atol=1e-12)
-    np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "velocity"), DQ, atol=1e-12)
-    motor_torque = np.stack([0.1 * T, 0.2 * (1 - T)], axis=1)
-    torque, rate = log.torques(("ankle", "hip")), log.of_joints(("ankle", "hip"), "velocity")
-    np.testing.assert_allclose((torque * rate).sum(axis=1), (motor_torque * (rate @ R.T)).sum(axis=1), atol=1e-12)
-    assert log.units["hip_torque"] == "N m" and log.unused == []
-
-
 def test_friction_belongs_to_motors_that_are_coupled_unless_stated(tmp_path):
     assert read(tmp_path, coupled(), COUPLED).couplings == {
         f"wrist {k}": dict(zip(("ankle", "hip"), row, strict=True)) for k, row in enumerate(R.tolist(), start=1)
@@ -105,34 +75,6 @@ def test_friction_belongs_to_motors_that_are_coupled_unless_stated(tmp_path):
         assert read(tmp_path, coupled(), other).couplings == {}
     with pytest.raises(LogError, match=r"\[motors.wrist\] has a motor 'wrist 2', and a joint is named so too"):
         couplings("motors.wrist", {}, ["wrist 2", "hip"], R, ["wrist 2", "hip"])
-
-
-@pytest.mark.parametrize("end", ["npz", "csv"])
-def test_couplings_are_saved_with_a_recording(tmp_path, end):
-    log = read(tmp_path, coupled(), COUPLED)
-    log.save(tmp_path / f"saved.{end}")
-    assert Recording.load(tmp_path / f"saved.{end}").couplings == log.couplings
-    for row in (3, {}, {"hip": 0}, {"hip": "far"}):
-        with pytest.raises(LogError, match=r"couplings.wrist 1\S* needs a number (other than 0|for each joint), got"):
-            value_of("couplings", {"wrist 1": row}, Mapping[str, Row])
-
-
-@settings(max_examples=50, derandomize=True, deadline=None, database=None)
-@given(matrix=arrays(float, (3, 3), elements=st.floats(-3, 3)), seed=st.integers(0, 99))
-def test_joints_behind_motors_keep_power_and_position(matrix, seed):
-    matrix = matrix + 7 * np.eye(3)
-    rng = np.random.default_rng(seed)
-    q, torque = rng.normal(size=(2, 4, 3))
-    motors = [Columns((name,), factor) for name, factor in (("a", 1.0), ("b", 0.5), ("c", 2.0))]
-    factors = np.array([motor.factor for motor in motors])
-
-    def values(kind, readings):
-        cells = dict(zip("abc", readings.T, strict=True))
-        joints = joints_behind_motors(matrix, kind, motors)
-        return np.stack([s.of([cells[c] for c in s.columns], 4) for column in joints for s in column.sums], axis=1)
-
-    np.testing.assert_allclose(values("position", q @ matrix.T / factors), q, atol=1e-9)
-    np.testing.assert_allclose(values("torque", torque / factors), torque @ matrix, atol=1e-9)
 
 
 def test_selected_rows_and_times(tmp_path):

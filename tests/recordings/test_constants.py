@@ -3,16 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from recorded_faults import JOINTS, PENDULUM, faulty
 from scipy.spatial.transform import Rotation
 from written_formats import write_csv
 
 import ident
 from experiments.studies.identification import prepare
-from ident.errors import InputError
 from ident.estimation.preparation import prepared
-from ident.identification import identified
 from ident.recordings.log import read_log
 
 TILTED = [0.6, 0.0, 0.8, 0.0]
@@ -52,17 +49,6 @@ def test_a_base_at_a_constant_pose_is_one_at_rest():
     assert estimates[1].names == estimates[0].names and other.equations.parameters.rank > len(estimates[0])
     np.testing.assert_allclose(estimates[1].psi, estimates[0].psi, rtol=1e-9, atol=1e-12)
     assert "The base rests: its recorded pose is constant." in estimates[1].prepared.notes
-
-
-def test_logs_of_bases_that_rest_differently_are_refused():
-    plain = prepared(PENDULUM, LOG, filters=False)
-    for quaternion, what in ((TILTED, "rests in the same direction of gravity"), ([1, 0, 0, 0], "")):
-        log = prepared(PENDULUM, resting(quaternion, log=faulty(1)), filters=False)
-        if not what:
-            assert len(identified([plain, log], estimator="weighted").logs) == 2
-            continue
-        with pytest.raises(InputError, match=rf"A log to fit besides the first needs a base that {what}"):
-            identified([plain, log], estimator="weighted")
 
 
 FLOATING = """<mujoco><worldbody><body name="base"><freejoint name="root"/>

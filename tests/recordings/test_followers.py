@@ -1,7 +1,5 @@
 """Joints that share a column, or that the model couples and the log lacks, follow another one exactly."""
 
-from collections.abc import Mapping
-
 import mujoco
 import numpy as np
 import pytest
@@ -12,10 +10,7 @@ import sim
 from experiments.studies.identification import prepare
 from ident.errors import LogError
 from ident.estimation.preparation import prepared
-from ident.files.schema import value_of
-from ident.mechanism.follower import Follower
 from ident.recordings.log import read_log
-from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
@@ -154,16 +149,6 @@ def test_an_arm_is_estimated_with_its_followers():
     estimate = ident.identify(model, columns, drive=[])
     distance = (estimate.psi - estimate.base.regroup(1.2 * true.known)) / estimate.std_setup
     assert estimate.verdict().usable and np.abs(distance).max() < 4
-
-
-@pytest.mark.parametrize("end", ["npz", "csv"])
-def test_followers_are_saved_with_a_recording(tmp_path, end):
-    log = read_log(LOG, arm(), {"joints": ONE})
-    log.save(tmp_path / f"saved.{end}")
-    assert Recording.load(tmp_path / f"saved.{end}").followers == log.followers
-    for entry in (3, {"joint": "left"}, {"joint": "left", "coefficients": ["x"]}, {"joint": "a", "coefficients": []}):
-        with pytest.raises(LogError, match=r"followers.tip.* needs (a table|coef|a number|finite)"):
-            value_of("followers", {"tip": entry}, Mapping[str, Follower])
 
 
 @pytest.mark.parametrize(

@@ -121,29 +121,6 @@ def test_bad_columns_are_one_sentence(change, message):
         ident.read_log(columns() | change, driven_arm.mechanism())
 
 
-def test_identify_reads_paths_and_columns_and_says_what_it_read(tmp_path):
-    arm, log = driven_arm.mechanism(), driven_arm.log(4.0, 50.0)
-    log.save(tmp_path / "run.csv")
-    options = {"estimator": "weighted", "cutoff": 8.0}
-    expected = ident.identify(arm, log, **options)
-    for given in (str(tmp_path / "run.csv"), tmp_path / "run.csv", columns(), [columns()]):
-        estimate = ident.identify(arm, given, **options)
-        np.testing.assert_allclose(estimate.psi, expected.psi, rtol=1e-9, atol=1e-12)
-        (note,) = [note for note in estimate.prepared.notes if note.startswith("Read ")]
-        assert "200 samples at 50 Hz of " in note and " ".join(estimate.summary().split()).count(note) == 1
-    others = [driven_arm.log(4.0, 50.0, seed=seed) for seed in (1, 2)]
-    both = ident.identify(arm, [tmp_path / "run.csv", others[0]], held_out=others[1], **options)
-    assert len(both.logs) == 2
-    for same in (log, tmp_path / "run.csv", columns()):
-        with pytest.raises(InputError, match="fitted once only, but one of them is given twice"):
-            ident.identify(arm, [tmp_path / "run.csv", same], **options)
-        with pytest.raises(InputError, match="has to be another one than the recording that is fitted"):
-            ident.identify(arm, [others[0], same], held_out=tmp_path / "run.csv", **options)
-    extra = columns() | {"temperature": np.zeros(200)}
-    (note,) = [x for x in ident.identify(arm, extra, **options).prepared.notes if x.startswith("Read ")]
-    assert note.endswith("not used: temperature.")
-
-
 @pytest.mark.parametrize(
     ("given", "where"), [(3, "recording"), (None, "recording"), ([columns(), 3], r"recording\[1\]")]
 )

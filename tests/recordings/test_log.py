@@ -1,30 +1,21 @@
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from malformed_logs import (
     BAD_LOGS,
     BAD_MAPPINGS,
     DQ,
     JOINTS,
     PLAIN,
-    SOUND,
     WRENCH,
     N,
     Q,
     T,
-    logs,
-    mappings,
     retimed,
     text,
 )
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
-from ident.files.column import UNITS
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -90,39 +81,6 @@ def test_what_spreadsheets_write_is_read(tmp_path, content):
     assert list(log.measured) == ["ankle_position", "hip_position"]
     assert (log.torques(JOINTS), log.base, log.wrenches, log.notes) == (None, None, (), [])
     assert np.isclose(log.rate, 100)
-
-
-@pytest.mark.parametrize("names", [("{}_position", "{}_velocity"), ("q_{}", "dq_{}"), ("{}", "{}_velocity")])
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_joints_by_name(tmp_path, names, suffix):
-    columns = {"t": T} | {n.format(j): x for n, s in zip(names, (Q, DQ)) for j, x in zip(JOINTS, s.T)}  # noqa: B905
-    columns |= {f"ddq_{j}": -DQ[:, k] for k, j in enumerate(JOINTS)} | {"tau_hip": T + 1}
-    if suffix == "npz":
-        np.savez(tmp_path / "log.npz", **columns)
-        log = read_log(tmp_path / "log.npz", MECHANISM)
-    else:
-        log = read(tmp_path, text(columns))
-    assert_plain(log)
-    np.testing.assert_array_equal(log.of_joints(JOINTS, "velocity"), DQ)
-    np.testing.assert_array_equal(log.of_joints(JOINTS, "acceleration"), -DQ)
-    np.testing.assert_array_equal(log.torques(JOINTS), np.stack([np.full(N, np.nan), T + 1], axis=1))
-
-
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_recordings_of_this_project(tmp_path, suffix):
-    channels = {f"{j}_{kind}": x for kind, s in (("position", Q), ("velocity", DQ)) for j, x in zip(JOINTS, s.T)}  # noqa: B905
-    channels |= {"ground_force": WRENCH[:, :3], "ground_torque": WRENCH[:, 3:], "contact_force": WRENCH[:, :3]}
-    channels |= {"leg_position": WRENCH[:, :3], "leg_orientation": WRENCH[:, :4]}
-    recording = Recording(T, channels, {k: x + 1 for k, x in channels.items()}, {"ground_force": "N"})
-    recording.save(tmp_path / f"r.{suffix}")
-    log = read_log(tmp_path / f"r.{suffix}", MECHANISM)
-    assert_plain(log)
-    np.testing.assert_array_equal(log.of_joints(JOINTS, "velocity"), DQ)
-    np.testing.assert_array_equal(log.wrench("ground").values, WRENCH)
-    assert log.notes == [
-        "Columns contact_force.x, contact_force.y, contact_force.z look like a wrench; without an entry under "
-        "[wrenches] it is not used.",
-    ]
 
 
 MAPPING = """
@@ -209,25 +167,12 @@ def test_jitter_is_resampled_and_told(tmp_path):
     assert "doubt the clock" not in note
 
 
-def test_clocks_that_count_from_1970(tmp_path):
-    log = read(tmp_path, retimed(1.7e9 + T))
-    np.testing.assert_allclose(log.time, T, atol=1e-6)
-    assert log.notes == ["Times start at 1700000000 s; they are counted from there."]
-
-
 def test_forces_far_below_the_weight_are_suspected(tmp_path):
     content = text(PLAIN | {"ground_fz": 0.6 + 0 * T, "ground_mx": T})
     assert "may be kN" in read(tmp_path, content, weight=600.0).notes[0]
     assert read(tmp_path, content, weight=60.0).notes == []
     stated = '[wrenches.ground]\nforce = ["", "", "ground_fz"]\nunit = "N"\n'
     assert read(tmp_path, content, stated, weight=600.0).notes == []
-
-
-def test_many_turns_are_radians_when_stated_and_lengths_of_slides(tmp_path):
-    content = text({**PLAIN, "q_hip": 100 * T})
-    stated = '[joints.hip]\nposition = { column = "q_hip", unit = "rad" }'
-    np.testing.assert_array_equal(positions(read(tmp_path, content, stated))[:, 1], 100 * T)
-    np.testing.assert_array_equal(positions(read(tmp_path, content, slides=("hip",)))[:, 1], 100 * T)
 
 
 @pytest.mark.parametrize(("content", "message"), BAD_LOGS.values(), ids=BAD_LOGS.keys())
@@ -246,13 +191,6 @@ def test_bad_mappings_are_one_sentence(tmp_path, mapping, message):
     assert message in str(error.value)
     assert str(error.value).startswith(str(tmp_path))
     assert "\n" not in str(error.value)
-
-
-def test_base_quaternions_have_norm_one(tmp_path):
-    columns, _ = mapped()
-    columns["qw"] = columns["qw"] + (np.arange(N) == 5)
-    with pytest.raises(LogError, match=r"row 7, base.quaternion needs a norm of 1, got"):
-        read(tmp_path, text(columns), MAPPING)
 
 
 def test_files_that_are_no_logs(tmp_path):
@@ -298,70 +236,6 @@ def test_what_looks_like_a_wrench_or_a_torque_is_suggested(columns, lines):
     sentence, *suggested = suggested_mapping(columns, JOINTS).split("\n")
     assert suggested == lines
     assert all(name in sentence for name in columns)
-
-
-def test_units_start_with_those_of_the_si():
-    assert all(next(iter(factors.values())) == 1 for factors in UNITS.values())
-
-
-FUZZ = settings(
-    max_examples=50,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-
-
-def outcome(tmp_path, content, mapping=None):
-    (tmp_path / "log.csv").write_bytes(content)
-    (tmp_path / "c.toml").write_bytes(mapping or b"")
-    try:
-        log = read_log(tmp_path / "log.csv", mechanism(weight=500.0), tmp_path / "c.toml")
-    except ValueError as error:
-        assert str(tmp_path) in str(error)
-        return
-    assert np.isfinite(positions(log)).all()
-    assert positions(log).shape == (len(log.time), 2)
-    assert (np.diff(log.time) > 0).all()
-
-
-@FUZZ
-@given(content=logs())
-def test_any_log_is_read_or_refused(tmp_path, content):
-    outcome(tmp_path, content)
-
-
-@FUZZ
-@given(mapping=mappings())
-def test_any_mapping_is_read_or_refused(tmp_path, mapping):
-    outcome(tmp_path, SOUND.encode(), mapping)
-
-
-@FUZZ
-@given(place=st.integers(0, 1500), byte=st.integers(0, 255))
-def test_any_archive_is_read_or_refused(tmp_path, place, byte):
-    np.savez(tmp_path / "log.npz", **PLAIN)
-    content = bytearray((tmp_path / "log.npz").read_bytes())
-    content[place % len(content)] = byte
-    (tmp_path / "log.npz").write_bytes(content)
-    try:
-        read_log(tmp_path / "log.npz", MECHANISM)
-    except ValueError as error:
-        assert "log.npz" in str(error)
-
-
-@pytest.mark.skipif("MULTICONTACT_DATA" not in os.environ, reason="needs the recorded data in MULTICONTACT_DATA")
-def test_a_person_bowing(tmp_path):
-    path = Path(os.environ["MULTICONTACT_DATA"]) / "human_bowing" / "bowing.csv"
-    (tmp_path / "c.toml").write_text(
-        '[wrenches.ground]\nforce = ["foot_fx", "foot_fy", "foot_fz"]\ntorque = ["foot_mx", "foot_my", "foot_mz"]\n'
-    )
-    log = read_log(path, mechanism(weight=600.0), tmp_path / "c.toml")
-    assert np.shape(log.joint_states(JOINTS)) == (3, 1465, 2)
-    assert np.isclose(log.rate, 100)
-    assert 590 < log.wrench("ground").values[:, 2].mean() < 620
-    assert ["plate_fx" in note for note in log.notes] == [True]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -425,12 +299,3 @@ def test_faults_between_the_pieces_of_a_log_are_found(tmp_path, columns, message
     assert len(next(pieces).time) == len(next(pieces).time) == 10
     with pytest.raises(ValueError, match=message):
         next(pieces)
-
-
-def test_positions_in_degrees_with_rates_in_radians_are_refused(tmp_path):
-    time = np.arange(400) / 100
-    columns = {"time": time, "ankle": np.sin(time), "dq_ankle": np.cos(time)}
-    swing = {"hip": np.rad2deg(0.1 * np.sin(time)), "dq_hip": 0.1 * np.cos(time)}
-    with pytest.raises(LogError, match=r"velocity of joint 'hip' is 0\.0175 times the derivative of its position"):
-        read(tmp_path, text(columns | swing))
-    assert "hip_velocity" in read(tmp_path, text(columns | swing), slides=("hip",)).measured

@@ -81,7 +81,7 @@ def test_without_noise_nothing_is_wrong():
 
 
 def test_the_structure_of_poses_is_that_of_sampled_ones():
-    for seed in range(12):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         any_arm = Mechanism(random_tree(rng, bodies=4), 5 * rng.normal(size=3))
         for wrench, torques, moving in ((1, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)):
@@ -91,21 +91,6 @@ def test_the_structure_of_poses_is_that_of_sampled_ones():
             every = [x / max(np.abs(x).max(initial=0), 1e-300) for x in every]
             ranks = {np.linalg.matrix_rank(x, tol=1e-9) if x.size else 0 for x in (*every, np.vstack(every))}
             assert len(ranks) == 1
-
-
-def test_gravity_parameters_of_an_arm_from_poses():
-    """Torques at rest show the first moments alone; the friction and rotors of the model have no columns."""
-    rng = np.random.default_rng(0)
-    q, none = rng.uniform(-1.5, 1.5, (40, 7)), np.zeros((40, 7))
-    Y = ident.joint_torque_regressor(arm().tree, q, none, none, gravity=arm().gravity)
-    tau = Y[..., : len(arm().known)] @ arm().known + 0.01 * rng.normal(size=(40, 7))
-    log = {f"joint{k}_{kind}": x[:, k - 1] for k in range(1, 8) for kind, x in (("position", q), ("torque", tau))}
-    estimate = ident.identify(arm(), log, columns={"poses": True}, estimator="weighted", holdout=0)
-    assert all("r" in name for name in estimate.base.names) and not estimate.drives
-    distance = (estimate.psi - estimate.base.regroup(arm().known)) / estimate.std
-    assert np.abs(distance).max() < 4
-    with pytest.raises(InputError, match="Poses at rest have no trajectory: fit them by estimator='weighted'"):
-        ident.identify(arm(), log, columns={"poses": True})
 
 
 def test_a_hint_where_a_log_looks_like_poses(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.errors import InputError, LogError
+from ident.errors import LogError
 from ident.recordings.recording import Recording
 
 METADATA = {"units": {"a": "rad"}, "noise": {"a": 0.1}, "provenance": {"seed": 3, "nested": [1, None]}}
@@ -62,16 +62,6 @@ def archive(path, metadata="{}", compression=zipfile.ZIP_STORED, **members):
     return path
 
 
-def test_arrays_in_fortran_order_are_saved_in_the_other_and_read_whole(tmp_path):
-    x = np.asfortranarray(np.arange(12.0).reshape(4, 3))
-    path = archive(tmp_path / "r.npz", time=np.arange(4.0), measured__a=x)
-    np.testing.assert_array_equal(Recording.load(path)["a"], x)
-    with pytest.raises(LogError, match=r"r\.npz: member 'measured/a' .*Fortran order is not read in pieces"):
-        next(Recording.chunks(path, 3))
-    Recording.load(path).save(path)
-    np.testing.assert_array_equal(channels(Recording.chunks(path, 3))["a"], x)
-
-
 NPY = io.BytesIO()
 np.lib.format.write_array(NPY, np.arange(5.0))
 
@@ -97,19 +87,6 @@ def test_a_member_that_is_no_channel_is_named(tmp_path, member, message):
     for read in (Recording.load, lambda path: next(Recording.chunks(path, 2))):
         with pytest.raises(LogError, match=rf"r\.npz: member 'measured/a' cannot be read \(.*({message})"):
             read(path)
-
-
-@pytest.mark.parametrize(
-    ("metadata", "message"),
-    [
-        ("{oops", "member 'metadata' cannot be read"),
-        ("[1]", "member 'metadata' cannot be read .JSON objects named units, .* are needed, it holds .1."),
-        ('{"units": 5}', "JSON objects named units"),
-    ],
-)
-def test_metadata_that_are_none_are_refused(tmp_path, metadata, message):
-    with pytest.raises(LogError, match=rf"r\.npz: .*{message}"):
-        Recording.load(archive(tmp_path / "r.npz", metadata, time=np.arange(5.0)))
 
 
 def test_an_archive_without_times_is_none_of_ours(tmp_path):
@@ -157,14 +134,6 @@ def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, sam
         next(pieces)
     with pytest.raises(LogError, match=rf"r\.csv: {message}"):
         next(pieces)
-
-
-def test_pieces_need_a_file_and_samples(tmp_path):
-    with pytest.raises(ValueError, match=r"missing\.csv: there is no such file"):
-        next(Recording.chunks("missing.csv"))
-    (tmp_path / "r.csv").write_text("time\n0\n")
-    with pytest.raises(InputError, match="needs at least one sample, got 0"):
-        next(Recording.chunks(tmp_path / "r.csv", 0))
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz"])

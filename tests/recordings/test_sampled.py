@@ -7,8 +7,7 @@ from test_log import read
 
 import ident
 from ident.errors import LogError
-from ident.mechanism.body import is_rigid
-from ident.recordings.sampled import Sampled, rate_of, side_by_side
+from ident.recordings.sampled import Sampled, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 
@@ -36,31 +35,6 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
     assert len(ident.Recording.from_streams(streams, rate=20).time) == 7
     alone = recording.without_streams
     assert not alone.streams and alone.as_measured("hip_position").time is alone.time
-
-
-def test_what_is_missing_is_bridged_at_common_times_and_stays_missing_in_the_stream():
-    values = slow(T)
-    values[:3, 0] = values[10:15] = np.nan
-    values[:, 2] = np.nan
-    streams = {"hip_position": (T, T), "ground_force": (T, values)}
-    recording = ident.Recording.from_streams(streams)
-    np.testing.assert_allclose(recording.time, T[3:])
-    np.testing.assert_allclose(recording["ground_force"][:, :2], slow(T)[3:, :2])
-    assert np.isnan(recording["ground_force"][:, 2]).all()
-    np.testing.assert_array_equal(recording.as_measured("ground_force").values, values)
-
-
-def test_a_base_turns_from_one_pose_to_the_next():
-    angle = np.pi * T / T[-1]
-    poses = np.tile(np.eye(4), (N, 1, 1))
-    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(angle)
-    poses[:, 1, 0], poses[:, 0, 1], poses[:, 2, 3] = np.sin(angle), -np.sin(angle), T
-    whole = poses.reshape(N, 16).copy()
-    whole[4:20] = np.nan
-    recording = ident.Recording.from_streams({"base:pose": (T, whole)})
-    assert is_rigid(recording.base)
-    np.testing.assert_allclose(recording.base, poses, atol=1e-9)
-    np.testing.assert_array_equal(recording.as_measured("base:pose").values, whole)
 
 
 @pytest.mark.parametrize(
@@ -99,13 +73,6 @@ def test_bad_streams_are_one_sentence(streams, options, message):
     assert "\n" not in str(error.value)
 
 
-def test_streams_are_of_channels_that_there_are():
-    with pytest.raises(LogError, match="has no channel 'b'"):
-        ident.Recording(T, {"a": T}, streams={"b": (T, T)})
-    with pytest.raises(LogError, match="The stream 'a' needs 1 components, got 3"):
-        ident.Recording(T, {"a": T}, streams={"a": (T, slow(T))})
-
-
 def test_streams_beside_each_other_have_the_times_of_all():
     one, two = Sampled(T[::2], T[::2]), Sampled(T[1:4], slow(T[1:4]))
     time, values = side_by_side([one, two])
@@ -113,14 +80,6 @@ def test_streams_beside_each_other_have_the_times_of_all():
     np.testing.assert_array_equal(values[np.isfinite(values[:, 0]), 0], T[::2])
     np.testing.assert_array_equal(values[1:4, 1:], slow(T[1:4]))
     assert np.isnan(values[[0, 4, 5], 1:]).all() and side_by_side([one, one]).time is one.time
-
-
-@pytest.mark.parametrize("longer", [1.4, 1.6, 2.5])
-def test_the_rate_is_that_of_steps_that_are_no_gaps(longer):
-    """Steps above one and a half count as gaps: one lost sample does, jitter does not."""
-    steps = np.where(np.arange(100) % 10 == 0, longer, 1.0) / 100
-    rate = rate_of(Sampled(np.cumsum(steps), np.zeros(100)))
-    assert rate == pytest.approx(100 if longer > 1.5 else 1 / steps[1:].mean())
 
 
 def test_a_log_may_have_gaps_where_that_is_said(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from guesses.odd_logs import arm, recording
-from written_formats import DEG, write_c3d, write_csv, write_mot
+from written_formats import DEG, write_csv, write_mot
 
 from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
@@ -40,16 +40,6 @@ def mapped(tmp_path, text):
     return tmp_path / "columns.toml"
 
 
-def test_each_file_keeps_its_times(tmp_path):
-    log = read_log(pair(tmp_path, second=forces(start=0.5)), arm())
-    time, force = log.streams["ground_force"]
-    np.testing.assert_allclose(time, forces(start=0.5)["time"])
-    np.testing.assert_allclose(force[:, 2], forces(start=0.5)["ground_fz"])
-    np.testing.assert_allclose(log.streams["joint2_position"].time, recording().time)
-    np.testing.assert_allclose([log.time[0], log.rate], [0.5, 100], atol=0.011)
-    assert log.time[-1] <= 5.8
-
-
 def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
     pair(tmp_path)
     write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in angles().items()})
@@ -59,25 +49,6 @@ def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
         assert recording.streams.keys() == expected.streams.keys()
         for channel, x in expected.measured.items():
             np.testing.assert_allclose(recording[channel], x, atol=1e-12)
-
-
-def test_files_without_header_and_columns_of_both_go_by_number(tmp_path):
-    for file, columns in (("a.csv", angles()), ("b.csv", forces())):
-        rows = np.stack([1e3 * columns["time"], *list(columns.values())[1:]], axis=1)
-        np.savetxt(tmp_path / file, rows, delimiter=",", header="a rig's file" if file == "b.csv" else "")
-    mapping = mapped(
-        tmp_path,
-        'time = [{ column = "1", unit = "ms" }, { column = "1", unit = "ms" }]\n'
-        "[[file]]\nheader = false\n[[file]]\nheader = false\nskip = 1\n"
-        '[joints]\njoint1.position = "1:2"\njoint2.position = "1:3"\n'
-        '[wrenches.ground]\nforce = ["2:2", "2:3", "4"]\ntorque = ["5", "6", "7"]\n',
-    )
-    recording, expected = (
-        read_log(f"{tmp_path}/a.csv+{tmp_path}/b.csv", arm(), mapping),
-        read_log(pair(tmp_path), arm()),
-    )
-    for channel, x in expected.measured.items():
-        np.testing.assert_allclose(recording[channel], x, atol=1e-9)
 
 
 PLATE = 'frame = "plate"\nposition = [0, 0, 0]\nforce = ["ground_fx", "ground_fy", "ground_fz"]\n'
@@ -131,24 +102,3 @@ def test_files_that_cannot_be_put_together(tmp_path):
             read_log(joints, arm(), mapped(tmp_path, mapping))
     with pytest.raises(LogError, match="is not read in pieces"):
         list(read_log_pieces(f"{joints}+{wrench}", arm(), samples=100))
-
-
-def test_points_of_a_c3d_file_go_with_forces_of_another(tmp_path):
-    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
-    pair(tmp_path)
-    points = {name: x[:, None] * [1, 0, 0] for name, x in angles().items() if name != "time"}
-    write_c3d(tmp_path / "trial.c3d", 100.0, points, angles=tuple(points))
-    mapping = mapped(tmp_path, '[joints]\njoint1.position = "joint1.x"\njoint2.position = "joint2.x"\n')
-    log = read_log(f"{tmp_path}/trial.c3d+{tmp_path}/wrench.csv", arm(), mapping)
-    np.testing.assert_allclose(log.streams["joint1_position"].values, angles()["joint1"], atol=1e-5)
-    np.testing.assert_allclose(log.streams["ground_force"].time, forces()["time"])
-
-
-def test_times_of_one_file_are_shifted_by_a_constant(tmp_path):
-    plain = read_log(pair(tmp_path), arm())
-    columns = mapped(tmp_path, 'time = ["time", { column = "time", constant = 0.25 }]')
-    later = read_log(pair(tmp_path), arm(), columns)
-    before, after = (log.as_measured("ground_force").time for log in (plain, later))
-    np.testing.assert_allclose(after - before, 0.25, atol=1e-9)
-    angles_at = [log.as_measured("joint1_position").time for log in (plain, later)]
-    np.testing.assert_allclose(*angles_at, atol=1e-9)

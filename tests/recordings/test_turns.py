@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from commands import refusal
 from guesses.odd_logs import text
 
 import ident
 import sim
-from experiments import identify
 from ident.recordings.plausibility import unwrapped
 
 TIME = np.arange(900) / 100
@@ -66,13 +64,6 @@ def test_wrapped_angles_are_read_as_continuous(tmp_path, arm, wrapped, factor, t
     assert np.abs(log["ram_position"] - 0.1 * ANGLE).max() < 1e-9
 
 
-def test_a_slide_that_jumps_by_two_pi_is_left_alone(tmp_path, arm):
-    ram = about_zero(ANGLE + 20, 2 * np.pi)
-    mapping = {"joints": {"hip": {"position": "a"}, "ram": {"position": "b"}}}
-    log = ident.read_log(log_of(tmp_path, ANGLE, ram), arm, mapping)
-    assert np.abs(log["ram_position"] - ram).max() < 1e-9 and not any("turn" in note for note in log.notes)
-
-
 @pytest.mark.parametrize(
     "x",
     [
@@ -89,14 +80,6 @@ def test_what_is_no_wrapped_angle_is_unchanged(x):
     assert (number == 0 and out is x) or (spike and number == 2)
 
 
-def test_missing_samples_stay_missing():
-    x = about_zero(ANGLE + 20, 2 * np.pi)
-    x[200:203] = np.nan
-    out, number = unwrapped(x, (2 * np.pi,))
-    np.testing.assert_array_equal(np.isnan(out), np.isnan(x))
-    assert number and np.nanmax(np.abs(np.diff(out))) < 0.1
-
-
 def test_commands_are_in_the_turn_of_their_positions(tmp_path, arm):
     columns = {"time": TIME, "a": from_zero(ANGLE, 2 * np.pi), "b": 0.1 * ANGLE, "hip_torque": ANGLE}
     columns["u"] = from_zero(ANGLE - ANGLE[0] - 0.01, 2 * np.pi)
@@ -105,29 +88,3 @@ def test_commands_are_in_the_turn_of_their_positions(tmp_path, arm):
     mapping = {"joints": {"hip": {"position": "a", "command": "u", "kp": 5}, "ram": {"position": "b"}}}
     log = ident.read_log(path, arm, mapping)
     assert np.abs(log["hip_command"] - log["hip_position"]).max() < np.pi
-
-
-@pytest.mark.usefixtures("undrawn", "here")
-def test_a_joint_that_is_fixed_needs_no_entry_to_be_taken_out(tmp_path, arm, capsys):
-    path = log_of(tmp_path, ANGLE)
-    mapping = tmp_path / "c.toml"
-    mapping.write_text(
-        "[joints.hip]\nposition = 'a'\n[joints.ram]\nposition = { column = 'b', unit = 'mm' }\ntorque = 'ram_torque'\n"
-    )
-    fixed = sim.mechanism(tmp_path / "arm.xml", fix={"ram": []})
-    log = ident.read_log(path, fixed, mapping)
-    assert "ram_position" not in log.measured
-    assert "Columns of joints that are fixed (--fix) were not read: b, ram_torque." in log.notes
-    arguments = [
-        str(tmp_path / "arm.xml"),
-        str(path),
-        "--columns",
-        str(mapping),
-        "--fix",
-        "ram",
-        "--out",
-        str(tmp_path),
-    ]
-    assert identify.main(arguments) == 0
-    mapping.write_text("[joints.him]\nposition = 'a'\n")
-    assert "[joints] has no entry 'him'; valid are hip, ram." in refusal(identify.main, arguments, capsys)

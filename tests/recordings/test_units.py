@@ -3,7 +3,7 @@
 import pytest
 from scipy import constants
 
-from ident.files.column import CURRENT, UNITS
+from ident.files.column import UNITS
 
 TURN, FORCE = 2 * constants.pi, {"N": 1.0, "mN": constants.milli, "kN": constants.kilo}
 LENGTH = {"m": 1.0, "cm": constants.centi, "mm": constants.milli}
@@ -43,7 +43,3 @@ EXPECTED = {
 def test_units_are_what_they_are_in_si(quantity):
     assert UNITS[quantity] == pytest.approx(EXPECTED[quantity], rel=1e-12)
     assert next(iter(UNITS[quantity].values())) == 1
-
-
-def test_currents_are_in_ampere():
-    assert pytest.approx(CURRENT) == {"A": 1.0, "mA": constants.milli}

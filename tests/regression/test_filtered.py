@@ -1,18 +1,21 @@
 """Least squares at the best of several cut-offs, the rival of an estimate."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
+import pytest
 import wrist
-from recorded_faults import PENDULUM, angles_and_wrench
+from fits import sampled
 
 import ident
 import sim
 from ident.estimation.preparation import Part, filtered, prepared
 from ident.estimation.samples import Samples
-from ident.estimators.candidate import Candidate
+from ident.estimators.predictions import Candidate
 from ident.regression.filtered import _Sums, filtered_least_squares
+from ident.regression.held_out import HeldOut
 
 
 def predicted(log, part, fit, k=0):
@@ -20,17 +23,6 @@ def predicted(log, part, fit, k=0):
     motion = filtered(log, fit.cutoffs[k])[0].motion[log.taken(part)]
     zero = Samples(motion, np.zeros((len(motion), len(log.equations.channels))))
     return -Candidate(log.equations, fit.values[[k]]).residuals(zero)[0]
-
-
-def test_there_is_a_candidate_where_the_motion_does_not_determine_all_parameters():
-    time = np.arange(400) / 100
-    first = np.sin(2 * time), 2 * np.cos(2 * time), -4 * np.sin(2 * time)
-    q, dq, ddq = (np.stack([x, np.full_like(x, rest)], axis=1) for x, rest in zip(first, (0.3, 0, 0), strict=True))
-    wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
-    rng = np.random.default_rng(0)
-    log = angles_and_wrench(time, q + 1e-3 * rng.normal(size=q.shape), wrench + rng.normal(size=wrench.shape))
-    estimate = ident.identify(PENDULUM, log)
-    assert estimate.trajectory.known and (estimate.rivals["least squares"][1:] < 1).any()
 
 
 @cache
@@ -80,3 +72,35 @@ def test_signals_and_residuals_of_sums_are_those_of_their_samples():
     np.testing.assert_allclose(both.scales, raw.std(axis=1))
     np.testing.assert_allclose(both.residual(x, -1), np.sqrt(((raw - Y @ x) ** 2).mean(axis=1)))
     np.testing.assert_allclose(both.residual(x, -2), np.sqrt(((low - Y @ x) ** 2).mean(axis=1)))
+
+
+rng = np.random.default_rng(0)
+MEASURED, RESIDUAL = rng.normal(size=(100, 3)) + 5, 0.1 * rng.normal(size=(100, 3))
+
+
+FIT = SimpleNamespace(equations=SimpleNamespace(channels=("hip", "knee", "foot")))
+
+
+def held(resting, versions=(MEASURED,), chosen=None, residual=RESIDUAL, **more):
+    samples = tuple(sampled(*(np.full((100, 2), k) for k in range(3)), x) for x in versions)
+    chosen = np.zeros(residual.shape, int) if chosen is None else chosen
+    return HeldOut(np.arange(100.0), (0,), samples, chosen, FIT, residual, resting, **more)
+
+
+def rests(*spans):
+    """Mask of the samples at which each channel rests, by its last one."""
+    return np.arange(100)[:, None] < np.array(spans)
+
+
+def test_a_residual_at_rest_is_no_part_of_the_ratio_of_any_candidate():
+    resting = rests(0, 30, 0)
+    wrong = np.where(resting, 9.0, RESIDUAL)
+    judged = held(resting, residual=wrong, rivals={"model": 2 * wrong})
+    moving = slice(30, None)
+    signal = MEASURED[moving, 1].std()
+    assert judged.signal[1] == pytest.approx(signal) and judged.signal[0] == pytest.approx(MEASURED[:, 0].std())
+    assert judged.ratio[1] == pytest.approx(np.sqrt((RESIDUAL[moving, 1] ** 2).mean()) / signal)
+    assert judged.ratio_of(judged.rivals["model"]) == pytest.approx(2 * judged.ratio)
+    assert judged.relative_rms[1] == pytest.approx(judged.rms[1] / np.sqrt((MEASURED[moving, 1] ** 2).mean()))
+    assert judged.ratio_at_rest(wrong)[1] == pytest.approx(9 / signal)
+    assert np.isnan(judged.ratio_at_rest(wrong)[[0, 2]]).all()

@@ -1,8 +1,6 @@
-import pickle
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from itertools import pairwise
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -12,10 +10,9 @@ from scipy.signal import lfilter
 
 from ident.errors import ExcitationError
 from ident.estimation.excitation import check_excitation
-from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.structure import Sensors
 from ident.regression import ordinary as module
 from ident.regression.ordinary import huber_white
 
@@ -76,32 +73,22 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
     """One pass knows each component's own noise, two passes and a covariance also its correlation and changes."""
     rng, root = np.random.default_rng(0), np.linalg.cholesky(noise)
     trials = []
-    for _ in range(200):
+    for _ in range(100):
         wrench = Y @ PHI + (root @ rng.normal(size=(200, 6, 1)))[..., 0]
         trials.append([*both_passes(sampled(*STATES, wrench)), identified(wrench, covariance=noise, parameters=BASE)])
     for way, estimates in zip(("one pass", "two passes", "weighted"), zip(*trials, strict=True), strict=True):
         spread = np.std([estimate.psi for estimate in estimates], axis=0)
-        # 200 trials determine a standard deviation to 5 %; 13 of them stay within 4 standard errors.
-        off = 0.6 if (way, noise is MOVING) == ("one pass", True) else 0.2
+        # 100 trials determine a standard deviation to 7 %.
+        off = 0.6 if (way, noise is MOVING) == ("one pass", True) else 0.25
         np.testing.assert_allclose(np.mean([estimate.std for estimate in estimates], axis=0), spread, rtol=off)
         bias = np.mean([estimate.psi for estimate in estimates], axis=0) - BASE.regroup(PHI)
-        assert (abs(bias) < 4.5 * spread / np.sqrt(200)).all()
+        assert (abs(bias) < 4.5 * spread / np.sqrt(100)).all()
 
 
 @pytest.mark.parametrize("covariance", [np.zeros((6, 6)), np.triu(np.ones((6, 6))), np.eye(5)])
 def test_a_covariance_must_be_one(covariance):
     with pytest.raises(ValueError, match=r"covariance.* (positive definite|symmetric|shape)"):
         identified(Y @ PHI, covariance=covariance)
-
-
-def test_a_moving_base_has_more_base_parameters():
-    rng = np.random.default_rng(0)
-    base = BaseMotion.from_free_joint(rng.normal(size=(200, 7)), *rng.normal(size=(2, 200, 6)))
-    wrench = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY, base=base) @ PHI
-    estimate = fitted(TREE, sampled(*STATES, wrench, base), gravity=GRAVITY)
-    expected = find_base_parameters(TREE, gravity=GRAVITY, sensors=Sensors(moving_base=True))
-    assert estimate.names == expected.names and len(estimate.names) > 13
-    np.testing.assert_allclose(estimate.psi, expected.regroup(PHI), atol=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -122,52 +109,6 @@ def test_any_split_gives_the_same_answer(seed):
             np.testing.assert_allclose(fit.covariance, first.covariance, rtol=1e-8, atol=1e-12)
             np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
             np.testing.assert_allclose(fit.singular_values, first.singular_values, rtol=1e-9)
-
-
-def test_processes_share_the_work(monkeypatch):
-    monkeypatch.setattr(module, "PIECE", 64)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        fit = identified(noisy(), executor=pool)
-    np.testing.assert_allclose(fit.psi, identified(noisy()).psi, rtol=1e-12)
-    assert "of 4 chunks" in fit.method
-
-
-def test_a_joint_at_rest_is_named():
-    states = np.stack(STATES)
-    states[:, :, 1] = 0
-    wrench = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
-    with pytest.raises(ExcitationError, match=r"200 samples.*m2rz2.*m3rz3.* combinations") as raised:
-        identified(wrench, states)
-    assert {"m2rz2", "m3rz3"} <= set(raised.value.parameters) < set(find_base_parameters(TREE, gravity=GRAVITY).names)
-    # A worker process sends back its errors.
-    sent = pickle.loads(pickle.dumps(raised.value))
-    assert (str(sent), sent.parameters) == (str(raised.value), raised.value.parameters)
-
-
-def test_noise_alone_is_not_excitation():
-    rng, noise = np.random.default_rng(0), np.array([0.001, 0.01, 0.05])
-    known = tuple(np.full(2, level) for level in noise)
-    states = np.stack(STATES)
-    states[:, :, 1] = 0
-    for excited, x in ((False, states), (True, np.stack(STATES))):
-        measured = x + noise[:, None, None] * rng.normal(size=x.shape)
-        wrench = base_wrench_regressor(TREE, *measured, gravity=GRAVITY) @ PHI
-        identified(wrench, measured)
-        if excited:
-            identified(wrench, measured, state_noise=known)
-        else:
-            with pytest.raises(ExcitationError, match="does not separate"):
-                identified(wrench, measured, state_noise=known)
-
-
-def test_the_check_takes_noise_of_some_samples_for_that_of_all():
-    triangle = np.diag([10.0, 1.0])
-    names = ("a", "b")
-    noise = np.zeros((60, 2))
-    noise[:, 1] = 0.05
-    check_excitation(triangle, names, 10, noise)
-    with pytest.raises(ExcitationError, match="parameters b: 1 of 2"):
-        check_excitation(triangle, names, 100, noise)
 
 
 def test_what_counts_as_excited_and_who_is_named():
@@ -191,48 +132,6 @@ def test_what_counts_as_excited_and_who_is_named():
             check_excitation(triangle, names, 10)
     with pytest.raises(ExcitationError, match="parameters a, b, c: 0 of 3"):
         check_excitation(np.zeros((3, 3)), names, 10)
-
-
-def test_too_few_samples_are_not_enough():
-    states = random_states(np.random.default_rng(0), TREE, 2)
-    with pytest.raises(ExcitationError, match="2 samples"):
-        identified(base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI, states)
-
-
-@pytest.mark.parametrize("samples", [20, 100])
-def test_a_loud_component_does_not_hide_a_quiet_one(samples):
-    """Standard deviations in one pass, with noise on forces twenty times that on moments, and few samples."""
-    rng, level = np.random.default_rng(0), np.array([1, 1, 1, 0.05, 0.05, 0.05])
-    states = random_states(rng, TREE, samples)
-    true = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
-    trials = [identified(true + level * rng.normal(size=true.shape), states, parameters=BASE) for _ in range(400)]
-    spread = np.std([trial.psi for trial in trials], axis=0)
-    predicted = np.sqrt(np.mean([trial.std**2 for trial in trials], axis=0))
-    np.testing.assert_allclose(predicted, spread, rtol=0.17)
-
-
-def test_the_scale_of_a_covariance_does_not_change_what_counts_as_excited():
-    noise = tuple(np.full(2, level) for level in (0.001, 0.01, 0.05))
-    resting = np.stack(STATES)
-    resting[:, :, 1] = 0
-    measured = resting + np.array([0.001, 0.01, 0.05])[:, None, None] * np.random.default_rng(0).normal(
-        size=resting.shape
-    )
-    for scale in (1e-4, 1.0, 1e6):
-        identified(Y @ PHI, covariance=scale * np.eye(6), state_noise=noise)
-        with pytest.raises(ExcitationError):
-            identified(Y @ PHI, measured, covariance=scale * np.eye(6), state_noise=noise)
-
-
-def test_few_samples_and_no_residual_have_standard_deviations():
-    few = sampled(*(x[:13] for x in STATES), (Y @ PHI)[:13])
-    for wrench in (few.measured, 0 * few.measured):
-        samples = sampled(*few.motion.states, wrench)
-        fit = huber_white(fitted(TREE, samples, gravity=GRAVITY), samples)
-        assert np.isfinite(fit.std).all() and fit.std.max() < 1e-9
-    weighted = identified(Y @ PHI, covariance=np.eye(6))
-    with pytest.raises(ValueError, match="noise of a weighted fit is taken as known"):
-        huber_white(weighted, sampled(*STATES, Y @ PHI))
 
 
 def smooth_states(samples=600):
@@ -339,14 +238,3 @@ def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
     assert (one.noise, two.noise) == ("white from sample to sample", "correlated over time or not")
     assert (two.std > 2 * one.std).all()
     np.testing.assert_array_equal(two.psi, one.psi)
-
-
-def test_variances_of_the_components_are_unbiased():
-    """The expected squares of residuals, from the fit's projection, return the true variances."""
-    rng, samples = np.random.default_rng(0), 5
-    Q = np.linalg.qr(rng.normal(size=(6 * samples, 4)))[0].reshape(samples, 6, 4)
-    flat, variances = Q.reshape(-1, 4), rng.uniform(0.1, 5, size=6)
-    left = (np.eye(6 * samples) - flat @ flat.T).reshape(samples, 6, samples, 6)
-    squares = np.einsum("ncmd,d->c", left**2, variances)
-    shares = np.einsum("nci,ncj->cij", Q, Q)
-    np.testing.assert_allclose(module._variances(squares, shares, samples), variances, rtol=1e-10)

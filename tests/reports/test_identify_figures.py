@@ -7,10 +7,9 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.document import figures, styles, symbols
-from experiments.document.sheet import WIDTHS
-from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
+from experiments.reports.identify_figures import held_out_figure, parameters_figure
 from experiments.reports.identify_page import held_out_caption
+from ident.display import plots
 
 
 @pytest.fixture(scope="module")
@@ -45,17 +44,6 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
     assert sum(len(axes.collections) for axes in figure.axes) == 1
 
 
-@pytest.mark.parametrize("draw", [held_out_figure, spectra_figure])
-def test_labels_of_ordinates_are_beside_their_ticks(estimate, draw):
-    figure = draw(estimate)
-    figures.drawn(figure, "png")
-    for ax in figure.axes:
-        label, view = ax.yaxis.label.get_window_extent(), ax.get_window_extent()
-        ticks = [text.get_window_extent() for text in ax.get_yticklabels() if text.get_text()]
-        visible = [box for box in ticks if view.y0 <= (box.y0 + box.y1) / 2 <= view.y1]
-        assert visible and label.x1 <= min(box.x0 for box in visible)
-
-
 def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     time = estimate.held_out.time
     mask = np.zeros(estimate.held_out.residual.shape, bool)
@@ -65,19 +53,8 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     first = held_out_figure(slow).axes[0]
     (bars,) = first.collections
     edges = np.array([path.get_extents().intervalx for path in bars.get_paths()])
-    least = figures.VISIBLE * np.ptp(time)
+    least = plots.VISIBLE * np.ptp(time)
     assert len(edges) == 2 and (np.diff(edges) >= 0.999 * least).all()
     np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
     # Lines of the grid would look like spans.
     assert not any(line.get_visible() for line in first.get_xgridlines())
-
-
-def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
-    monkeypatch.setattr(styles, "COLUMN_ROWS", 5)
-    figure = parameters_figure(estimate)
-    assert figure.get_figwidth() == WIDTHS[2][1] and len(figure.axes) == 3
-    labels = [text.get_text() for ax in figure.axes for text in ax.get_yticklabels()]
-    named = [symbols.named_symbol(name, PENDULUM.bodies) for name in estimate.base.names]
-    assert labels == named
-    heights = {tuple(np.ptp(ax.get_ylim(), keepdims=True).round(9)) for ax in figure.axes}
-    assert len(heights) == 1 and figure.axes[1].get_ylim()[1] < figure.axes[1].get_yticks()[0]

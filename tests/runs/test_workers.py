@@ -2,11 +2,10 @@ import os
 import signal
 import subprocess
 import sys
-from concurrent.futures import BrokenExecutor
 from itertools import count
 
 import pytest
-from tasks import blocked_signals, die, never_ends, refuse, size, unpicklable
+from tasks import blocked_signals, die, refuse, size, unpicklable
 
 from experiments.runs.workers import Workers, worker_pool
 from ident.estimation.pieces import in_order
@@ -65,10 +64,3 @@ def test_workers_end_with_a_command_that_is_killed():
     # They inherit the standard error, which ends with the last of them.
     killed = subprocess.run([sys.executable, "-c", script], stderr=subprocess.PIPE, timeout=60, check=False)
     assert (killed.returncode, killed.stderr) == (-signal.SIGKILL, b"")
-
-
-def test_work_that_never_ends_is_left_at_once():
-    with worker_pool(2) as pool:
-        tasks = [pool.executor.submit(never_ends, LARGE) for _ in range(8)]
-    for task in tasks:
-        assert task.cancelled() or isinstance(task.exception(timeout=0), BrokenExecutor)

@@ -1,19 +1,17 @@
 """A falling humanoid: without a ground sensor, the sum of all contact wrenches equals Y φ (Eq. 3)."""
 
-import mujoco
 import numpy as np
 import pytest
 from mechanisms import random_states
 
 import scenes
-from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.wrench import Wrench, total_wrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
-from sim.simulation.contacts import contact_wrenches, fall
+from sim.simulation.contacts import fall
 
 MODEL = scenes.load("humanoid").compile()
 TREE, PHI = tree_from_model(MODEL, "pelvis"), parameters_from_model(MODEL, "pelvis")
@@ -54,18 +52,6 @@ def Y(motion):
     return base_wrench_regressor(TREE, *joint_states(motion), gravity=GRAVITY, base=pelvis(motion))
 
 
-def test_it_is_a_person():
-    assert np.count_nonzero(MODEL.body_mass) == len(TREE.inertial) == 18
-    assert 60 < MODEL.body_mass.sum() < 75
-    assert (np.linalg.eigvalsh(pseudo_inertia(PHI.reshape(-1, 10))) > 0).all()
-    assert MODEL.body_jntnum.max() == 3
-    kinds = [mujoco.mjtJoint(kind).name.removeprefix("mjJNT_") for kind in MODEL.jnt_type]
-    assert {kind: kinds.count(kind) for kind in kinds} == {"FREE": 1, "HINGE": 26, "BALL": 3}
-    arm, leg = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot", "toes")
-    sides = {f"{side}_{part}" for side in ("left", "right") for part in arm + leg}
-    assert sides | {"pelvis", "abdomen", "thorax", "head"} == {TREE.names[i] for i in TREE.inertial}
-
-
 def test_left_and_right_are_mirror_images():
     mirror = np.array([1, -1, 1])
     for b in range(1, MODEL.nbody):
@@ -75,12 +61,6 @@ def test_left_and_right_are_mirror_images():
         if left.id != right.id:
             np.testing.assert_allclose(right.pos, mirror * left.pos, atol=1e-12)
             np.testing.assert_allclose(right.ipos, mirror * left.ipos, atol=1e-12)
-
-
-def test_it_comes_without_variants():
-    for variant in ({"tilt_deg": 5}, {"azimuth_deg": 5}, {"contact": "pad"}):
-        with pytest.raises(ValueError, match="'humanoid' has neither tilt nor contact to choose; double_pendulum has"):
-            scenes.load("humanoid", **variant)
 
 
 def test_many_bodies_touch_the_floor_and_others_from_sample_to_sample(motion, touching):
@@ -98,55 +78,11 @@ def test_contact_wrenches_sum_up_to_the_base_wrench(motion, contacts, Y):
     assert abs(total[:, :3]).max() > 1000 and abs(total[:, 3:]).max() > 100
 
 
-def test_in_flight_nothing_is_needed_from_outside(motion, touching, Y):
-    flight = np.arange(len(motion.time)) < touching.any(axis=0).argmax()
-    assert flight.sum() > 15
-    assert abs(motion.qvel[flight, 6:]).max() > 1
-    np.testing.assert_allclose((Y @ PHI)[flight], 0, atol=1e-9)
-    assert abs(total_wrench(TREE, joint_states(motion)[0], None, []).values).max() == 0
-
-
 def test_structural_rank_is_the_numeric_rank():
     rng = np.random.default_rng(0)
     base = BaseMotion.from_free_joint(*(rng.uniform(-2, 2, size=(100, size)) for size in FREE))
     Y = base_wrench_regressor(TREE, *random_states(rng, TREE, 100), gravity=GRAVITY, base=base)
     assert find_base_parameters(Y).rank == find_base_parameters(TREE, sensors=SENSORS).rank == 159
-
-
-def test_contacts_between_its_own_bodies_are_internal(motion):
-    data = mujoco.MjData(MODEL)
-    own, force = 0.0, np.zeros(6)
-    for qpos, qvel in zip(motion.qpos[::5], motion.qvel[::5], strict=True):
-        data.qpos, data.qvel = qpos, qvel
-        mujoco.mj_forward(MODEL, data)
-        on_floor = set()
-        for k, contact in enumerate(data.contact):
-            first, second = MODEL.geom_bodyid[contact.geom]
-            mujoco.mj_contactForce(MODEL, data, k, force)
-            if first == 0:
-                on_floor.add(MODEL.body(second).name)
-            else:
-                own = max(own, force[0])
-        assert set(contact_wrenches(MODEL, data, "pelvis")) == on_floor
-    assert own > 100
-
-
-STACK = """
-<mujoco>
-  <option tolerance="1e-20"/>
-  <worldbody>
-    <geom type="plane" size="1 1 1"/>
-    <body name="top" pos="0.02 0 0.26" euler="10 20 30"><freejoint/><geom size="0.1" density="500"/></body>
-    <body name="bottom" pos="0 0 0.085" euler="40 50 60"><freejoint/><geom size="0.1" pos="0.01 0 0"/></body>
-  </worldbody>
-</mujoco>
-"""
-
-
-def test_unknown_bases_are_refused():
-    model = mujoco.MjModel.from_xml_string(STACK.replace(' name="bottom"', ""))
-    with pytest.raises(ValueError, match="no body named 'pelvis'; its bodies are top, body2"):
-        fall(model, "pelvis", seconds=1)
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,12 @@
-import mujoco
 import numpy as np
 import pytest
-from mechanisms import LENGTH_1, double_pendulum, tilted_axis
+from mechanisms import LENGTH_1, tilted_axis
 
 import scenes
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
-from sim.models.mujoco_model import parameters_from_model, tree_from_model
-from sim.motion.excitation import BOWING
-from sim.simulation.simulate import simulate
+from sim.models.mujoco_model import parameters_from_model
 
 MODEL = scenes.load("double_pendulum").compile()
-
-
-def test_double_pendulum_is_table_2():
-    tree, expected = tree_from_model(MODEL, "base"), double_pendulum()
-    assert tree.names == ("base", "link1", "link2")
-    for ours, body in zip(tree.bodies, expected.bodies, strict=True):
-        np.testing.assert_allclose(ours.home, body.home, atol=1e-15)
-        np.testing.assert_allclose(ours.twist, body.twist, atol=1e-15)
 
 
 def test_bodies_are_physical_and_geoms_weigh_nothing():
@@ -40,61 +29,7 @@ def test_tilt_turns_both_axes(tilt, azimuth):
         np.testing.assert_array_equal(getattr(tilted, name), getattr(MODEL, name))
 
 
-def test_every_sensor_declares_its_noise():
-    levels = {
-        "ground_force": 0.5,
-        "ground_torque": 0.05,
-        **{f"joint{k}_{kind}": x for k in (1, 2) for kind, x in JOINT_NOISE.items()},
-        **{f"link{k}_{kind}": x for k in (1, 2) for kind, x in POSE_NOISE.items()},
-    }
-    declared = {MODEL.sensor(i).name: float(MODEL.sensor_noise[i]) for i in range(MODEL.nsensor)}
-    assert declared == pytest.approx(levels, rel=1e-5)
-
-
-JOINT_NOISE = {"position": 0.001, "velocity": 0.01, "acceleration": 0.05}
-POSE_NOISE = {"position": 0.001, "orientation": np.radians(0.5)}
-
-
-def test_joints_are_limited_and_driven():
-    assert MODEL.jnt_limited.all()
-    assert MODEL.nu == 2
-    assert (MODEL.actuator_forcelimited == 1).all()
-
-
-def test_sensors_of_links_read_their_pose_in_the_base_frame():
-    data = mujoco.MjData(MODEL)
-    data.qpos = [0.3, -0.8]
-    mujoco.mj_forward(MODEL, data)
-    T = tree_from_model(MODEL, "base").poses(data.qpos)[2]
-    np.testing.assert_allclose(data.sensor("link2_position").data, T[:3, 3], atol=1e-14)
-    R = np.zeros(9)
-    mujoco.mju_quat2Mat(R, data.sensor("link2_orientation").data)
-    np.testing.assert_allclose(R.reshape(3, 3), T[:3, :3], atol=1e-14)
-
-
-def test_unknown_scene_lists_the_known_ones():
-    with pytest.raises(ValueError, match=r"'triple'; the scenes are double_pendulum"):
-        scenes.load("triple")
-
-
 @pytest.mark.parametrize(("tilt", "azimuth"), [(-1, 0), (90, 0), (np.nan, 0), (5, np.inf)])
 def test_senseless_tilts_are_refused(tilt, azimuth):
     with pytest.raises(ValueError, match="from 0° to below 90°"):
         scenes.load("double_pendulum", tilt_deg=tilt, azimuth_deg=azimuth)
-
-
-def test_a_person_bows_as_told():
-    spec = scenes.load("bowing")
-    model = spec.compile()
-    assert float(model.body_mass.sum()) == pytest.approx(72)
-    phi = parameters_from_model(model, "foot").reshape(-1, 10)
-    assert len(phi) == 3 and (np.linalg.eigvalsh(pseudo_inertia(phi)) > 0).all()
-    recording = simulate(spec, BOWING, samples=500)
-    assert recording.provenance["tracking_error_rad"] < 1e-3
-    angles = [f"{joint}_position" for joint in tree_from_model(spec, "foot").joints]
-    assert angles == ["ankle_position", "hip_position"]
-    assert {name: recording.noise[name] for name in angles} == pytest.approx(
-        dict.fromkeys(angles, np.radians(0.5)), rel=1e-4
-    )
-    # Markers measure nothing but angles.
-    assert set(recording.measured) == {"ground_force", "ground_torque", *angles}

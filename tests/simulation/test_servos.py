@@ -6,9 +6,8 @@ from random_models import inverse_dynamics, random_model
 import scenes
 from ident.mechanism.motion import Motion
 from sim.models.names import body_name
-from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.sensors import ONE_DOF
-from sim.simulation.servos import moved_by, servos
+from sim.simulation.servos import moved_by
 
 TIME = np.arange(-20, 20) / 20
 
@@ -18,39 +17,10 @@ def model(request):
     return scenes.load("double_pendulum", tilt_deg=5, contact=request.param).compile()
 
 
-def free(model):
-    """The mechanism alone: MuJoCo's inverse dynamics would include contacts and limits."""
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    return model
-
-
 def states(model, driven, desired):
     full = np.tile(model.qpos0, (len(TIME), 1)), *np.zeros((2, len(TIME), model.nv))
     full[0][:, driven.qpos], full[1][:, driven.dof], full[2][:, driven.dof] = desired.states
     return full
-
-
-def test_a_command_makes_the_servo_give_the_torque_that_the_desired_motion_needs(model):
-    driven, desired = servos(model, 2), Motion(*DOUBLE_PENDULUM.trajectory(TIME))
-    commands = driven.commands(TIME, desired)
-    needed, _ = inverse_dynamics(free(model), *states(model, driven, desired))
-    data = mujoco.MjData(model)
-    for k in range(len(TIME)):
-        data.qpos[driven.qpos], data.qvel[driven.dof] = desired.q[k], desired.dq[k]
-        data.ctrl[:] = commands[k, : model.nu]
-        mujoco.mj_forward(model, data)
-        np.testing.assert_allclose(data.qfrc_actuator[driven.dof], needed[k, driven.dof], rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize("gravity", [0, int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)])
-def test_rotors_dampers_and_springs_take_torque_too(model, gravity):
-    rng = np.random.default_rng(0)
-    free(model).opt.disableflags |= gravity
-    model.dof_armature[:], model.dof_damping[:] = rng.uniform(0.1, 2, size=(2, model.nv))
-    model.jnt_stiffness[:], model.qpos_spring[:] = rng.uniform(0.1, 2, size=(2, model.nq))
-    driven, desired = servos(model, 2), Motion(*DOUBLE_PENDULUM.trajectory(TIME))
-    needed, _ = inverse_dynamics(model, *states(model, driven, desired))
-    np.testing.assert_allclose(driven.torques(desired), needed[:, driven.dof], rtol=0, atol=1e-10)
 
 
 @pytest.fixture(params=range(20))

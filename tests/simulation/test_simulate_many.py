@@ -98,11 +98,6 @@ def test_threads_and_company_make_no_difference(scene):
             assert_same(one, other)
 
 
-def test_a_simulation_needs_a_thread():
-    with pytest.raises(ValueError, match="at least one thread, got 0"):
-        simulate_many(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seeds=[1], threads=0)
-
-
 def test_servos_that_lose_the_excitation_are_refused():
     spec = scenes.load("double_pendulum")
     spec.actuator("servo1").forcerange = [-20, 20]

@@ -1,7 +1,5 @@
 """Ball joints from a recording of quaternions: the trajectory estimate and least squares against the truth."""
 
-import json
-
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from experiments.identify import main
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
 MODEL = """
@@ -76,18 +73,6 @@ def test_a_ball_is_identified_from_its_quaternions(arm):
     assert np.abs(z).max() < 4 and np.sqrt((z**2).mean()) < 1.6
     assert estimate.verdict().usable
     assert (estimate.held_out.ratio[[0, 1, 2, 3, 4]] < 0.2).all()
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_command_reads_quaternions_from_a_log(arm, tmp_path):
-    log, model = recorded(arm, 0, noise=1e-5), tmp_path / "ball.xml"
-    model.write_text(MODEL)
-    log.save(tmp_path / "log.csv")
-    options = ["--base", "base", "--estimator", "ordinary", "--cutoff", "12", "--name", "e", "--out", str(tmp_path)]
-    assert main([str(model), str(tmp_path / "log.csv"), *options]) == 0
-    estimate = json.loads((tmp_path / "e" / "estimate.json").read_text())
-    expected = ident.identify(arm, log, estimator="ordinary", cutoff=12).psi
-    np.testing.assert_allclose(estimate["values"][: len(expected)], expected, rtol=1e-6, atol=1e-8)
 
 
 def test_least_squares_takes_their_filtered_quaternions(arm):

@@ -18,7 +18,6 @@ from experiments.data.batch import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
 from experiments.runs import checkpoint
 from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
-from ident.errors import InputError
 from ident.files.atomic import PARTIAL, unwritten
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -189,15 +188,6 @@ def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsy
         assert batch.main(command) == 2
     assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
     assert batch.main([*command, "--resume"]) == 0
-
-
-def test_a_folder_that_cannot_be_made_on_a_full_disk_is_no_failure_of_the_log(folder, capsys, monkeypatch, here):
-    def full(*_, **__):
-        raise InputError("No folder.") from OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(identify, "identified_from", full)
-    assert batch.main(["arm.xml", "run0.csv", "--out", "out", *OPTIONS]) == 2
-    assert "error: run0.csv: No folder." in capsys.readouterr().err
 
 
 def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here):

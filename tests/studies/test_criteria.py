@@ -8,7 +8,6 @@ import pytest
 from scipy.linalg import block_diag
 
 import scenes
-from experiments.data.outcomes import geometric_mean
 from experiments.studies import criteria, excitation
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
@@ -19,7 +18,6 @@ from ident.recordings.wrench import transform_covariance
 from ident.regression.ordinary import least_squares
 from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.motion.excitation_design import Limits
 from sim.simulation.simulate import simulate, with_noise
 
 TIME = np.arange(943) / 100
@@ -66,21 +64,6 @@ def test_what_a_model_knows_is_carried_through_the_regrouping(pendulum):
     assert np.linalg.norm(L, axis=0)[0] == pytest.approx(m1)
 
 
-def test_what_is_known_counts_as_one_more_measurement(pendulum):
-    L = criteria.known_root(pendulum)
-    known = np.linalg.norm(L, axis=0)
-    rows = pendulum.regressor(*PAPERS.states) / np.repeat([0.5, 0.05], 3)[:, None]
-    M = np.einsum("nci,ncj->ij", rows, rows)
-    left = np.sqrt(np.diag(np.linalg.inv(M + np.linalg.inv(L.T @ L))))
-    quality = criteria.quality(pendulum, PAPERS)["geometric_mean_of_relative_deviations"]
-    assert quality == pytest.approx(geometric_mean(left / known), rel=1e-6)
-    value, _ = criteria.cost(pendulum, "deviations", len(TIME))(*PAPERS.states)
-    assert np.exp(value) == pytest.approx(quality, rel=1e-9)
-    # If some samples are left out, the remaining ones represent all.
-    half, _ = criteria.cost(pendulum, "deviations", len(TIME))(*(x[::2] for x in PAPERS.states))
-    assert half == pytest.approx(value, abs=0.01)
-
-
 def test_what_cannot_be_seen_stays_as_known(pendulum):
     value = criteria.cost(pendulum, "deviations", 100)
     resting = np.exp(value(*RESTING.states)[0])
@@ -88,20 +71,6 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
     quiet = replace(pendulum, whitening=1e-9 * pendulum.whitening)
     assert criteria.quality(quiet, PAPERS)["geometric_mean_of_relative_deviations"] == pytest.approx(1)
     assert np.isfinite(criteria.predicted_deviations(pendulum, RESTING)).all()
-
-
-@pytest.mark.slow
-def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
-    limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
-    # As many as the command has.
-    starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 24, seed=1)
-    deviations = {}
-    for criterion in ("deviations", "condition"):
-        value = criteria.cost(pendulum, criterion, len(TIME))
-        designed = excitation.best(value, limits, starts, None, 50, seed=1)
-        motion = Motion(*designed.states(TIME))
-        deviations[criterion] = geometric_mean(criteria.predicted_deviations(pendulum, motion))
-    assert deviations["deviations"] < 0.85 * deviations["condition"]
 
 
 SENSING = """
@@ -140,11 +109,3 @@ def test_noise_is_what_the_models_sensors_state():
     np.testing.assert_allclose(covariance("wrench", (1.0, 0.1)), np.diag([1, 1, 1, 0.01, 0.01, 0.01]), atol=1e-12)
     assert covariance("torque") == pytest.approx(0.16)
     assert covariance("torque", (1.0, 0.1)) == pytest.approx(0.01)
-
-
-def test_noise_that_no_sensor_states_is_a_usual_one():
-    silent = SENSING.replace('noise="', 'user="')
-    model = mujoco.MjModel.from_xml_string(silent)
-    for base in ("base", None):
-        W = excitation.problem(mechanism(model, base), None, sensors="wrench").whitening
-        np.testing.assert_allclose(W, np.diag([2.0, 2, 2, 20, 20, 20]))

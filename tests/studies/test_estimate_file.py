@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 import ident
-from ident.judgement.codes import FINDINGS
-from ident.judgement.setup_findings import SetupFinding
+from ident.judgement.evidence import SetupFinding
+from ident.judgement.finding import FINDINGS
 
 PAGE = Path(ident.__file__).parents[1] / "docs" / "reading_a_report.md"
 ROW = re.compile(r"\| (`\w+`(?:, `\w+`)*) \| (.+) \| (both|identify|stream) \|")

@@ -170,16 +170,6 @@ def test_the_barrier_before_collisions_has_the_slope_of_its_differences(arm):
                 assert slope[k, j] == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
 
 
-def test_no_way_around_is_looked_for_where_even_a_collision_does_not_help(arm):
-    model = mujoco.MjModel.from_xml_path(str(arm))
-    cost = criteria.cost(arm_problem(model), "determinant", 601)
-    limits = Limits([-0.5, 2.9], [0.5, 3.0], [1.0, 1.0], [3.0, 3.0])
-    start = random_start(limits, 6.0, 4, np.random.default_rng(0))
-    collisions = Collisions(model, JOINTS, 0.01)
-    assert collisions.depth(start.states(np.linspace(0, 6, 100))[0]).all()
-    assert design(cost, limits, start, collisions=collisions, iterations=5, below=-np.inf) is None
-
-
 def test_collisions_are_found_and_named(arm):
     model = mujoco.MjModel.from_xml_path(str(arm))
     postures = np.array([[0.0, 0.0], [0.0, 3.0], [2.9, 0.0]])
@@ -189,27 +179,6 @@ def test_collisions_are_found_and_named(arm):
     assert both.touching(postures) == folded | on_floor
     # Above the column by 0.4 - 0.04 - 0.1 m; bodies on the locked joint, closer to the column, do not count.
     assert Collisions(model, JOINTS[1:], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
-
-
-def test_a_floor_is_touched_where_a_plane_of_the_model_is(arm):
-    plane = '<geom name="floor" type="plane" size="2 2 0.1"/>'
-    bare = mujoco.MjModel.from_xml_string(FOLDING.replace(plane, ""))
-    postures = np.random.default_rng(0).uniform(-2.9, 2.9, (200, 2))
-    with_plane, with_floor = (
-        Collisions(mujoco.MjModel.from_xml_path(str(arm)), JOINTS, 0.01),
-        Collisions(bare, JOINTS, 0.01, floor=0.0),
-    )
-    touched = [each.touching(postures) for each in (with_plane, with_floor)]
-    assert touched[0] == touched[1] and ("world", "hand") in touched[0]
-    high = Collisions(bare, JOINTS, 0.01, {"lift": [2.9]}, floor=0.0)
-    assert ("world", "hand") in Collisions(bare, JOINTS[1:], 0.01, {"lift": [2.9]}, 0.0).touching(np.zeros((1, 1)))
-    assert not Collisions(bare, JOINTS[1:], 0.01, floor=0.0).touching(np.zeros((1, 1)))
-    q = postures[(high.depth(postures, 0.02) == 0) & (high.depth(postures, 0.2) > 0)][:20]
-    for j, step in enumerate(1e-7 * np.eye(2)):
-        for posture in q:
-            slope = high.barrier_and_slope(posture[None], 0.01, 0.2)[1][0, j]
-            up, down = (high.barrier_and_slope(posture[None] + s * step, 0.01, 0.2)[0] for s in (1, -1))
-            assert slope == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -329,15 +298,6 @@ def test_bad_input_is_one_sentence(model, arguments, message, arm, tmp_path, cap
     out = tmp_path / "out"
     assert message in " ".join(refusal(excite.main, [model, *QUICK, *arguments, "--out", str(out)], capsys).split())
     assert not out.exists()
-
-
-def test_gravity_is_that_of_a_base_that_stands_still_where_it_is_drawn():
-    turned = '<body name="cart" euler="90 0 0"><joint name="rail" type="slide"/><geom size="0.1"/>{}</body>'
-    arm = '<body><joint name="j"/><geom size="0.1" pos="1 0 0"/></body>'
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{turned.format(arm)}</worldbody></mujoco>")
-    problem = excitation.problem(mechanism(model, "cart"), None, sensors="wrench", noise=(1.0, 1.0))
-    np.testing.assert_allclose(problem.mechanism.gravity, [0, -9.81, 0], atol=1e-12)
-    assert problem.joints == ("j",)
 
 
 def test_deviations_are_relative_to_masses_where_the_model_has_some(tmp_path, capsys):

@@ -8,7 +8,7 @@ import walker
 from scipy.spatial.transform import Rotation
 
 import ident
-from experiments import identify, stream
+from experiments import identify
 
 RAIL = """
 [wrenches.plate]
@@ -72,12 +72,3 @@ def test_contacts_alone_identify_a_floating_base(tmp_path, posed):
     near = 0.03 if posed else 0.003
     for name, value in expected.items():
         assert abs(own[name] - value) < near * max(map(abs, expected.values())), name
-
-
-def test_a_stream_of_pieces_takes_contacts_alone(tmp_path):
-    files = log(tmp_path, posed=False)
-    assert stream.main([*files, "--out", str(tmp_path / "out"), "--workers", "1", "--piece", "200"]) == 0
-    estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
-    expected = list(truth().values())
-    assert list(estimate["regrouping"]) == list(truth())
-    np.testing.assert_allclose(estimate["values"][: len(expected)], expected, atol=0.003 * np.abs(expected).max())

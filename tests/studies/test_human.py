@@ -12,12 +12,10 @@ from commands import refusal
 from pages import replayed
 from same_recording import assert_same_recording
 
-from experiments.data.person import beginning
 from experiments.human import main
 from experiments.reports import human_report
 from experiments.studies import human
 from ident.recordings.recording import Recording
-from ident.trajectory.fit.piece_equations import linearised
 
 
 @pytest.fixture
@@ -103,37 +101,6 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
     for option, value in (("--noise", "40"), ("--from", "films"), ("--seconds", "1"), ("--activities", "sleeping")):
         message = refusal(main, [option, value, "--out", str(tmp_path / "out")], capsys)
         assert value in message
-
-
-@pytest.mark.slow
-def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured():
-    study = persons.at_a_rail()
-    joint, fit = study.estimate.trajectory, study.estimate.trajectory.fit
-    variances = np.diag(study._covariance([1.2, 1.2]))
-    for k, piece in enumerate(fit.pieces):
-        there, felt = (x < piece.origin + 1.2 for x in (piece.time, piece.when))
-        states = np.where(there[:, None], piece.states[0], np.nan), None, None
-        unmeasured = replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
-        whole = linearised(
-            joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noises[piece.log]
-        )
-        study._begun[k, 1.2] = whole.eliminated.precision
-        assert beginning(piece, 1.2).spline.intervals < piece.spline.intervals
-    np.testing.assert_allclose(variances, np.diag(study._covariance([1.2, 1.2])), rtol=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seconds", [1e-6, 0.02, 0.05])
-def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
-    study = persons.at_a_rail()
-    known, variances = (np.diag(study._covariance([each] * 2)) for each in (0.0, seconds))
-    assert (variances <= known * (1 + 1e-6)).all()
-
-
-@pytest.mark.slow
-def test_a_piece_that_begins_later_tells_nothing():
-    share = persons.at_a_rail()._share(0, -1.0)
-    assert share.shape == (len(share), len(share)) and not share.any()
 
 
 def test_recordings_are_saved_as_they_were_simulated(tmp_path):

@@ -13,7 +13,6 @@ import pytest
 from coded import coded, doubts_of
 from commands import refusal
 from scipy.signal import butter, sosfiltfilt
-from scipy.spatial.transform import Rotation
 
 import scenes
 from experiments import identify
@@ -24,7 +23,6 @@ from ident.identification import identified
 from ident.judgement.finding import Finding
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.recording import STATES, Recording
-from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -49,17 +47,6 @@ force = ["foot_fx", "foot_fy", "foot_fz"]
 torque = ["foot_mx", "foot_my", "foot_mz"]
 """
 
-CONTACT = """
-[wrenches.tip]
-body = "link2"
-force = ["contact_force.x", "contact_force.y", "contact_force.z"]
-torque = ["contact_torque.x", "contact_torque.y", "contact_torque.z"]
-position = {position}
-quaternion = {quaternion}
-applied_to_link = {applied}
-"""
-
-
 WEIGHTED = {"estimator": "weighted"}
 """Options of estimates whose findings do not depend on the estimator, and that take a tenth of the time."""
 
@@ -75,13 +62,6 @@ def recording(tilt_deg=0.0, contact=None):
 
 def with_channels(original, **channels):
     return replace(original, measured={**original.measured, **channels}, true={}, noise={})
-
-
-def cell_mapping(applied="false"):
-    """Mapping of the load cell: it measures the link's wrench on its surroundings."""
-    _, pose = mechanism(scenes.load("double_pendulum", contact="pad"), "base").site("contact")
-    quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
-    return CONTACT.format(position=pose[:3, 3].tolist(), quaternion=quaternion.tolist(), applied=applied)
 
 
 def doubts_and_result(tmp_path, log, mapping=None, **options):
@@ -110,19 +90,10 @@ def bowing(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 @needs_data
-@pytest.mark.parametrize("model", ["three_link_human.xml", "threeLinkHuman_subject1_sensorExt.urdf"])
-def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
-    arguments = [
-        str(DATA / model),
-        str(DATA / "bowing.csv"),
-        "--columns",
-        str(bowing),
-        "--cutoff",
-        "3",
-        "--estimator",
-        "weighted",
-    ]
-    assert identify.main([*arguments, "--name", "bow", "--out", str(tmp_path)]) == 0
+def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys):
+    model = DATA / "threeLinkHuman_subject1_sensorExt.urdf"
+    options = ["--columns", str(bowing), "--cutoff", "3", "--estimator", "weighted", "--name", "bow"]
+    assert identify.main([str(model), str(DATA / "bowing.csv"), *options, "--out", str(tmp_path)]) == 0
     printed, estimate = capsys.readouterr().out, json.loads((tmp_path / "bow" / "estimate.json").read_text())
     held_out = {channel: numbers["ratio"] for channel, numbers in estimate["held_out"].items()}
     assert held_out["Fx"] <= 0.31 and held_out["Fz"] <= 0.42 and held_out["My"] <= 0.23
@@ -133,14 +104,13 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
     assert printed.startswith("✕ Not usable. One finding speaks against it; it predicts all 3 channels that count.")
     assert "It predicts all 3 channels that count. Not counted: Fy, Mx, Mz" in estimate["verdict"]
-    suffix = Path(model).suffix
-    phi = parameters_from_model(tmp_path / "bow" / f"model{suffix}")
+    phi = parameters_from_model(tmp_path / "bow" / "model.urdf")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    prepared = prepare(DATA / model, DATA / "bowing.csv", columns=bowing, cutoff=3.0)
+    prepared = prepare(model, DATA / "bowing.csv", columns=bowing, cutoff=3.0)
     assert_predicts_as_well(identified(prepared, estimator="weighted"), phi)
     assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
         "report.html",
-        f"model{suffix}",
+        "model.urdf",
         "figure_held_out.svg",
     }
 
@@ -189,16 +159,6 @@ def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
     assert any("a turn of all joint axes about z" in each.alternatives for each in result.setup)
     truth = result.base.regroup(result.prepared.mechanism.known)
     assert (abs(result.psi - truth) < 2 * result.std_setup).all()
-
-
-@pytest.mark.slow
-def test_a_contact_is_used_and_missed_when_left_out(tmp_path):
-    log = recording(contact="pad")
-    doubts, _ = doubts_and_result(tmp_path, log, cell_mapping())
-    assert not doubts
-    doubts, result = doubts_and_result(tmp_path, log)
-    assert "contact_left_out" in doubts
-    assert result.checks.contact.body in ("link1", "link2")
 
 
 def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path, aligned):
@@ -276,6 +236,15 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
         ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "3"], "filters nothing: --cutoff belongs to --estimator"),
         ([str(PENDULUM), "LOG", "--base", "base", "--holdout", "2"], "needs a number from 0.05 to 0.9, or 0, got '2'"),
         ([str(PENDULUM), "SHORT", "--base", "base"], "too few"),
+        (
+            [str(PENDULUM), "LOG", "--base", "base", "--held-out", "SHORT", "--estimator", "weighted", "--cutoff", "1"],
+            "log to judge by has 15 samples",
+        ),
+        (
+            [str(PENDULUM), "LOG", "--base", "base", "--estimator", "weighted", "--write-geometry"],
+            "--write-geometry needs the trajectory estimate",
+        ),
+        ([str(PENDULUM), "LOG", "--formats", "none", "svg"], "'none' stands alone, got none svg"),
         ([str(PENDULUM), "STILL", "--base", "base"], "excites .* parameters; it does not separate"),
     ],
 )
@@ -311,19 +280,6 @@ def test_the_users_files_are_not_touched(tmp_path, capsys):
         assert message in refusal(identify.main, [*arguments, "--out", str(out), "--name", name], capsys)
     assert "another one than the log" in refusal(identify.main, [*arguments, "--held-out", str(log)], capsys)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
-    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
-    log = recording()
-    short = {name: x[:15] for name, x in log.measured.items()}
-    replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(path)
-    log.save(other)
-    arguments = [str(PENDULUM), str(other), "--base", "base", "--held-out", str(path), "--out", str(tmp_path / "out")]
-    assert "log to judge by has 15 samples" in refusal(
-        identify.main, [*arguments, "--estimator", "weighted", "--cutoff", "1"], capsys
-    )
-    assert not (tmp_path / "out").exists()
 
 
 def board(**missing):
@@ -374,14 +330,6 @@ def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     assert next(iter(offsets.values["offsets"])) == "Fy"
 
 
-def test_a_sensor_that_dies_is_a_doubt(tmp_path):
-    log = recording()
-    force = log.measured["ground_force"].copy()
-    force[500:, 2] = 200
-    doubts, _ = doubts_and_result(tmp_path, with_channels(log, ground_force=force), **WEIGHTED)
-    assert "Fz" in doubts["residual_above_signal"]["ratios"] and len(doubts) < 5
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     log = recording()
@@ -399,21 +347,6 @@ def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     with_channels(log, **constant).save(path)
     message = refusal(identify.main, arguments, capsys)
     assert "is constant in every channel (Fx, Fy, Fz, Mx, My, Mz); check sensors and columns." in message
-
-
-def test_a_few_samples_are_enough_to_judge_by(tmp_path):
-    """The held-out log needs no coefficients; the fitted one does."""
-    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
-    log = recording()
-    short = {name: x[100:110] for name, x in log.measured.items()}
-    replace(log, time=log.time[:10], measured=short, true={}, noise={}).save(path)
-    log.save(other)
-    result = identified(
-        prepare(PENDULUM, other, base="base"), judges=[prepare(PENDULUM, path, base="base")], estimator="weighted"
-    )
-    assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
-    rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
-    assert (rms < 3 * result.scale).all()
 
 
 def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
@@ -445,20 +378,6 @@ def test_long_and_foreign_names_keep_the_terminal_short(tmp_path, capsys):
     assert len(lines) <= 24 and f"{'w' * 29}… " in printed.out and "Glyph" not in printed.err
     page = (tmp_path / "x" / "report.html").read_text(encoding="utf-8")
     assert "<b>&$" not in page and "&lt;b&gt;&amp;$x_1" in page
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (["--estimator", "weighted", "--write-geometry"], "--write-geometry needs the trajectory estimate"),
-        (["--formats", "none", "svg"], "argument --formats: 'none' stands alone, got none svg"),
-    ],
-)
-def test_options_that_contradict_each_other_are_refused(given, message, tmp_path, capsys):
-    recording().save(tmp_path / "log.csv")
-    arguments = [str(PENDULUM), str(tmp_path / "log.csv"), "--base", "base", "--out", str(tmp_path / "out")]
-    assert message in refusal(identify.main, [*arguments, *given], capsys)
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("undrawn")

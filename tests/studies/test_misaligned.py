@@ -4,7 +4,6 @@ import csv
 import json
 import re
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -12,14 +11,13 @@ from commands import refusal
 from same_recording import assert_same_recording
 
 from experiments import misaligned
-from experiments.data import fitting, paper
+from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
 from experiments.document.sheet import WIDTHS
 from experiments.reports import study_figures
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
-from ident.identification import identified
 from ident.recordings.recording import Recording
 
 NAMES = ("table_3", "table_3_full", "table_wrench_errors")
@@ -45,9 +43,12 @@ def study():
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    out = tmp_path_factory.mktemp("results") / "new" / "folder"
-    assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
+def results(tmp_path_factory, study):
+    """Files of the command, with the trajectory estimates of `study`."""
+    out, trajectory = tmp_path_factory.mktemp("results") / "new" / "folder", study.trajectory
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(simulated.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
+        assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
     return out
 
 
@@ -91,30 +92,6 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
     assert abs(joint.error[k]) < abs(study.fit("full_on_table").error[k]) / 2
     # Errors are within the standard deviation and the effect of a hundredth of a degree of the recovered axes.
     assert (abs(joint.error) < 4 * joint.std + 0.02).all()
-
-
-@pytest.mark.slow
-def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(monkeypatch):
-    estimates = []
-
-    def kept(*args, **options):
-        estimates.append(identified(*args, **options))
-        return estimates[-1]
-
-    monkeypatch.setattr(fitting, "identified", kept)
-    study_of("misaligned", seed=0).trajectory("simplified")
-    (estimate,) = estimates
-    assert estimate.trajectory.fit.status == "converged"
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_an_interrupt_within_a_fit_ends_the_study(tmp_path, monkeypatch, capsys):
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(fitting, "identified", partial(identified, report=stop))
-    assert misaligned.main(["--out", str(tmp_path / "new"), "--samples", "120", "--formats", "png"]) == 130
-    assert "interrupted" in capsys.readouterr().err and not (tmp_path / "new" / "report.html").exists()
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -1,5 +1,4 @@
 import csv
-import json
 import os
 import signal
 from functools import partial
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
-from experiments import misaligned, multicontact
+from experiments import multicontact
 from experiments.data import paper
 from experiments.data.errors import Distribution
 from experiments.data.simulated import StudyProblem
@@ -139,51 +138,29 @@ def test_statistics():
     }
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "no_trajectory")
-def test_a_study_runs_trials_from_the_command_line(tmp_path, capsys):
-    options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--trajectory-trials", "2"]
-    options_ += ["--redraw", "sensors", "--samples", "200"]
-    assert misaligned.main(options_) == 0
-    models = "simplified", "full", "full_trajectory"
-    for model in models:
-        rows = list(csv.DictReader((tmp_path / f"monte_carlo_{model}.csv").read_text().splitlines()))
-        assert len(rows) == 13
-    assert (tmp_path / "figure_monte_carlo.png").exists()
-    assert json.loads((tmp_path / "monte_carlo.json").read_text())["trials"] == 6
-    assert json.loads((tmp_path / "monte_carlo.json").read_text())["trajectory_trials"] == 2
-    assert "over 2 trials" in (tmp_path / f"monte_carlo_{models[-1]}.md").read_text()
-    captured = capsys.readouterr()
-    assert "(errors in variables)" in captured.out
-    assert "6/6" in captured.err and "2/2" in captured.err
-    before = (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes()
-    assert misaligned.main([*options_, "--resume"]) == 0
-    assert (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes() == before
-
-
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     # Least squares in place of the trajectory estimate: its trials are then the first of the others.
     monkeypatch.setattr(
         simulated, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
-    command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "20"]
+    command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "8"]
     work, calls = workers.in_order, []
 
     def interrupted(*args, **more):
         calls.append(args)
         for k, outcomes in enumerate(work(*args, **more)):
             # Each run of trials asks for those to do again, and for the rest.
-            if len(calls) == 4 and k == 5:
+            if len(calls) == 4 and k == 3:
                 raise KeyboardInterrupt
             yield outcomes
 
     with monkeypatch.context() as patched:
         patched.setattr(workers, "in_order", interrupted)
-        assert multicontact.main([*command, "--trajectory-trials", "15"]) == 130
+        assert multicontact.main([*command, "--trajectory-trials", "6"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
-    assert multicontact.main([*command, "--trajectory-trials", "15", "--resume"]) == 0
-    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:15])
+    assert multicontact.main([*command, "--trajectory-trials", "6", "--resume"]) == 0
+    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:6])
     # A run that ends before its trajectory trials does not leave those of the previous run to be resumed.
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "0"]) == 0
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "3", "--resume"]) == 0

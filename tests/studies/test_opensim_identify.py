@@ -9,11 +9,8 @@ from opensim_files import Joint, constant, coordinate, document, linear, spatial
 
 import sim
 from experiments import identify
-from ident.errors import LogError
 from ident.geometry.inertia import parameters_from_com
 from ident.model.regressor import base_wrench_regressor
-from ident.parameters.anthropometry import TABLES
-from ident.recordings.columns.entries import read_segments
 from sim.models.notes import ModelNote
 
 SEGMENTS = """[segments]
@@ -100,10 +97,6 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     assert min(stated[[0, 1, 5]] / error[[0, 1, 5]]) > 3
 
 
-def test_every_table_is_a_prior():
-    assert set(identify.PRIOR) == {"auto", "on", "off", *TABLES}
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -118,18 +111,3 @@ def test_a_table_needs_its_person(swing, tmp_path, capsys, options, message):
     (tmp_path / "columns.toml").write_text(SEGMENTS.replace('"thigh"', '"thighs"'))
     given = [str(path), str(log), "--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path), "--prior"]
     assert message in refusal(identify.main, [*given, *options], capsys)
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ("femur = 3", "segments.femur needs a table of entries, got 3"),
-        ("femur = { proximal = [0, 0, 0] }", r"\[segments.femur\] needs segment"),
-        ('femur = { segment = "thigh", distal = [0, 1] }', "segments.femur.distal needs a list of 3 numbers"),
-        ('femur = { segment = "thigh", middle = [0, 1, 0] }', r"\[segments.femur\] has no entry 'middle'"),
-    ],
-)
-def test_segments_are_names_or_tables(tmp_path, table, message):
-    (tmp_path / "columns.toml").write_text(f"[segments]\n{table}\n")
-    with pytest.raises(LogError, match=message):
-        read_segments(tmp_path / "columns.toml")

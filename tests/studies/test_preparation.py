@@ -4,29 +4,14 @@ import mujoco
 import numpy as np
 import pytest
 from random_models import ARM, inverse_dynamics
-from scipy.spatial.transform import Rotation
 
 from experiments.studies.identification import prepare
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.recorded_motion import base_motion_from_poses
 from ident.identification import identified
-from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import STATES
 from sim.models.mujoco_model import parameters_from_model
 
-FLYER = """
-<mujoco>
-  <worldbody>
-    <body name="trunk">
-      <freejoint name="root"/><geom type="box" size=".2 .1 .05" pos=".02 .01 .03"/>
-      <body name="arm" pos=".2 0 0">
-        <joint name="swing" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 .1" size=".04"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 LEG = """
 <mujoco>
   <worldbody>
@@ -101,65 +86,6 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
         np.testing.assert_allclose(result.psi, truth, atol=1e-6)
 
 
-def flight(rng):
-    """A free body's smooth motion in MuJoCo's coordinates, by numerical differences of its attitude."""
-    position, velocity, acceleration = waves(rng, 3)
-    attitude = [0.5 * x for x in waves(rng, 3)]
-    R = Rotation.from_rotvec(attitude[0])
-    quat = R.as_quat(scalar_first=True)
-    h = 1e-5
-    ahead, behind = (Rotation.from_rotvec(attitude[0] + s * h * attitude[1] + h * h / 2 * attitude[2]) for s in (1, -1))
-    spin = (behind.inv() * ahead).as_rotvec() / (2 * h)
-    return np.hstack([position, quat]), velocity, acceleration, spin
-
-
-def test_the_base_moves_as_its_poses_say():
-    q, velocity, acceleration, spin = flight(np.random.default_rng(0))
-    T = BaseMotion.from_free_joint(q, np.zeros((len(q), 6)), np.zeros((len(q), 6))).T
-    motion = base_motion_from_poses(T, RATE, 20.0)
-    inner = slice(100, -100)
-    alpha = np.gradient(spin, 1 / RATE, axis=0, edge_order=2)
-    expected = BaseMotion.from_free_joint(q, np.hstack([velocity, spin]), np.hstack([acceleration, alpha]))
-    np.testing.assert_allclose(motion.T[inner], expected.T[inner], atol=1e-4)
-    np.testing.assert_allclose(motion.V[inner], expected.V[inner], atol=2e-3)
-    np.testing.assert_allclose(motion.dV[inner], expected.dV[inner], atol=0.05)
-
-
-@pytest.mark.slow
-def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
-    """All external forces act through one measured grip on the trunk; there is no ground."""
-    model = mujoco.MjModel.from_xml_string(FLYER)
-    rng = np.random.default_rng(1)
-    q, velocity, acceleration, spin = flight(rng)
-    swing = waves(rng, 1)
-    alpha = np.gradient(spin, 1 / RATE, axis=0, edge_order=2)
-    states = (
-        np.hstack([q, swing[0]]),
-        np.hstack([velocity, spin, swing[1]]),
-        np.hstack([acceleration, alpha, swing[2]]),
-    )
-    forces, _ = inverse_dynamics(model, *states)
-    T = BaseMotion.from_free_joint(q, np.zeros((len(q), 6)), np.zeros((len(q), 6))).T
-    grip = np.hstack([(T[:, :3, :3].swapaxes(1, 2) @ forces[:, :3, None])[..., 0], forces[:, 3:6]])
-    columns = {"time": TIME, "swing_position": swing[0][:, 0]}
-    columns |= {name: x for name, x in zip(("x", "y", "z", "qw", "qx", "qy", "qz"), q.T, strict=True)}
-    columns |= {f"grip{k}": x for k, x in enumerate(grip.T)}
-    path, log, mapping = tmp_path / "flyer.xml", tmp_path / "log.csv", tmp_path / "columns.toml"
-    path.write_text(FLYER, encoding="utf-8")
-    write(log, {name: x[::2] for name, x in columns.items()})
-    mapping.write_text(
-        '[base]\nposition = ["x", "y", "z"]\nquaternion = ["qw", "qx", "qy", "qz"]\n[wrenches.grip]\nbody = "trunk"\n'
-        'force = ["grip0", "grip1", "grip2"]\ntorque = ["grip3", "grip4", "grip5"]\n',
-        encoding="utf-8",
-    )
-    prepared = prepare(path, log, base="trunk", columns=mapping, cutoff=20.0)
-    assert prepared.equations.parameters.rank == 10 + 7
-    result = identified(prepared)
-    truth = prepared.equations.parameters.regroup(parameters_from_model(model, "trunk"))
-    assert (result.held_out.ratio < 0.02).all()
-    np.testing.assert_allclose(result.psi, truth, atol=0.02 * abs(truth).max())
-
-
 def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
     """Fx, Fz and My of a plate that is turned and off the ankle: noise-free data give their parameters' true values."""
     model = mujoco.MjModel.from_xml_string(LEG)
@@ -190,13 +116,3 @@ def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
     write(log, columns | still)
     with pytest.raises(ValueError, match=rf"In Fx, Fz, My the recorded motion excites \d+ of {rank} parameters"):
         identified(prepare(path, log, base="plate", columns=mapping), known=False)
-
-
-def test_a_base_that_turns_round_and_round_turns_steadily():
-    """Its quaternions change their sign once a turn, and are then made continuous."""
-    angle = 1.3 * TIME
-    T = np.tile(np.eye(4), (len(TIME), 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(np.outer(angle, [0.6, 0, 0.8])).as_matrix()
-    motion = base_motion_from_poses(T, RATE, 20.0)
-    inner = slice(100, -100)
-    np.testing.assert_allclose(motion.V[inner], np.tile([0, 0, 0, 0.78, 0, 1.04], (len(TIME) - 200, 1)), atol=2e-3)

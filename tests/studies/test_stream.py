@@ -1,5 +1,4 @@
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -8,7 +7,7 @@ from fits import fitted
 
 import scenes
 from experiments.stream import main
-from experiments.studies import stream, stream_progress
+from experiments.studies import stream_progress
 from ident.geometry.se3 import inverse
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
@@ -192,27 +191,3 @@ def test_a_damaged_file_is_not_resumed(folder, results, tmp_path, capsys, damage
     assert "--resume needs what an earlier run left in" in refusal(
         main, arguments(folder, tmp_path, "--resume"), capsys
     )
-
-
-@pytest.mark.usefixtures("here")
-def test_a_file_that_changes_between_the_passes_is_named(folder, tmp_path, capsys, monkeypatch):
-    copies, whole = tmp_path / "copies", stream.solve
-    shutil.copytree(folder, copies)
-    lines = (copies / "a.csv").read_text().splitlines()
-
-    def cut(*args):
-        (copies / "a.csv").write_text("\n".join(lines[:-100]) + "\n")
-        return whole(*args)
-
-    monkeypatch.setattr(stream, "solve", cut)
-    message = refusal(main, arguments(copies, tmp_path / "out"), capsys)
-    assert "a.csv: it changed while it was read, from 400 samples to 300; run again when" in message
-
-
-@pytest.mark.usefixtures("here")
-def test_a_channel_without_numbers_is_named(folder, tmp_path, capsys):
-    recording = Recording.load(folder / "a.csv")
-    measured = dict(recording.measured) | {"joint2_position": np.full(len(recording.time), np.nan)}
-    Recording(recording.time, measured).save(tmp_path / "nan.csv")
-    given = [str(folder / "model.xml"), str(tmp_path / "nan.csv"), "--base", "base", "--out", str(tmp_path / "out")]
-    assert "nan.csv: channel 'joint2_position' needs numbers, but it is" in refusal(main, given, capsys)

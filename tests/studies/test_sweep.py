@@ -7,8 +7,6 @@ from commands import refusal
 
 from experiments.data.key_numbers import summary
 from experiments.reports import sweep_report
-from experiments.runs.checkpoint import Checkpoint
-from experiments.studies import sweep
 from experiments.studies.simulated import study
 from experiments.sweep import main
 
@@ -50,30 +48,6 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     assert float(exact["mean"]) < 1e-3 * float(noisy["mean"])
     assert not rows(out, "paper_condition_number")
     assert (out / "figure_sweep.png").exists()
-
-
-@pytest.mark.usefixtures("undrawn", "here")
-def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch):
-    whole = run(tmp_path / "whole")
-    collect = Checkpoint.collect
-
-    def interrupted(self, batches, total, done=()):
-        def some():
-            yield next(batches)
-            raise KeyboardInterrupt
-
-        return collect(self, some(), total, done)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Checkpoint, "collect", interrupted)
-        command = ["multicontact", "--over", "noise_scale", "0", "1", "--out", str(tmp_path / "part")]
-        assert main(command) == 130
-    # A run may be resumed with more seeds.
-    resumed = run(tmp_path / "part", "--resume")
-    assert (resumed / "table_sweep.csv").read_bytes() == (whole / "table_sweep.csv").read_bytes()
-    before = (resumed / sweep.FILE).read_bytes()
-    assert run(tmp_path / "part", "--resume", "--numbers", "rank") == resumed
-    assert len(before) == len((resumed / sweep.FILE).read_bytes())
 
 
 @pytest.mark.usefixtures("undrawn", "here")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ident.recordings.sampled import Sampled, side_by_side
+from ident.recordings.sampled import Sampled
 from ident.trajectory.angles_alone import UNSETTLED, smoothed
 
 
@@ -22,26 +22,6 @@ def test_a_frequency_passes_as_the_formula_says(rate, share):
     np.testing.assert_allclose(ddq, -((2 * np.pi * frequency) ** 2) * expected, rtol=0, atol=0.01 / T**2)
 
 
-def test_coordinates_of_their_own_rates_pass_alike():
-    T, share = 0.05, 0.9
-    times = np.arange(0, 10, 0.001), np.arange(0.0003, 10, 0.02)
-    both = side_by_side([Sampled(time, wave(time, share / (2 * np.pi * T))) for time in times])
-    middle = times[0][abs(times[0] - 5) < 3]
-    q, *_ = smoothed(both, T).evaluate(middle)
-    expected = wave(middle, share / (2 * np.pi * T)) / (1 + share**6)
-    np.testing.assert_allclose(q, np.repeat(expected, 2, axis=1), rtol=0, atol=0.005)
-
-
-def test_few_samples_among_many_times_are_fitted_as_if_they_were_alone():
-    time, T = np.arange(20_000) / 1000, 0.005
-    few = np.linspace(0, 19_999, 6).astype(int)
-    among = np.full((20_000, 1), np.nan)
-    among[few] = 0.1 + wave(time[few], 0.1)
-    x = np.hstack([wave(time), among])
-    together, alone = smoothed(Sampled(time, x), T), smoothed(Sampled(time[few], among[few]), T)
-    np.testing.assert_allclose(together.evaluate(time)[0, :, 1], alone.evaluate(time)[0, :, 0], atol=1e-6)
-
-
 def test_either_side_of_a_gap_is_smoothed_by_itself():
     time = np.arange(0, 10, 0.01)
     x = wave(time) + 0.01 * np.random.default_rng(0).normal(size=(1000, 1))
@@ -56,26 +36,3 @@ def test_either_side_of_a_gap_is_smoothed_by_itself():
     inside = (between < 2.99) | ((between > 6.4) & (between < 9.99))
     np.testing.assert_array_equal(whole.settled(between), inside & ~near)
     assert abs(whole.evaluate(time[300:640])[0]).max() < 1.2
-
-
-def test_missing_samples_and_isolated_outliers_change_little():
-    rng, time = np.random.default_rng(1), np.arange(0, 5, 0.01)
-    exact = np.hstack([wave(time), wave(time, 0.4)])
-    x = exact + 0.001 * rng.normal(size=exact.shape)
-    clean, middle = smoothed(Sampled(time, x), 0.05), time[abs(time - 2.5) < 2]
-    damaged = x.copy()
-    damaged[rng.choice(500, 25, replace=False), 0] = np.nan
-    damaged[[100, 240, 390], 1] += [3.0, -2.0, 0.5]
-    other = smoothed(Sampled(time, damaged), 0.05)
-    noise = clean.evaluate(middle) - smoothed(Sampled(time, exact), 0.05).evaluate(middle)
-    change = other.evaluate(middle) - clean.evaluate(middle)
-    assert (change[:3].std(axis=1) < noise[:3].std(axis=1)).all()
-
-
-def test_a_touch_without_noise_is_no_outlier():
-    time, width, size = np.arange(0, 2, 0.005), 0.01, 0.001
-    z = (time - 1.001) / width
-    touch = size * np.exp(-(z**2) / 2)
-    ddq = smoothed(Sampled(time, wave(time) + touch[:, None]), 0.0025).evaluate(time)[2]
-    expected = -((2 * np.pi * 0.7) ** 2) * wave(time) + ((z**2 - 1) * touch / width**2)[:, None]
-    assert abs(ddq - expected)[abs(time - 1) < 0.2].max() < 0.05 * size / width**2

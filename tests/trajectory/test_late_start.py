@@ -9,21 +9,17 @@ import pytest
 from recorded_faults import PENDULUM, faulty
 
 import ident
-from ident.errors import ExcitationError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import SetupParameter
 from ident.model.regressor import base_wrench_regressor
-from ident.setup import PRIORS
 from ident.trajectory.fit.fitted import Prior
-from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.late_start import likely_delay
 from ident.trajectory.pieces import cut
 
 pytestmark = pytest.mark.slow
 
 LIFTS = (lifting.SQUAT, 0.35), (lifting.STOOP, 0.4)
-DELAY_ALONE = dict.fromkeys(PRIORS, 0.0) | {"delay": 0.2}
 
 
 def later(recording, start):
@@ -50,12 +46,6 @@ def test_plates_that_are_far_from_the_angles_clock_are_found(seed, late, monkeyp
     finding = only_finding(lifts(lifting.lifter(seed), 10 * seed, (1000.0, 1100.0)))
     assert finding.value == pytest.approx(late, abs=0.004)
     assert ("ms late" if late > 0 else "ms early") in finding.text
-
-
-def test_where_nothing_but_a_delay_is_left_open(monkeypatch):
-    monkeypatch.setattr(lifting, "LATE", 0.13)
-    (log, _) = lifts(lifting.lifter(1), 10, (1000.0, 1100.0))
-    assert only_finding(log, setup=DELAY_ALONE).value == pytest.approx(0.13, abs=0.004)
 
 
 def test_lifts_that_were_selected_of_one_long_recording(monkeypatch):
@@ -108,13 +98,3 @@ def likely_delay_of_pendulum(std, *, missing=0, late=0.0, samples=600):
 @pytest.mark.parametrize("std", [10.0, 1e6, np.inf])
 def test_delays_that_are_longer_than_a_recording_are_no_candidates(std):
     assert likely_delay_of_pendulum(std, late=0.1) == pytest.approx(0.1)
-
-
-@pytest.mark.parametrize("missing", [590, 598, 600])
-def test_where_hardly_a_sample_is_left_no_delay_is_likely(missing):
-    assert likely_delay_of_pendulum(0.05, missing=missing) == 0
-
-
-def test_a_fit_that_diverges_is_refused_in_a_sentence():
-    with pytest.raises(ExcitationError, match="The fit diverges"):
-        root_of_inverse(np.diag([1.0, np.nan]))

@@ -51,32 +51,6 @@ def test_it_is_what_the_set_up_would_add_were_it_fitted_as_well(weight):
     assert not added[HELD].any() and not added[:, HELD].any()
 
 
-def test_how_far_the_set_up_would_move_belongs_to_it():
-    """θ would move by its share of the step of all parameters; the step of the fitted ones alone is zero."""
-    information, pull = data(np.random.default_rng(1)), np.array([0, 0, 3.0, -7.0])
-    moved = np.linalg.solve(information + KNOWN, pull)[FREE]
-    added = joint(information, gradient=pull).covariance_of_setup - joint(information).covariance_of_setup
-    np.testing.assert_allclose(added[FREE, FREE], np.outer(moved, moved), rtol=1e-6)
-
-
-def test_noise_that_is_really_more_tells_less_of_the_set_up():
-    """With four times the scatter, the data's information on the set-up is a quarter, beside the prior."""
-    information = data(np.random.default_rng(2))
-    B = np.linalg.solve(information[FREE, FREE], information[FREE, HELD])
-    alone = information[HELD, HELD] - information[HELD, FREE] @ B
-    added = joint(information, scatter=4 * information).covariance_of_setup
-    expected = B @ np.linalg.inv(alone / 4 + KNOWN[HELD, HELD]) @ B.T
-    np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
-
-
-def test_what_no_data_see_of_the_set_up_adds_nothing():
-    information = data(np.random.default_rng(3))
-    information[3] = information[:, 3] = 0
-    added = joint(information).covariance_of_setup
-    expected = np.linalg.inv((information + KNOWN)[:3, :3])[FREE, FREE] - np.linalg.inv(information[FREE, FREE])
-    np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
-
-
 @pytest.mark.parametrize(("of", "common"), [(("Fx", "Mz"), True), (("Fx", "elbow"), False), (("hip", "elbow"), True)])
 def test_gains_of_one_instrument_share_an_error(of, common):
     """It is as uncertain as each one's own; a plate and the joint torques are two instruments."""

@@ -9,7 +9,7 @@ import pytest
 from ident.errors import ExcitationError
 from ident.trajectory import setup_search
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
-from ident.trajectory.setup_search import MOST_DEVIATIONS, Search, searched
+from ident.trajectory.setup_search import Search, searched
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,6 @@ class Independent:
 
     def scores(self, directions):
         return directions @ (self.best - self.theta), np.sqrt(directions**2 @ self.std**2)
-
-
-class Delayed(Independent):
-    """The same with the noise of one channel."""
-
-    @property
-    def channel_noise(self):
-        return np.array([0.5 if self.free.any() else 1.0])
 
 
 @pytest.fixture(autouse=True)
@@ -97,13 +89,6 @@ def deviating(search):
     return [each.index for each in search.deviations]
 
 
-def test_noise_of_many_parameters_is_no_fault():
-    """The false alarm rate is one in a thousand searches for all parameters together; separately it would be 10 %."""
-    rng = np.random.default_rng(0)
-    alarms = sum(bool(search_of(0.1 * rng.normal(size=100), 0.1).deviations) for _ in range(300))
-    assert alarms <= 3
-
-
 def test_what_is_wrong_is_fitted_the_most_significant_first():
     search = search_of([0, 2.0, 0.01, -3.0, 0.8], 0.1)
     assert deviating(search) == [3, 1, 4]
@@ -135,19 +120,6 @@ def test_significance_is_that_of_the_noise_that_is_really_there(size, counts):
     assert deviating(search_of([size], 0.05)) == [0]
 
 
-def test_what_explains_as_much_is_named_beside_it():
-    # χ² of 100, 90, 25 and 0, and of 105 and 12 for the groups; a difference of up to 15 counts as equal.
-    groups = {"second and third": np.array([0, 1, 1, 0]), "third and fourth": np.array([0, 0, 1, 1])}
-    first = search_of([1.0, 0.95, 0.5, 0.0], 0.1, groups).deviations[0]
-    assert (first.index, first.alternatives, first.together) == (0, (1,), ("second and third",))
-    # For a χ² of 10 000, a difference of up to a tenth counts as equal: 9216, not 8100.
-    assert search_of([1.0, 0.96, 0.9], 0.01).deviations[0].alternatives == (1,)
-
-
-def test_so_many_faults_are_fitted_and_no_more():
-    assert len(search_of(np.full(MOST_DEVIATIONS + 5, 1.0), 0.1).deviations) == MOST_DEVIATIONS
-
-
 def test_a_long_delay_is_not_taken_if_the_fit_diverges():
     first, begun = Independent(np.ones(2), np.ones(2), np.zeros(2), np.array([True, False])), []
 
@@ -158,17 +130,3 @@ def test_a_long_delay_is_not_taken_if_the_fit_diverges():
     search = searched(Search(first), refit, np.zeros(2, bool), {}, delays={1: lambda fit: 0.1})
     assert search.fit is first and not search.deviations
     assert begun == [([0.0, 0.1], [True, True])]
-
-
-def test_a_long_delay_that_a_later_parameter_makes_needless_is_removed():
-    delay, clock = 0, 1
-
-    def refit(start, free, rounds):
-        # The clock explains the delay, and the noise is half as large with either.
-        best = np.where(free[clock], [0.1, 2.0], [2.0, 0.0]) * free
-        return Delayed(np.array([2.0, 2.0]), np.full(2, 0.1), best, free)
-
-    first = Delayed(np.array([2.0, 2.0]), np.full(2, 0.1), np.zeros(2), np.zeros(2, bool))
-    search = searched(Search(first), refit, np.ones(2, bool), {}, delays={delay: lambda fit: 2.0})
-    assert deviating(search) == [clock]
-    assert search.fit.free.tolist() == [False, True] and search.fit.theta.tolist() == [0.0, 2.0]

@@ -57,11 +57,3 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(determined, counted, monke
     assert again.trajectory.fit.status == "converged" and not again.trajectory.known
     off = np.abs((again.fit.values - usual) / std)
     assert off[: again.base.rank].max() < 0.5 and off.max() < 1.5
-
-
-def test_columns_left_out_again_keep_the_equations_of_the_others(counted):
-    """Stribeck friction that no joint has is tried with one covariance, which serves the fit without it as well."""
-    trajectory = identified().trajectory
-    names = trajectory.fit.names
-    assert not [name for name in names if name.startswith("Fs(")]
-    assert len(counted[1]) <= 2

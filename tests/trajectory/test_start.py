@@ -1,14 +1,10 @@
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from measurements import random_measurement
 
-from ident.estimation.noise import autoregressive
 from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.fit.piece import Noise, Piece
-from ident.trajectory.start import _interpolated, smoothed, start
+from ident.trajectory.start import smoothed, start
 
 SIGMA = np.array([0.01, 0.2])
 
@@ -45,31 +41,6 @@ def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
     assert (np.sqrt(np.mean((x[1] - velocity)[inner] ** 2, axis=0)) < 0.1 * wrong).all()
 
 
-def test_smoothing_begins_at_the_samples():
-    """Samples on a straight line give that line as the first curve, also across missing samples."""
-    own = piece(np.random.default_rng(0))
-    line = np.stack([3 - 2 * own.time, 0.5 * own.time], axis=1)
-    lost = line.copy()
-    lost[300:320, 0] = np.nan
-    first = own.spline.evaluate(_interpolated(replace(own, states=(lost, None, None))), own.time)[0]
-    np.testing.assert_allclose(first[30:-30], line[30:-30], atol=1e-9)
-
-
-def test_pieces_share_their_noise_and_known_noise_is_kept():
-    rng = np.random.default_rng(0)
-    pieces = [piece(rng), piece(rng, 0.1)]
-    result = smoothed(pieces)
-    np.testing.assert_allclose(result.noises[0].states[0], SIGMA, rtol=0.06)
-    with ThreadPoolExecutor(2) as executor:
-        shared = smoothed(pieces, executor=executor)
-    np.testing.assert_array_equal(shared.coefficients[1], result.coefficients[1])
-    known = replace(result.noises[0], states=2 * result.noises[0].states)
-    again = smoothed(pieces, [known])
-    np.testing.assert_array_equal(again.noises[0].states, known.states)
-    assert len(again.coefficients) == 2 and len(again.theta) == 0
-    assert not np.array_equal(again.coefficients[0], result.coefficients[0])
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     """With almost exact angles, standard deviations of channels are right, and parameters are within theirs."""
@@ -96,16 +67,3 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     assert isinstance(result.noises[0], Noise) and not result.noises[0].channels_rho.any()
     fitted = m.values(x[:3], nothing, result.theta).T
     assert (np.sqrt(np.mean((fitted - clean) ** 2, axis=0)) < 0.25 * std).all()
-
-
-def test_smoothing_tells_noise_that_lasts_from_white_noise():
-    """Taken as white, correlated noise is taken for motion, and its standard deviation for half of it."""
-    rng = np.random.default_rng(0)
-    own = piece(rng)
-    lasting = autoregressive(rng.normal(size=(len(own.time), 2)) * SIGMA * np.sqrt(1 - 0.9**2), 0.9)
-    late = replace(own, states=(curves(own.time) + lasting, None, None))
-    white, coloured = (smoothed([late], coloured=each).noises[0] for each in (False, True))
-    assert not white.states_rho.any()
-    np.testing.assert_allclose(coloured.states_rho[0], 0.85, atol=0.1)
-    assert (coloured.states[0] > 1.3 * white.states[0]).all()
-    assert not smoothed([own], coloured=True).noises[0].states_rho.any()

@@ -55,7 +55,3 @@ def test_the_wrench_alone_is_late(fault, name, value):
     truth = estimate.base.regroup(swinging.pendulum().known)
     rms = np.sqrt((estimate.held_out.residual_with(truth) ** 2).mean(axis=0))
     assert (np.delete(rms / NOISE, 3) < 1.15).all()
-
-
-def test_a_wrench_on_the_torques_clock_is_left_there():
-    assert not ident.identify(swinging.pendulum(), recorded(2)).setup

@@ -13,7 +13,6 @@ import pytest
 
 from experiments.studies.validation.converters import (
     clamped,
-    declared_world,
     joint_states,
     noisy,
     tensors,
@@ -21,17 +20,6 @@ from experiments.studies.validation.converters import (
 )
 from experiments.studies.validation.files import convert
 from ident.errors import InputError
-from sim.models.mechanism import mechanism
-
-URDF = """<?xml version="1.0"?>
-<robot name="pendulum">
-<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>
-<link name="base"/>
-<joint name="j" type="continuous"><parent link="base"/><child link="bob"/><axis xyz="0 1 0"/></joint>
-<link name="bob"><inertial><origin xyz="0 0 -1"/><mass value="1"/>
-<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-</robot>
-"""
 
 MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody>
 <body name="trunk"><freejoint name="root"/><geom type="mesh" mesh="shell"/>
@@ -62,14 +50,6 @@ def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
     mass, *rest = (float(x) for x in re.findall(r"[\d.]+", made))
     assert made.endswith("<mesh>2</mesh>") and 0 < abs(mass / 2 - 1) <= 0.2
     assert rest[2] == pytest.approx(3 * rest[1]) and rest[3] == rest[4] == rest[5] != 1
-
-
-def test_the_link_world_is_declared_once(tmp_path):
-    (tmp_path / "in.urdf").write_text(URDF, encoding="utf-8")
-    declared_world(tmp_path / "in.urdf", tmp_path / "out.urdf")
-    assert mechanism(tmp_path / "out.urdf").joints == ("j",)
-    declared_world(tmp_path / "out.urdf", tmp_path / "again.urdf")
-    assert (tmp_path / "again.urdf").read_bytes() == (tmp_path / "out.urdf").read_bytes()
 
 
 def test_a_floating_model_is_clamped(tmp_path):
@@ -135,13 +115,6 @@ def test_a_bag_without_joint_states_or_a_damaged_one_is_a_sentence(tmp_path):
         with pytest.raises(InputError, match="it is damaged"):
             convert("joint_states", tmp_path / name, tmp_path / "out.csv")
     assert not (tmp_path / "out.csv").exists()
-
-
-class Named:
-    """A name of a module, as pickles hold it."""
-
-    def __init__(self, module, name, *arguments):
-        self.module, self.name, self.arguments = module, name, arguments
 
 
 def tensor_file(path, tables, rebuild=("torch._utils", "_rebuild_tensor_v2")):

@@ -44,11 +44,6 @@ def test_a_refused_connection_is_a_sentence(tmp_path):
     assert not (tmp_path / "a.csv").exists()
 
 
-def test_a_missing_file_is_a_sentence(tmp_path):
-    with server(status=404) as (url, _), pytest.raises(InputError, match="the server says 404"):
-        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
-
-
 def test_a_file_that_is_too_large_is_not_taken(tmp_path, monkeypatch):
     monkeypatch.setattr(downloads, "LARGEST", 1000)
     with server() as (url, _), pytest.raises(InputError, match="larger than the largest size"):
@@ -70,22 +65,11 @@ def test_a_redirection_to_no_address_is_a_sentence(location, tmp_path):
         download(f"{url}/a.csv", tmp_path / "a.csv")
 
 
-def test_a_server_that_sends_byte_by_byte_is_left(tmp_path, monkeypatch):
-    monkeypatch.setattr(downloads, "DEADLINE", 0.2)
-    with server(CONTENT[:500], pause=0.01) as (url, _), pytest.raises(InputError, match=r"took more than 0\.2 s"):
-        download(f"{url}/a.csv", tmp_path / "a.csv")
-    assert not list(tmp_path.iterdir())
-
-
 ENTRY = Entry(
     *("arm", "Arm", "An arm.", "arm", True),
     Source("somebody/arms", "0123abc", "MIT"),
     (SourceFile("a.csv", "data/a b.csv", SHA256),),
 )
-
-
-def test_an_address_has_repository_commit_and_path():
-    assert address(ENTRY, ENTRY.files[0]) == "https://raw.githubusercontent.com/somebody/arms/0123abc/data/a%20b.csv"
 
 
 @pytest.mark.parametrize("licence", ["", "proprietary"])
@@ -118,14 +102,6 @@ def test_a_local_file_with_another_hash_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes(CONTENT[:-1])
     with pytest.raises(InputError, match="another file than the one that was tried"):
         checked(ENTRY, tmp_path)
-
-
-def test_a_file_without_any_hash_is_fetched_and_said_to_be_unchecked(tmp_path, capsys):
-    entry = replace(ENTRY, tried=False, files=(SourceFile("a.csv", "data/a.csv"),))
-    with server() as (url, _):
-        fetched(entry, tmp_path, url)
-    assert f"Unchecked, as the registry holds no hash of it: {url}" in (error := capsys.readouterr().err)
-    assert SHA256 in error and checked(entry, tmp_path) == ("a.csv",)
 
 
 def test_a_published_file_is_converted_after_its_download(tmp_path):

@@ -69,16 +69,6 @@ def test_a_damaged_or_another_file_is_refused_and_not_kept(fetching, capsys, dam
     assert not fetching.out.exists()
 
 
-def test_a_damaged_file_in_the_cache_is_downloaded_again(fetching, capsys):
-    with server(fetching.contents) as (url, _):
-        fetching.arguments(url)
-        entry = files.registry()["arm"]
-        files.fetched(entry, fetching.cache, url)
-        (fetching.cache / "one.csv").write_bytes(b"damaged")
-        folder = Places(fetch=True, host=url).folder(entry)
-    assert (folder / "one.csv").read_bytes() == fetching.contents["one.csv"]
-
-
 def test_without_a_network_there_is_one_sentence(fetching, capsys):
     with server(fetching.contents) as (url, _):
         pass

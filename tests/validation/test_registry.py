@@ -6,7 +6,7 @@ from typing import get_type_hints
 import pytest
 
 from experiments.studies.validation.converters import CONVERTERS
-from experiments.studies.validation.files import chosen, columns_file, folder, read_entry, registry
+from experiments.studies.validation.files import chosen, columns_file, read_entry, registry
 from ident.annotations import fits
 from ident.errors import InputError
 from ident.files.limits import toml
@@ -22,19 +22,6 @@ OF_COLUMNS = {"time", "rate", "joints", "motors", "wrenches", "base", "file", "s
 NAME = re.compile(r"\w(?:[\w.+ -]{0,98}[\w+-])?", re.ASCII)
 REPOSITORY = re.compile(r"\w[\w.-]{0,99}/\w[\w.-]{0,99}", re.ASCII)
 ENTRIES = registry().values()
-
-
-def test_the_registry_has_these_recordings_and_half_of_them_are_of_other_hands():
-    entries = registry()
-    tried = {name for name, each in entries.items() if each.tried}
-    assert tried == {
-        *("bow", "double_pendulum", "go2_commands", "go2_torques", "ur10", "walker"),
-        *("synthetic_01", "synthetic_18", "tools"),
-    }
-    assert len(entries) - len(tried) >= 6
-    theirs = {entries[name].source.repository for name in entries if name not in tried}
-    assert theirs.isdisjoint(entries[name].source.repository for name in tried) and len(theirs) >= 6
-    assert list(entries)[: len(tried)] == sorted(tried)
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
@@ -70,25 +57,6 @@ def test_options_are_those_that_the_documentation_decides(entry):
         columns = toml(columns_file(entry.options["columns"]), "a mapping needs")
         assert set(columns) <= OF_COLUMNS
         assert not any({"kp_std", "torque_std"} & {*joint} for joint in columns.get("joints", {}).values())
-
-
-def test_every_columns_file_is_used():
-    used = {entry.options.get("columns") for entry in ENTRIES}
-    assert {path.name for path in (folder().parent / "columns").glob("*.toml")} <= used
-
-
-def test_no_two_recordings_of_one_folder_disagree_on_a_file():
-    hashes = {}
-    for each in registry().values():
-        for file in each.files:
-            assert hashes.setdefault((each.folder, file.name), file.sha256) == file.sha256
-
-
-def test_references_are_of_channels_and_every_one_says_how_it_was_reached():
-    references = {name: each.reference for name, each in registry().items() if each.reference}
-    assert set(references) == {"bow", "double_pendulum", "go2_torques", "ur10", "walker"}
-    assert all(each.source for each in references.values())
-    assert references["ur10"].ratios["wrist_3_joint"] == 0.295 and references["walker"].best == 5
 
 
 def test_recordings_are_chosen_by_name_and_a_wrong_one_lists_them():

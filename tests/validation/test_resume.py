@@ -1,23 +1,34 @@
 """Results that an earlier version left for --resume."""
 
-import json
+from dataclasses import replace
 
 import pytest
 from registered import TEXT, files_of, recorded, written
 
-from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import Workers
 from experiments.studies.validation import files, study
 from ident.errors import InputError
 
 
-@pytest.mark.parametrize("form", [{}, {"form": 0}])
-def test_results_of_another_form_are_not_resumed(form, tmp_path):
+def refusal(task):
+    """Answer to any task."""
+    return {"refused": "Not today."}
+
+
+@pytest.mark.parametrize("changed", ["code", "entry"])
+def test_results_of_other_sources_or_entries_are_not_resumed(changed, tmp_path, monkeypatch, here):
     recorded(tmp_path / "arm")
     listed = files_of(tmp_path / "arm", "arm.xml", "one.csv", "two.csv")
     entry = files.read_entry(written(tmp_path, TEXT.format(files=listed, more="")))
-    tasks = [[task.entry.name, task.trial, False] for task in study.tasks_of([entry], {"arm": tmp_path / "arm"})]
-    answer = json.dumps({"truths": {"": {"names": [], "values": []}}})
-    Checkpoint("recordings", tmp_path / study.FILE, {"tasks": tasks, **form}).save([answer])
-    with pytest.raises(InputError, match="of another run: form differ; leave out --resume"):
-        study.study([entry], files.Places((tmp_path,)), tmp_path, Workers(1, resume=True))
+    places = files.Places((tmp_path,))
+    monkeypatch.setattr(study, "work", refusal)
+    monkeypatch.setattr(study, "collected", lambda entries, tasks, answers, refused: answers)
+    assert study.study([entry], places, tmp_path, Workers(1)) == [refusal(None)] * 3
+    assert study.study([entry], places, tmp_path, Workers(1, resume=True)) == [refusal(None)] * 3
+    if changed == "code":
+        monkeypatch.setattr(study, "SOURCES", ("sim",))
+    else:
+        entry = replace(entry, options={**entry.options, "holdout": 0.3})
+    named = {"code": "code", "entry": "tasks"}[changed]
+    with pytest.raises(InputError, match=f"of another run: {named} differ; leave out --resume"):
+        study.study([entry], places, tmp_path, Workers(1, resume=True))

@@ -14,7 +14,7 @@ from fuzz.here import Here
 from registered import TEXT, files_of, recorded, written
 
 from experiments import validate
-from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, Published, Reference, inside
+from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, inside
 from experiments.reports import validation_figures as figures
 from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
@@ -24,8 +24,6 @@ from experiments.studies.validation import files, study
 from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
-
-pytestmark = pytest.mark.slow
 
 DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "dfki_double_pendulum"
 MORE = """
@@ -108,15 +106,6 @@ def test_other_software_stands_beside_the_estimate(result):
     assert "table_peers" not in report.document(result, {}).tables
 
 
-def test_each_log_is_identified_alone_and_compared(result):
-    (each,) = result
-    assert set(each.trials) == {"one", "two"}
-    assert len(each.trial_z) == int((each.trials["one"].from_data & each.trials["two"].from_data).sum()) > 5
-    assert inside(each.trial_z) > 0.8
-    # The turning joint rubs more than the lifting one: they are not alike, and that shows.
-    assert abs(each.alike_z[0]) > 4
-
-
 def test_published_values_are_compared_with_both_deviations(result):
     (each,) = result
     published = each.entry.published[0]
@@ -151,21 +140,6 @@ def test_the_report_has_all_tables_and_figures(result):
     assert document.folded["Verdicts in words"][0].startswith("Arm: Usable to predict ")
 
 
-def test_tables_and_figures_follow_from_the_numbers(result):
-    (each,) = result
-    saved = json.loads(json.dumps(report.document(result, {}).numbers["summary"], allow_nan=False))
-    assert saved["channels"] == 3 and set(saved["recordings"]) == {"arm"}
-    again = study.study_of(saved, {"arm": each.entry})
-    np.testing.assert_allclose(next(iter(again)).values.prior, each.values.prior, rtol=1e-5)
-    assert report.main_lines(again) == report.main_lines(result)
-    tables = [validation_tables.table_recordings, validation_tables.table_held_out, validation_tables.table_published]
-    for own, saved in ((np.array(table(each).rows, object).T for each in (result, again)) for table in tables):
-        numbers = [all(isinstance(x, float) for x in column) for column in own]
-        assert own[np.invert(numbers)].tolist() == saved[np.invert(numbers)].tolist()
-        # Six digits are saved, and z is a small difference of such values.
-        np.testing.assert_allclose(saved[numbers].astype(float), own[numbers].astype(float), rtol=1e-4, atol=1e-4)
-
-
 def made_worse(result, factors):
     """The study with the estimate's residuals multiplied by channel."""
     (each,) = result
@@ -190,52 +164,6 @@ def test_where_it_loses_it_says_so(result):
     good = made_worse(result, [0.9, 1.0, 1.05])
     assert not validation_tables.table_worse(good).rows
     assert not any("Another candidate" in line for line in report.lines(good))
-
-
-def test_published_values_outside_the_intervals_are_named(result):
-    (each,) = result
-    value, _, std = each.values["Fc(turn)"]
-    other, _, its = each.values["Fc(bend)"]
-    published = [Published("Fc(turn)", value + 2.1 * std), Published("Fc(bend)", other - 1.9 * its)]
-    study_of = replace(result, validations={"arm": replace(each, entry=replace(each.entry, published=published))})
-    (row,) = validation_tables.table_outside(study_of).rows
-    assert row[:2] == ("Arm", "Fc(turn)") and row[-1] == pytest.approx(-2.1)
-    assert "Of 2 published parameters 1 are outside our 95 % intervals: Arm Fc(turn) (z -2.1)." in report.lines(
-        study_of
-    )
-    assert validation_tables.table_was_published(study_of).rows == (("Arm", "2", "—", "1", "somebody/arms; "),)
-
-
-def test_reference_results_that_are_not_reached_are_named(result):
-    """Residuals of .2, .104 and .3 for least squares' .2, .1 and .2."""
-    (each,) = result
-    ratios = {LEAST_SQUARES: np.array([0.2, 0.1, 0.2]), ESTIMATE: np.array([0.2, 0.104, 0.3]), MODEL: np.full(3, 0.9)}
-    goals = {"turn": 0.21, "lift": 0.1}
-
-    def missed(**more):
-        entry = replace(each.entry, reference=Reference("by hand", **more))
-        made = replace(result, validations={"arm": replace(each, entry=entry, ratios=ratios)})
-        return [row[1:] for row in validation_tables.table_missed(made).rows], report.lines(made)
-
-    rows, lines = missed(ratios=goals, median=0.19, best=1, worse=0.1)
-    assert rows == [
-        ("residual of lift", "at most 0.1", "0.104", "by hand"),
-        ("median residual", "at most 0.19", "0.2", "by hand"),
-        ("largest excess over the best other", "at most 0.1", "0.5", "by hand"),
-    ]
-    assert any(
-        line.startswith("Of 5 reference results 3 are not reached: Arm, residual of lift (0.104, ") for line in lines
-    )
-    rows, _ = missed(best=2)
-    assert rows == [("channels in which it is best", "at least 2", "1", "by hand")]
-    rows, lines = missed(ratios={"turn": 0.2}, median=0.2, best=1, worse=0.51)
-    assert rows == [] and "Of 4 reference results 0 are not reached." in lines
-
-
-def test_channels_that_nobody_explains_do_not_count(result):
-    (each,) = result
-    ratios = {name: np.array([2.0, 0.5, 0.5]) for name in each.ratios}
-    assert replace(each, ratios=ratios).against_best.tolist() == [1.0, 1.0]
 
 
 def test_the_steel_pendulum_s_table_has_the_form_of_the_paper_s(result):
@@ -271,12 +199,6 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
         study.collected([other], tasks[1:2], [bad])
 
 
-def test_a_parameter_that_the_estimate_has_not_is_a_sentence(arm):
-    data, entry = arm
-    (whole, *_) = study.tasks_of([replace(entry, alike=(("Fc(turn)", "Fc(other)"),))], {"arm": data / "arm"})
-    assert "arm compares 'Fc(other)', but its parameters are" in study.work(whole)["refused"]
-
-
 def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
     monkeypatch.delenv(validate.VARIABLE, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -305,24 +227,7 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_
     assert not (tmp_path / "out").exists()
 
 
-def test_a_damaged_entry_is_one_sentence(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(files, "folder", lambda: tmp_path)
-    written(tmp_path, "title = ")
-    error = refusal(validate.main, ["--data", str(tmp_path), "--out", str(tmp_path / "out")], capsys)
-    assert "arm.toml: an entry needs to be TOML" in error and error.count("\n") == 1
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_command_writes_a_page(arm, tmp_path, monkeypatch, capsys):
-    data, entry = arm
-    monkeypatch.setattr("experiments.studies.validation.files.registry", lambda: {"arm": entry})
-    monkeypatch.setattr(workers, "Processes", Here)
-    monkeypatch.setenv(validate.VARIABLE, str(data))
-    assert validate.main(["--out", str(tmp_path / "out"), "--workers", "1", "--formats", "png"]) == 0
-    assert (tmp_path / "out" / "report.html").is_file() and (tmp_path / "out" / "summary.json").is_file()
-    assert "the trajectory estimate predicts best" in " ".join(capsys.readouterr().out.split())
-
-
+@pytest.mark.slow
 @pytest.mark.skipif(not (DATA.parent / "tools").is_dir(), reason="MULTICONTACT_DATA has no tools")
 def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     entry = files.registry()["tools"]
@@ -344,6 +249,7 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     assert set(report.document(made, {}).figures) == {"figure_truth"}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "c0_00.csv").is_file(), reason="MULTICONTACT_DATA has no dfki_double_pendulum")
 def test_the_pendulum_in_steel_has_the_published_inertias():
     entry = files.registry()["double_pendulum"]

@@ -14,7 +14,7 @@ from experiments.studies import competitors
 from ident.estimate import Estimate
 from ident.identification import identify
 from ident.mechanism.motion import Motion
-from ident.payload.identification import identify_payload
+from ident.payload.beyond_sensor import identify_payload
 from ident.payload.payload import described
 from ident.recordings.recording import Recording
 from ident.recordings.servo import model_servo

@@ -17,8 +17,7 @@ from ident.model.regressor import base_wrench_regressor, drive_columns, joint_to
 from ident.recordings.recording import STATES, Recording
 from ident.recordings.servo import Servo, model_servo
 from ident.recordings.wrench import Sensor, transform_wrench
-from sim.motion.excitation import DesiredMotion, Excitation
-from sim.motion.trapezoids import Trapezoids
+from sim.motion.excitation import DesiredMotion, Excitation, Trapezoids
 from sim.simulation.rollout import play, steps_per_sample
 from sim.simulation.sensors import sensors
 from sim.simulation.servos import servos

@@ -27,7 +27,7 @@ from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
 from ident.estimation.preparation import Prepared, prepared
-from ident.estimators.candidate import Candidate
+from ident.estimators.predictions import Candidate
 from ident.files.limits import library
 from ident.geometry.inertia import PINOCCHIO
 from ident.identification import identified

@@ -19,7 +19,7 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared
 from ident.estimation.units import channel_unit
 from ident.identification import identified
-from ident.judgement.halves import differences
+from ident.judgement.agreement import differences
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
 from ident.tolerances import HOLDOUT
 from sim.models.notes import ModelNote

@@ -2,6 +2,8 @@
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,8 +18,8 @@ from ident.errors import InputError
 
 FILE = "validation.npz"
 """File with the results of the recordings of a run, by which it can be resumed."""
-FORM = 2
-"""Form of the results in that file: to be raised when their entries change, so that older results are not resumed."""
+SOURCES = "ident", "sim", "experiments.studies"
+"""Packages whose sources make the results: those that others made are not resumed."""
 
 
 class Task(NamedTuple):
@@ -72,7 +74,8 @@ def study(entries: Sequence[Entry], places: Places, folder: Path, workers: Worke
                 print(error, file=sys.stderr)
     tasks = tasks_of([entry for entry in entries if entry.name in folders], folders)
     tasks = [task._replace(peers=peers and task.trial is None) for task in tasks]
-    meaning = {"form": FORM, "tasks": [[task.entry.name, task.trial, task.peers] for task in tasks]}
+    code = b"".join(file.read_bytes() for name in SOURCES for file in sorted(Path(str(files(name))).rglob("*.py")))
+    meaning = {"code": sha256(code).hexdigest(), "tasks": [[str(task.entry), task.trial, task.peers] for task in tasks]}
     kept = Checkpoint("recordings", folder / FILE, meaning)
     answers = workers.collected(work, tasks, kept) if tasks else []
     return collected(entries, tasks, answers, refused)

@@ -16,7 +16,7 @@ from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.identification import identify_payload
+from ident.payload.beyond_sensor import identify_payload
 from ident.payload.payload import QUANTITIES, UNITS, described
 from ident.recordings.log import read_log
 
@@ -70,7 +70,9 @@ def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict
         convert(converter, folder / log, scratch / log)
         recording = read_log(scratch / log, alone, columns_file(entry.options["columns"]))
         offsets = entry.options.get("offsets", True)
-        body = identify_payload(alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets).in_frame()
+        body = identify_payload(
+            alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets, holdout=0.0
+        ).in_frame()
         true = _body(folder / file)
         rows = {"values": body.values, "std": body.std_setup, "true": true, "tolerance": np.zeros(len(true))}
         names = [f"{Path(log).stem} {name}" for name in QUANTITIES]

@@ -13,7 +13,7 @@ from ident.files.limits import toml
 from ident.files.schema import check_keys, choice, pose, table, value_of
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns import plates
@@ -30,18 +30,28 @@ from ident.recordings.columns.entries import (
 from ident.recordings.columns.external_loads import LOADS, external_loads
 from ident.recordings.columns.plates import Plate
 from ident.recordings.servo import GAINS, SCALES, Servo, scale_of, servo_of
+from ident.recordings.tracker import Tracker, tracked_bodies
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, SETUP
 
 DEVIATIONS = {
     f"{kind}{row.unit.suffix}": row.unit.stated
     for kind, row in sorted(SETUP.items(), key=lambda item: item[1].unit.suffix)
-    if not row.stated
+    if not row.stated and not row.constant
 }
 """Set-up errors whose standard deviation may be stated, those in degrees last; factors to SI and radians."""
 
+FRAMES = ("markers", "frame")
+"""Frames of a tracked body that may be stated."""
+
 KNOWN = dict.fromkeys(OF_BODIES, 1.0)
 """Body parameters whose standard deviation may be stated: relative to the model's, m, relative."""
+
+STATED = (
+    *("setup", "known", "known_bodies", "held", "base_rpy_deg", "still", "loaded"),
+    *("scales", "couplings", "followers", "trackers"),
+)
+"""Fields of a mapping that are those of its recordings, beside sensors and servos."""
 
 
 @dataclass
@@ -50,8 +60,8 @@ class ColumnMapping:
 
     Attributes:
         columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, and
-            `base.position` and `base.quaternion`, or `base.pose`.
-        sensors: Sensors of the wrenches by name.
+            `base.position` and `base.quaternion`, or `base.pose`; `tracked.NAME.position`, `tracked.NAME.orientation`.
+        sensors: Sensors of the wrenches by name; `trackers` those of tracked bodies.
         plates: Those of them that rest in the world, by name.
         held: True if something holds the base, as for `Recording`; likewise `base_rpy_deg`.
         servos: Servos of commanded joints, as for `Recording`.
@@ -71,6 +81,7 @@ class ColumnMapping:
 
     columns: dict[str, Columns] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
+    trackers: dict[str, Tracker] = field(default_factory=dict)
     setup: dict[str, float] = field(default_factory=dict)
     known: dict[str, float] = field(default_factory=dict)
     known_bodies: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -164,7 +175,7 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     joints, bodies, of_rows = joint_kinds(tree), tree.names, ("time", "rate", "poses")
     tables = (*of_rows, "joints", "motors", "wrenches", "base", "load", "setup", "known", "file", "select", "segments")
-    check_keys("the mapping", entries, tables)
+    check_keys("the mapping", entries, (*tables, "tracked"))
     segments_of(entries.get("segments", {}))
     known, known_bodies = _known(entries, bodies)
     setup = _deviations("setup", entries, DEVIATIONS, tree.compounds)
@@ -213,6 +224,9 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
         if plate := plates.plate(name, entry, bodies):
             mapping.plates[name] = plate
         mapping.sensors[name] = _sensor(name, entry, bodies, plate)
+    for name, entry in table("tracked", entries.get("tracked", {})).items():
+        mapping.columns |= _tracked_columns(f"tracked.{name}", table(f"tracked.{name}", entry))
+        mapping.trackers[name] = _tracker(f"tracked.{name}", {"body": name, **entry}, tracked_bodies(tree))
     if "base" in entries:
         entry = table("base", entries["base"])
         check_keys("[base]", entry, ("position", "quaternion", "unit", "held", "rpy_deg"))
@@ -279,6 +293,33 @@ def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
     if not any(name for several in columns.values() for name in several.names):
         raise LogError(f"[{where}] needs at least one column under force or torque.")
     return columns
+
+
+def _tracked_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
+    """Columns of position and orientation of a tracked body."""
+    keys = ("body", "position", "unit", "quaternion", "rotation_vector", "rotation_unit", "markers", "frame")
+    check_keys(f"[{where}]", entry, keys)
+    if ("quaternion" in entry) == ("rotation_vector" in entry):
+        raise LogError(f"[{where}] needs columns of either a quaternion or a rotation_vector, beside the position.")
+    kind, size = ("quaternion", 4) if "quaternion" in entry else ("rotation_vector", 3)
+    unit = factor_of(where, entry, "rotation_unit", "hinge position") if size == 3 else (1.0, "")
+    return {
+        f"{where}.position": several(
+            f"{where}.position", entry.get("position"), 3, *factor_of(where, entry, "unit", "length")
+        ),
+        f"{where}.orientation": several(f"{where}.{kind}", entry[kind], size, *unit),
+    }
+
+
+def _tracker(where: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Tracker:
+    """Frames of a tracked body, as far as they are stated."""
+    frames = {name: pose(f"{where}.{name}", table(f"{where}.{name}", entry[name])) for name in FRAMES if name in entry}
+    if entry["body"] not in bodies:
+        raise LogError(
+            f"[{where}] needs a body that joints move, one of {', '.join(bodies)}; got {short(entry['body'])}. "
+            "Poses of the base belong under [base]."
+        )
+    return Tracker(entry["body"], **frames)
 
 
 def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: Plate | None) -> Sensor:

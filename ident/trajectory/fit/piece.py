@@ -24,10 +24,11 @@ class Piece:
             a sample is missing, None for a derivative that is not measured.
         when: Sample times of the channels, s (M,).
         measured: Measured channels, NaN where a sample is missing (M, C).
-        wrenches: Wrenches of the surroundings on the contacts at these times: averages and the rest (M, 2, 6 k).
+        wrenches: Wrenches of the surroundings on the contacts at these times, averages and the rest; and measured
+            orientations of tracked bodies, in halves (M, 2, 6 k).
         origin: Time zero of the channels' clock, s.
-        late: Number of channels on that clock, the first ones, those of a wrench; by default all. Others are on the
-            coordinates' clock.
+        late: Number of channels on that clock, the first ones, those of a wrench or of commands; by default all. Others
+            are on the coordinates' clock.
         slack: Standard deviation of the channels' error in addition to noise (M, C), None for none.
         held: Time by which the channels act later than they are stamped, in addition to estimated shifts, s: half a
             sample of commands that are held.
@@ -199,7 +200,7 @@ def clocks(
     if not number:
         return []
     whole = piece.late is None or piece.late >= number
-    if whole or not any(theta[at] or at in columns for at in measurement.shifts):
+    if whole or not (piece.held or any(theta[at] or at in columns for at in measurement.shifts)):
         return [(slice(0, number), channel_times(measurement, piece, theta))]
     return [(slice(0, piece.late), channel_times(measurement, piece, theta)), (slice(piece.late, number), piece.when)]
 

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.errors import ModelError
-from sim.models.opensim.document import flag, label, named, number, numbers, objects, text
+from ident.geometry import se3
+from ident.mechanism.constraint import Coincidence
+from ident.mechanism.tree import Tree
+from sim.models.notes import note
+from sim.models.opensim.elements import Frames, flag, label, named, number, numbers, objects, text
 from sim.models.opensim.functions import IDENTITY, Curve, curve, function_of
 
 UNLIMITED = 1e3
@@ -155,3 +159,40 @@ def needed_span(leader: Coordinate, function: Curve) -> tuple[float, float]:
     low, high = leader.range or function.span or USUAL
     first, last = function.span or (low, high)
     return (max(low, first), min(high, last)) if max(low, first) < min(high, last) else (low, high)
+
+
+def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Collection[str]) -> list[Coincidence]:
+    """Point constraints between bodies of a tree.
+
+    Args:
+        model: The model.
+        frames: Its frames.
+        tree: The tree; constraints of which neither body is in it have no effect.
+        ignore: Names of constraints to leave out.
+
+    Warns:
+        ModelNote: There are some.
+
+    Raises:
+        ModelError: One holds a body of the tree to the ground or another body, whose force the equations lack.
+    """
+    out = list[Coincidence]()
+    for element in (each for each in enforced(model, ignore) if each.tag == POINT):
+        bodies, poses = list[str](), list[tuple[float, ...]]()
+        for end in ("body_1", "body_2"):
+            reference = text(element, f"socket_{end}") or text(element, f"socket_{end}_connectee_name")
+            place = frames.place(reference or text(element, end), element)
+            point = se3.pose(np.eye(3), numbers(element, f"location_{end}", 3, "0 0 0"))
+            bodies.append(place.body)
+            poses.append(tuple((place.pose @ point).ravel().tolist()))
+        inside = [body in tree.names for body in bodies]
+        if any(inside) and not all(inside):
+            raise ModelError(
+                f"{label(element)} reaches outside the mechanism, whose equations lack its force; leave it out with "
+                f"--ignore {element.get('name')} (in Python, ignore=['{element.get('name')}'])."
+            )
+        if all(inside):
+            out.append(Coincidence(str(element.get("name")), (bodies[0], bodies[1]), (poses[0], poses[1])))
+    if out:
+        note(f"By {', '.join(each.name for each in out)}, joints without a column follow from the others.")
+    return out

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from ident.errors import ModelError
-from sim.models.opensim.document import label, number, numbers
+from sim.models.opensim.elements import label, number, numbers
 
 CLOSE = 2e-5
 """Error of a polynomial, in m or rad, below which it may replace a tabulated function."""

@@ -8,14 +8,12 @@ import numpy as np
 
 from ident.errors import ModelError
 from ident.geometry import se3
-from ident.mechanism.body import BASE, Body
-from ident.mechanism.follower import Follower
+from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.tree import Tree
 from sim.models.notes import note
 from sim.models.opensim.coordinates import Coordinate, Dependence, dependences, needed_span
-from sim.models.opensim.frames import GROUND, Frames
-from sim.models.opensim.joints import Factor, coordinate_elements
-from sim.models.opensim.links import Link, links_in_order
+from sim.models.opensim.elements import GROUND, Frames
+from sim.models.opensim.joints import Factor, Link, coordinate_elements, links_in_order
 
 Worst = tuple[float, str]
 """An error in m or rad, and the name of its turn or slide."""

@@ -11,10 +11,9 @@ from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
 from sim.models.inertials import SHORT, is_physical, shortened
-from sim.models.opensim.document import model_element, text
-from sim.models.opensim.frames import Frames
-from sim.models.opensim.links import links_in_order
-from sim.models.opensim.mechanism import MOMENTS, OpenSimOrigin, body_parameters
+from sim.models.opensim.elements import Frames, model_element, text
+from sim.models.opensim.joints import links_in_order
+from sim.models.opensim.reading import MOMENTS, OpenSimOrigin, body_parameters
 from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
 
 BODIES = ("Model", "BodySet", "objects", "Body")

@@ -169,33 +169,6 @@ def test_damaged_marker_files(tmp_path, damage, message):
     assert message in refusal(tmp_path / "log.trc")
 
 
-def test_matlab_files_that_are_refused(tmp_path):
-    path = tmp_path / "log.mat"
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(600))
-    assert "version 7.3 are not read; save it in MATLAB with save(NAME, '-v7')" in refusal(path)
-    write_mat(path, {"q_hip": T[:-1], **{name: x for name, x in PLAIN.items() if name != "q_hip"}})
-    assert "joint 'hip' needs a column of its positions" in refusal(path)
-    write_mat(path, {}, name="nothing")
-    assert "at least 10 samples, it has 0" in refusal(path)
-    write_mat(path, {"x": np.zeros(3_000_000)})
-    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 1 MB .*--max-size"):
-        read_log(path, MECHANISM, limit=1_000_000)
-
-
-def test_parquet_files_that_are_refused(tmp_path):
-    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
-    path = tmp_path / "log.parquet"
-    write_parquet(path, {**PLAIN, "q_hip": pyarrow.array([None, *Q[1:, 1]])})
-    assert "row 0, column 'q_hip' is empty or NaN, as are 1 of 40" in refusal(path)
-    write_parquet(path, {**PLAIN, "q_hip": ["x"] * N})
-    assert "joint 'hip' needs a column of its positions" in refusal(path)
-    write_parquet(path, {"x": np.zeros(0)})
-    assert "at least 10 samples, it has 0" in refusal(path)
-    write_parquet(path, {"x": np.zeros(3_000_000)})
-    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 1 MB"):
-        read_log(path, MECHANISM, limit=1_000_000)
-
-
 def test_bags_that_are_refused(tmp_path):
     pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
     states = {joint: [(x, 0, 0) for x in Q[:, k]] for k, joint in enumerate(JOINTS)}

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, PLAIN, WRENCH, N, Q, T
-from written_formats import DEG, PLATE, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
+from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
 from ident.errors import LogError
-from ident.files.formats import c3d, trc
+from ident.files.formats import trc
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -50,29 +50,6 @@ def test_a_motion_file_knows_its_degrees(tmp_path, suffix, degrees):
     assert log.units["hip_position"] == "rad" and log.units["hip_velocity"] == "rad/s"
     pieces = list(read_log_pieces(tmp_path / f"log.{suffix}", MECHANISM, None, 13))
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T, atol=1e-12)
-
-
-def test_degrees_of_a_motion_file_are_not_those_of_slides(tmp_path):
-    write_mot(tmp_path / "log.mot", COLUMNS)
-    log = read_log(tmp_path / "log.mot", mechanism("slide"))
-    np.testing.assert_allclose(log.of_joints(JOINTS, "position"), Q, rtol=1e-12)
-
-
-def test_a_gain_is_taken_in_the_unit_of_the_file(tmp_path):
-    write_mot(tmp_path / "log.mot", in_degrees())
-    (tmp_path / "c.toml").write_text('[joints.hip]\nposition = { column = "q_hip", gain = -1 }\nvelocity = ""')
-    log = read_log(tmp_path / "log.mot", MECHANISM, tmp_path / "c.toml")
-    np.testing.assert_allclose(log["hip_position"], -Q[:, 1], rtol=1e-12)
-
-
-def test_a_mapping_that_contradicts_the_unit_of_the_file_is_refused(tmp_path):
-    write_mot(tmp_path / "log.mot", in_degrees())
-    (tmp_path / "c.toml").write_text('[joints.hip]\nposition = { column = "q_hip", unit = "rad" }')
-    with pytest.raises(LogError, match=r"joints\.hip\.position is mapped in another unit than the file's, .* deg"):
-        read_log(tmp_path / "log.mot", MECHANISM, tmp_path / "c.toml")
-    (tmp_path / "c.toml").write_text("[file]\nheader = false")
-    with pytest.raises(LogError, match=r"log\.mot: the mapping's \[file\] tells how text is laid out, but this file"):
-        read_log(tmp_path / "log.mot", MECHANISM, tmp_path / "c.toml")
 
 
 def test_matlab_arrays_and_structures(tmp_path):
@@ -127,34 +104,6 @@ def test_c3d_has_a_platform_at_its_own_rate(tmp_path):
     np.testing.assert_allclose(np.hstack([force.values, torque.values]), FAST, rtol=1e-5, atol=1e-3)
     assert log.units["ground_torque"] == "N m"
     assert "'plate1' has its centre at (0.4, 0.3, 0) m" in log.notes[0]
-
-
-def test_c3d_centre_of_pressure_of_who_stands_still(tmp_path):
-    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
-    where = np.array([0.25, 0.4, 0.0])
-    weight = np.array([0, 0, 700.0]) * (FAST_TIME > 0.1)[:, None]
-    write_c3d(tmp_path / "log.c3d", 100.0, points(), np.hstack([weight, np.cross(where, weight)]))
-    _, analog = c3d.tables(tmp_path / "log.c3d", 10**9)
-    point = np.stack([analog.cells[f"plate1_point.{axis}"] for axis in "xyz"], axis=1)
-    loaded = FAST_TIME > 0.1
-    np.testing.assert_allclose(point[loaded] - where, 0, atol=1e-5)
-    assert np.isnan(point[~loaded]).all()
-    assert PLATE[:2].min(axis=1).tolist() <= where[:2].tolist() <= PLATE[:2].max(axis=1).tolist()
-
-
-def test_c3d_with_platforms_that_cannot_be_read_still_has_all_else(tmp_path):
-    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
-    write_c3d(tmp_path / "log.c3d", 100.0, points(), FAST, JOINTS)
-    file = ezc3d.c3d(str(tmp_path / "log.c3d"))
-    file["parameters"]["FORCE_PLATFORM"]["TYPE"]["value"] = np.array([99])
-    file.write(str(tmp_path / "log.c3d"))
-    markers = c3d.markers(tmp_path / "log.c3d", 10**9)
-    assert markers.labels == ("HEEL",)
-    np.testing.assert_allclose(markers.time, T, atol=1e-12)
-    np.testing.assert_allclose(markers.positions[:, 0], points()["HEEL"], atol=1e-6)
-    _, analog = c3d.tables(tmp_path / "log.c3d", 10**9)
-    assert "Force platforms cannot be read" in analog.notes[0]
-    np.testing.assert_allclose(analog.cells["Fz"], -FAST[:, 2], rtol=1e-6)
 
 
 @pytest.mark.parametrize("units", ["mm", "m"])

@@ -2,14 +2,13 @@
 
 import json
 import shutil
-import sys
 
 import numpy as np
 import pytest
 from malformed_logs import JOINTS, N, Q, T
 from written_formats import write_lerobot
 
-from ident.errors import InputError, LogError
+from ident.errors import LogError
 from ident.files.readers import files_in, read_tables
 
 pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
@@ -154,18 +153,3 @@ def test_data_that_are_refused(tmp_path):
     assert "has its first episode in meta/episodes/chunk-000/file-000.parquet; here is none." in refusal(
         tmp_path / "d#1"
     )
-
-
-def test_an_episode_takes_no_more_memory_than_is_allowed(tmp_path):
-    many = {0: {"observation.state": np.zeros((100_000, 50))}, 1: {"observation.state": np.zeros((20, 50))}}
-    write_lerobot(tmp_path / "d", many, 3)
-    with pytest.raises(LogError, match=r"takes 41 MB in memory where at most 3 MB"):
-        list(read_tables(tmp_path / "d#0", limit=3_000_000))
-    assert len(next(read_tables(tmp_path / "d#1", limit=3_000_000)).rows) == 20
-
-
-def test_the_library_is_named_where_it_is_missing(tmp_path, monkeypatch):
-    folder = dataset(tmp_path / "d", [0])
-    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(InputError, match=r"the extra 'parquet' brings: pip install multicontact\[parquet\]"):
-        table(folder)

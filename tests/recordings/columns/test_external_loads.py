@@ -58,13 +58,6 @@ def test_plates_are_under_the_feet_that_the_file_names(tmp_path):
     assert read_segments(path) is None
 
 
-def test_a_foot_that_the_force_does_not_pass_is_not_believed(tmp_path):
-    path = loads(tmp_path / "loads.xml", force("a", "foot_r"), force("b", "foot_r"))
-    log = read_log(written(tmp_path / "log.csv", (0.1, -0.1)), walker(), path)
-    assert np.linalg.norm(log["foot_l on b_force"][0]) == pytest.approx(100)
-    assert "foot_r was expected on 'b'; its force is that of foot_l, which counts." in log.notes
-
-
 def test_forces_that_do_not_act_are_left_out(tmp_path):
     idle = force("b", "foot_l", more="<appliesForce>false</appliesForce>")
     path = loads(tmp_path / "loads.xml", force("a", "foot_r"), idle)

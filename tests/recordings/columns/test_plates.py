@@ -4,13 +4,10 @@ import walker
 from scipy.spatial.transform import Rotation
 
 import ident
-import scenes
 import sim
-from ident.estimation.preparation import prepared
 from ident.geometry.se3 import inverse, pose
 from ident.recordings.columns.plates import pose_of_corners
 from ident.recordings.recording import Recording
-from ident.recordings.wrench import transform_wrench
 
 
 def placed(turns, position):
@@ -154,56 +151,6 @@ def test_every_form_of_a_recording_gives_the_same_estimate(tmp_path):
         np.testing.assert_array_equal(least_squares(again).psi, own.psi)
 
 
-def test_on_a_base_that_is_a_measured_pose_too(tmp_path):
-    """The pelvis as base: the same total wrench in all forms, that of MuJoCo's inverse dynamics."""
-    person = sim.mechanism(walker.mechanism().source.text, base="pelvis")
-    poses = walker.truth()[1]["pelvis"]
-    totals = []
-    for form in (fixed_to_the_body, *FORMS):
-        recording = read(tmp_path, form, poses, person)
-        assert not recording.is_held(person.tree)
-        totals.append(recording.total_wrench(person.tree).in_base)
-    expected = walker.in_frame(poses, walker.truth()[0])
-    for total in totals:
-        np.testing.assert_allclose(total, expected, atol=1e-9 * abs(expected).max())
-    # The fitted motion is smoothed, equally for all.
-    ready = prepared(person, recording, cutoff=8.0)
-    assert ready.equations.channels == ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-    np.testing.assert_allclose(ready.samples.measured[100:-100], expected[100:-100], atol=0.1 * abs(expected).max())
-
-
-def test_joints_that_carry_a_mechanism_freely_hold_nothing(tmp_path):
-    recording = read(tmp_path, in_world)
-    assert walker.mechanism().tree.floats and not recording.is_held(walker.mechanism().tree)
-    notes = prepared(walker.mechanism(), recording).notes
-    assert any("Nothing holds the base: right, left, rail make up the total wrench alone (Eq. 3)." in n for n in notes)
-
-
-def test_a_rail_in_the_world_of_a_base_at_rest_elsewhere(tmp_path):
-    """The pendulum's base is turned and away from the world's origin, as stated in the model."""
-    spec = scenes.load("double_pendulum", contact="handle")
-    recording = sim.simulate(spec, sim.motion.excitation.DOUBLE_PENDULUM, noise_scale=0)
-    spec.body("base").pos, spec.body("base").quat = [0.5, -0.2, 0.3], [np.cos(0.2), 0, 0, np.sin(0.2)]
-    pendulum = sim.mechanism(spec, base="base")
-    np.testing.assert_allclose(pendulum.pose[:3, 3], [0.5, -0.2, 0.3])
-    cell = ident.Sensor(*pendulum.site("contact"), applied_to_link=False)
-    fixed = recording.with_sensors({"contact": cell})
-    q = fixed.of_joints(pendulum.tree.joints, "position")
-    link = pendulum.tree.poses(q)[:, pendulum.tree.names.index(cell.body)]
-    in_world = transform_wrench(pendulum.pose @ link @ cell.pose, fixed.wrench("contact").values)
-    columns = {"time": fixed.time} | {name: x for name, x in fixed.measured.items() if x.ndim == 1}
-    for kind, letter in (("force", "f"), ("torque", "m")):
-        columns |= named("ground", letter, fixed[f"ground_{kind}"])
-    extra, text = plain("grip", in_world)
-    (tmp_path / "columns.toml").write_text(
-        f'{text}frame = "world"\non = "{cell.body}"\napplied_to_link = false\n'.replace("'", '"')
-    )
-    np.savez(tmp_path / "log.npz", **columns, **extra)
-    own = ident.read_log(tmp_path / "log.npz", pendulum, tmp_path / "columns.toml")
-    expected = fixed.total_wrench(pendulum.tree).in_base
-    np.testing.assert_allclose(own.total_wrench(pendulum.tree).in_base, expected, atol=1e-9 * abs(expected).max())
-
-
 def stepping():
     """Two plates on which the feet alternate, with centres of pressure under the feet; and the foot on each plate."""
     time, places = walker.motion()[0], walker.truth()[1]
@@ -258,24 +205,6 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "on 'left' is foot_r from 0.00 to 0.89 s." in notes
     assert "nearly as near" not in notes
     assert "nor is its point of application used" in notes and "at most 40 N" in notes
-
-
-@pytest.mark.parametrize(("stated", "expected"), [("", 20.0), ("threshold = 7", 7.0)])
-def test_a_force_that_carries_nobody_counts_as_nothing_beside_a_centre_of_pressure(tmp_path, stated, expected):
-    """By default up to 20 N, and with moments about an origin up to zero."""
-    rng = np.random.default_rng(2)
-    direction = rng.normal(size=(len(walker.motion()[0]), 3))
-    size = rng.uniform(0, 2 * expected, len(direction))
-    force = direction * (size / np.linalg.norm(direction, axis=1))[:, None]
-    columns = named("right", "F", force) | named("right", "p", rng.normal(size=force.shape)) | {"right_T": size}
-    text = f'[wrenches.right]\nforce = {listed("right", "F")}\nframe = "world"\non = "foot_r"\n'
-    point = f'point = {listed("right", "p")}\nfree_moment = ["", "", "right_T"]\n'
-    log, mapping = written(tmp_path, [(columns, text + point + stated)])
-    counted = ident.read_log(log, walker.mechanism(), mapping)
-    np.testing.assert_array_equal(counted["right_force"].any(axis=1), size > expected)
-    np.testing.assert_array_equal(counted["right_torque"].any(axis=1), size > expected)
-    log, mapping = written(tmp_path, [(columns, text + f"torque = {listed('right', 'p')}\n")])
-    assert ident.read_log(log, walker.mechanism(), mapping)["right_force"].any(axis=1).all()
 
 
 def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):

@@ -1,3 +1,5 @@
+"""Banded matrices against dense ones."""
+
 import numpy as np
 import pytest
 
@@ -69,10 +71,3 @@ def test_the_inverse_is_right_beside_coordinates_at_rest(width):
         own = slice((k + first) * n, (k + WINDOW) * n)
         expected = inverse[own, own]
         np.testing.assert_allclose(window[-width * n :, -width * n :], expected, atol=1e-6 * abs(expected).max())
-
-
-def test_an_indefinite_matrix_has_no_factor():
-    matrix = Banded(WINDOW, 1, WINDOW)
-    matrix.add(0, -np.ones((1, WINDOW, 1, WINDOW, 1)), np.arange(1))
-    with pytest.raises(np.linalg.LinAlgError):
-        matrix.factored()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from measurements import random_measurement
 
-from ident.trajectory.algebra.nodes import NODES, TURNED, WORTH_IT, Nodes, lagrange
-from ident.trajectory.algebra.sampling import Sampling
+from ident.trajectory.algebra.nodes import NODES, WORTH_IT, lagrange
 from ident.trajectory.algebra.spline import Spline
 from ident.trajectory.fit import piece as piece_module
 from ident.trajectory.fit.piece import Noise, Piece
@@ -23,32 +22,6 @@ def test_polynomials_through_the_nodes():
     u = np.concatenate([places, np.linspace(-0.05, 1.05, 50)])
     coefficients = np.random.default_rng(0).normal(size=NODES)
     np.testing.assert_allclose(lagrange(u) @ np.polyval(coefficients, places), np.polyval(coefficients, u), rtol=1e-9)
-
-
-def test_joints_may_turn_by_as_much_as_is_interpolated():
-    spline = Spline(0.0, 0.3, 1)
-    nodes = Nodes(Sampling(spline, np.linspace(0, 0.3, 100)))
-    twice = [np.sin(2 * TURNED * time / 0.3) for time in (nodes.time, nodes.at.time)]
-    np.testing.assert_allclose(nodes.interpolated(twice[0]), twice[1], atol=2e-8)
-    piece = smooth_problem(0)[1]
-    for parts, used in (([0.4, 0.4], True), ([0.4, 0.7], False), ([0.0, 1.1], False)):
-        x = TURNED / piece.spline.step * np.array(parts) * piece.time[:, None]
-        x[::7, 0] = np.nan
-        turned = replace(piece, states=(x, None, None))
-        along = np.ones((1, 2), bool)
-        assert (turned.nodes(piece.when, along) is not None) == used
-        # Joints of two branches turn no body together.
-        assert (turned.nodes(piece.when, np.eye(2, dtype=bool)) is not None) == (max(parts) < 1)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_what_turns_a_body_changes_the_direction_of_its_axes(seed):
-    rng = np.random.default_rng(seed)
-    m = random_measurement(rng, 6, ("revolute", "prismatic", "welded"), torques=False, contacts=0)
-    at_rest = m.tree.poses(np.zeros((1, m.coordinates)))
-    turned = m.tree.poses(0.3 * np.eye(m.coordinates))
-    changed = np.abs(turned - at_rest)[:, :, :3, :3].max(axis=(2, 3)) > 1e-9
-    np.testing.assert_array_equal(m.turning, changed.T)
 
 
 def smooth_problem(seed):

@@ -1,15 +1,12 @@
 """White and slow noise, separated by their residuals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.studies.noise_processes import autoregressive
-from ident.trajectory.fit.noise_colours import _amplitudes, noise_colours, some_responses
-from ident.trajectory.fit.sandwich import with_scatter
+from ident.trajectory.fit.noise_colours import _amplitudes
 
 TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
 """Correlation times in samples."""
@@ -35,51 +32,9 @@ def test_amplitudes_of_noise_that_was_drawn(slow):
     assert a[1:].sum() == pytest.approx(slow, abs=0.35) and (slow or not a[1:].any())
 
 
-def test_what_others_leave_is_not_a_stream_s_own_noise():
-    own, counts, _ = powers(2000)
-    a = _amplitudes(1.5 * own[:, 0], counts.astype(float), 0.5 * own[:, 0], *own.T)
-    assert a == pytest.approx([1, 0, 0, 0, 0], abs=0.01)
-
-
-def test_a_channel_without_residual_has_no_noise():
-    own, counts, _ = powers(2000)
-    a = _amplitudes(np.zeros(len(counts)), counts.astype(float), np.zeros(len(counts)), *own.T)
-    assert a == pytest.approx(np.zeros(5), abs=1e-9)
-
-
-def test_white_noise_of_a_pendulum_is_white():
-    joint = ident.identify(PENDULUM, faulty()).trajectory
-    colours = noise_colours(joint.fit, some_responses(joint.measurement, joint.fit))
-    for each in colours.amplitudes:
-        assert each[0] == pytest.approx(1, abs=0.25)
-        assert each[1:].max() < 0.2
-
-
-def test_standard_deviations_depend_on_no_random_numbers(monkeypatch):
-    joint = ident.identify(PENDULUM, shortened(faulty(), 300)).trajectory
-    once = with_scatter(joint.measurement, joint.fit).covariance
-
-    def generator(*seed):
-        raise AssertionError("The covariance must not depend on random numbers.")
-
-    monkeypatch.setattr(np.random, "default_rng", generator)
-    again = with_scatter(joint.measurement, joint.fit).covariance
-    np.testing.assert_array_equal(once, again)
-    np.testing.assert_array_equal(once, joint.fit.covariance)
-
-
 def test_noise_is_found_from_some_pieces_of_logs_with_offsets_of_their_own(monkeypatch):
     """Parameters that the selected pieces leave open are known from the others."""
     monkeypatch.setattr("ident.trajectory.fit.noise_colours.ENOUGH", 400)
     logs = [shortened(faulty(seed), 400) for seed in range(3)]
     estimate = ident.identify(PENDULUM, logs, own=["offset"])
     assert np.isfinite(estimate.std).all() and (estimate.std > 0).all()
-
-
-def test_a_channel_that_two_coordinates_move_is_followed_at_most_once():
-    """Channels whose derivatives change as fast as the noise would be followed by more than all of it."""
-    joint = ident.identify(PENDULUM, shortened(faulty(), 300)).trajectory
-    loud = replace(joint.fit, noises=[replace(each, states=1e3 * each.states) for each in joint.fit.noises])
-    for here in some_responses(joint.measurement, loud).values():
-        for share in here.followed(np.array([0.5, 1.0, 2.0, 5.0])):
-            assert share.min() >= 0 and share.max() <= 1

@@ -10,7 +10,7 @@ from measurements import at, random_measurement, random_noise
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 from ident.trajectory.algebra.whitening import HUBER
-from ident.trajectory.fit.piece import Noise, Piece, channel_times
+from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import linearised, misfit
 
 
@@ -166,35 +166,6 @@ def test_normal_equations_are_the_dense_ones_along_the_trajectories_of_least_mis
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_what_streams_take_is_what_they_add_to_the_curvature(seed):
-    own = problem(seed)
-    _, J = own.dense
-    weighted, plain = own.penalty
-    size, n = own.size, own.coefficients.shape[1]
-    rows = J[0].reshape(-1, J.shape[-1])
-    H = rows.T @ rows
-    H[:size, :size] += weighted
-    root = np.random.default_rng(seed).normal(size=(len(own.theta), len(own.theta)))
-    # The covariance of the coefficients follows from that of θ, here an arbitrary one.
-    inverse, W = np.linalg.inv(H[:size, :size]), np.linalg.solve(H[:size, :size], H[:size, size:])
-    moves = np.vstack([-W, np.eye(len(own.theta))]) @ root
-    covariance = moves @ moves.T
-    covariance[:size, :size] += inverse
-    taken = ((J @ covariance) * J).sum(axis=(2, 3))
-    white = np.concatenate([rho for *_, rho in own.residuals(own.coefficients, own.theta)]) == 0
-    assert white.any()
-    taken[1:, white] = 0  # The rank taken of the halves is known for correlated noise.
-    linearised = own.linearised_with(root)
-    close(linearised.taken, np.insert(taken, [2 * n] * n, 0, axis=1))
-    for j in range(n):
-        mine = np.pad(np.arange(size) % n == j, (0, len(own.theta)))
-        part = own.noise.jerk[j] * plain * np.outer(mine, mine)[:size, :size]
-        close(linearised.held[j], np.trace(covariance[:size, :size] @ part))
-    alone = own.linearised
-    close(alone.taken[0, :n], ((J[0, :n, :, :size] @ inverse) * J[0, :n, :, :size]).sum(axis=(1, 2)))
-
-
-@pytest.mark.parametrize("seed", SEEDS)
 def test_sums_are_those_of_innovations_and_halves(seed):
     own = problem(seed)
     z, _ = own.dense
@@ -209,24 +180,6 @@ def test_sums_are_those_of_innovations_and_halves(seed):
     for j in range(n):
         close(own.misfit.bends[j], c @ (plain * (np.arange(own.size) % n == j)) @ c)
     assert (own.misfit.rank == own.piece.spline.size - ORDER).all()
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_everything_together_takes_one_for_each_unknown(seed):
-    """`tr(H⁻¹ H) = size n + p`, with H the sum over all streams and the prior."""
-    own = problem(seed)
-    prior = np.diag(np.full(len(own.theta), 1.0))
-    covariance = np.linalg.inv(own.linearised.eliminated.precision + own.linearised.eliminated.bend + prior)
-    linearised = own.linearised_with(np.linalg.cholesky(covariance))
-    total = linearised.taken[0].sum() + linearised.held.sum() + np.trace(covariance @ prior)
-    assert total == pytest.approx(own.size + len(own.theta))
-
-
-@pytest.mark.parametrize("outliers", [0.0, 0.1])
-@pytest.mark.parametrize("seed", SEEDS)
-def test_equations_know_the_cost_where_they_are_made(seed, outliers):
-    own = problem(seed, outliers)
-    assert own.linearised.cost == pytest.approx(own.misfit.cost, rel=1e-14)
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.1])
@@ -257,14 +210,3 @@ def test_cost_is_the_sum_of_squares_and_beyond_outliers_grows_linearly():
         expected = (z**2 - beyond**2).sum() + c @ weighted @ c
         assert (beyond > 0).any() == (outliers > 0)
         assert own.cost(c, own.theta) == pytest.approx(expected, rel=1e-10)
-
-
-def test_a_late_wrench_tells_of_the_time_before():
-    own = problem(1)
-    m, theta = own.measurement, np.zeros_like(own.theta)
-    np.testing.assert_array_equal(channel_times(m, own.piece, theta), own.piece.when)
-    theta[at(m, "delay(ground)")] = 0.02
-    np.testing.assert_allclose(channel_times(m, own.piece, theta), own.piece.when - 0.02)
-    theta[at(m, "clock(ground)")] = 0.001
-    fast = own.piece.when + 0.001 * (own.piece.when - own.piece.origin) - 0.02
-    np.testing.assert_allclose(channel_times(m, own.piece, theta), fast)

@@ -57,11 +57,3 @@ def test_a_trajectory_follows_what_elimination_says(inertia):
         pulled = rows.T @ waves / size
         exact = (pulled.conj() * np.linalg.solve(A, pulled)).sum(axis=0).real / samples
         assert share[:, 0] == pytest.approx(exact, abs=0.03)
-
-
-def test_weights_are_symmetric_and_leave_missing_samples_out():
-    here, rng = own(1), np.random.default_rng(0)
-    for stream in here.streams:
-        x, y = rng.normal(size=(2, *stream.residual.shape, 1))
-        close((x * stream.weights(y)).sum(axis=0), (y * stream.weights(x)).sum(axis=0))
-        assert not stream.weights(x)[stream.weights.scale == 0].any()

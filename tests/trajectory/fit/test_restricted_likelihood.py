@@ -1,7 +1,6 @@
 """Updates of the noise against the maximum of the dense restricted likelihood."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +13,8 @@ from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
 from ident.trajectory.fit.iteration import COLOURED, fit
 from ident.trajectory.fit.piece import Noise, Piece
-from ident.trajectory.fit.piece_equations import Misfit, linearised, misfit
+from ident.trajectory.fit.piece_equations import linearised, misfit
 from ident.trajectory.fit.restricted_likelihood import (
-    MOST_CORRELATED,
     renewed,
 )
 from ident.trajectory.start import smoothed
@@ -97,13 +95,6 @@ def renewal(piece, noise, c, theta, coloured=True):
     return c, theta, renewed(noise, [part], [misfit(Linear(), piece, c, theta=theta, noise=noise)], coloured=coloured)
 
 
-def unmoved(piece, noise, c, coloured=True):
-    """Updated noise without a step."""
-    at = {"theta": np.zeros(2), "noise": noise}
-    part, there = (f(Linear(), piece, np.full((piece.spline.size, 1), c), **at) for f in (linearised, misfit))
-    return renewed(noise, [part], [there], coloured=coloured)
-
-
 def updated(piece, rounds=20):
     """σ and ρ of the coordinate at which updates converge, all else given, and the residuals' own correlation."""
     noise, c, theta = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2)
@@ -181,82 +172,3 @@ def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeyp
     z = np.array([turned(np.random.default_rng(seed), rho, sigma) for seed in range(24)])
     assert abs(z.mean()) < 0.5
     assert np.mean(np.abs(z) < 1.96) >= 0.9
-
-
-def test_white_noise_stays_white():
-    rho = [updated(recording(np.random.default_rng(seed), 0.0))[1] for seed in range(8)]
-    assert np.count_nonzero(rho) <= 1
-    assert max(rho) < 0.2
-
-
-def test_correlation_is_kept_unless_asked_for():
-    piece = recording(np.random.default_rng(1), 0.9)
-    noise = noise_of(SIGMA, 0.0)
-    kept, coloured = (unmoved(piece, noise, 0.0, asked) for asked in (False, True))
-    assert kept.states_rho[0, 0] == 0
-    assert coloured.states_rho[0, 0] > 0.9
-    assert kept.states[0, 0] == coloured.states[0, 0]
-
-
-def test_correlation_is_capped():
-    """The residuals contain a curve that the trajectory does not follow yet."""
-    piece = recording(np.random.default_rng(1), 0.9)
-    new = unmoved(piece, noise_of(9.0, 0.0), 9.0)
-    assert new.states_rho[0, 0] == MOST_CORRELATED
-
-
-def test_coordinates_that_are_exact_have_no_correlation():
-    piece = recording(np.random.default_rng(1), 0.9)
-    piece.states[0][:] = 0
-    with np.errstate(all="raise"):
-        new = unmoved(piece, noise_of(SIGMA, 0.5), 0.0)
-    assert new.states_rho[0, 0] == 0 and new.states[0, 0] == 0
-
-
-def test_outliers_hide_a_part_of_the_correlation_at_most():
-    rng, updates = np.random.default_rng(50), []
-    for outliers in (0.0, 0.02):
-        piece = recording(np.random.default_rng(0), 0.6)
-        gross = rng.uniform(size=piece.states[0].shape) < outliers
-        piece.states[0][:] += 20 * SIGMA * gross * rng.normal(size=gross.shape)
-        updates.append(updated(piece))
-    without, having = updates
-    assert abs(having[1] - without[1]) < 0.3
-    assert having[0] < 1.7 * without[0]
-    assert having[2] < 0.3
-
-
-def without_residuals(rho, floor=0.3):
-    """Updated noise for zero residuals, with a trajectory that takes the full rank."""
-    noise = replace(noise_of(SIGMA, 0.0), channels_rho=np.array([rho]), floor_channels=np.array([floor]))
-    streams, one = np.zeros((3, 4)), np.ones(1)
-    part = SimpleNamespace(taken=streams, held=100 * one)
-    return renewed(noise, [part], [Misfit(0.0, streams, streams + 50, 2 * one, 100 * one)], coloured=False)
-
-
-def test_the_floor_of_a_channels_noise_is_higher_where_that_is_correlated():
-    """Correlated noise means an imperfect model, and no residual shows how much the trajectory absorbed."""
-    assert without_residuals(0.0).channels == pytest.approx(0.3)
-    halfway, wholly = (without_residuals(rho).channels[0] / 0.3 for rho in (0.5, 1.0))
-    assert 10 < wholly < 20 and halfway - 1 == pytest.approx((wholly - 1) / 4)
-
-
-def test_no_component_of_a_sensor_is_far_quieter_than_the_others():
-    """Bounded by the median of its group: if only rounding errors remain of a component, the fit absorbed its noise."""
-    zero, streams, one = np.zeros((3, 0)), np.zeros((3, 6)), np.ones(6)
-    channels = np.array([5.0, 4.0, 6.0, 0.1, 0.3, 80.0])
-    noise = Noise(zero, channels, zero[0], zero, 0 * one, zero, 0.05 * one, (0, 0, 0, 1, 1, 2))
-    part = SimpleNamespace(taken=streams, held=zero[0])
-    new = renewed(noise, [part], [Misfit(0.0, streams, streams + 50, zero[0], zero[0])], coloured=False)
-    np.testing.assert_allclose(new.channels, [0.5, 0.5, 0.5, 0.05, 0.05, 8])
-
-
-def test_smoothness_stays_above_nothing_where_the_trajectory_takes_all():
-    assert 1e-4 < without_residuals(0.0).jerk[0] < 1e-3
-
-
-def test_the_change_of_noise_is_the_largest_of_its_parts():
-    noise = noise_of(SIGMA, 0.3)
-    assert noise.change(noise) == 0
-    assert replace(noise, channels=noise.channels * 1.1).change(noise) == pytest.approx(np.log(1.1))
-    assert replace(noise, states_rho=noise.states_rho + 0.2).change(noise) == pytest.approx(0.2)

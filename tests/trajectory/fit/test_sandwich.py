@@ -4,12 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_faults import PENDULUM, faulty
 
-import ident
-from ident.trajectory.fit import noise_colours, sandwich
-from ident.trajectory.fit.noise_colours import response_of
-from ident.trajectory.fit.sandwich import _goes_on, _half, with_scatter
+from ident.trajectory.fit import sandwich
+from ident.trajectory.fit.sandwich import _half, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
 AMPLITUDES = np.array([[0.3, 0.0], [0.5, 0.0], [0.2, 1.5]])
@@ -33,53 +30,8 @@ def test_sums_over_coloured_noise_go_on_from_piece_to_piece(s, cuts):
     np.testing.assert_allclose(computed + computed.T, dense(y, AMPLITUDES[:, s]), rtol=1e-9, atol=1e-9)
 
 
-def test_sums_of_other_signals_and_streams_are_none_of_its_own():
-    y, tails = np.random.default_rng(2).normal(size=(90, 3)), {}
-    colours = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES, AMPLITUDES])
-    for which, s in ((0, 1), (1, 0), (0, 0)):
-        computed = y.T @ _half(y, colours, which, s, STEP, tails)
-        np.testing.assert_allclose(computed + computed.T, dense(y, AMPLITUDES[:, s]), rtol=1e-9, atol=1e-9)
-
-
 def piece(start, *, samples=50, origin=0.0):
     return SimpleNamespace(time=start + STEP * np.arange(samples), origin=origin)
-
-
-@pytest.mark.parametrize(
-    ("start", "change", "goes_on"),
-    [
-        (1.0, {}, True),
-        (1.01, {}, True),
-        (1.05, {}, False),
-        (0.9, {}, False),
-        (1.0, {"origin": 5.0}, False),
-        (1.0, {"selection": [0, 2]}, False),
-    ],
-)
-def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, goes_on):
-    """Correlated noise does not continue over a gap, nor from one recording to another."""
-    selection = np.array(change.get("selection", [0, 1]))
-    fit = SimpleNamespace(
-        pieces=[piece(0.0), piece(start, origin=change.get("origin", 0.0))], selections=[np.array([0, 1]), selection]
-    )
-    assert _goes_on(fit, 1) == goes_on
-
-
-def test_for_decisions_some_pieces_stand_for_the_others(monkeypatch):
-    estimate = ident.identify(PENDULUM, [faulty(seed) for seed in range(2)]).trajectory
-    exact, used = with_scatter(estimate.measurement, estimate.fit), []
-
-    def counted(measurement, fit, k):
-        used.append(fit.pieces[k].log)
-        return response_of(measurement, fit, k)
-
-    monkeypatch.setattr(noise_colours, "ENOUGH", 300)
-    monkeypatch.setattr(noise_colours, "response_of", counted)
-    monkeypatch.setattr(sandwich, "response_of", counted)
-    quick = with_scatter(estimate.measurement, estimate.fit, every=False)
-    assert set(used) == {0, 1} and len(used) < len(estimate.fit.pieces) == len(quick.scatters)
-    some, every = (np.sqrt(np.diag(each.covariance))[estimate.fit.free] for each in (quick, exact))
-    assert (some / every).min() > 0.6 and (some / every).max() < 1.6
 
 
 @pytest.mark.parametrize("start", [1.0, 3.0])

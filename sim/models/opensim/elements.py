@@ -1,0 +1,205 @@
+"""OpenSim files as XML: their elements, numbers and frames."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ident.errors import ModelError
+from ident.geometry import se3
+from sim.models.xml_files import parsed
+
+OLDEST = 30000
+"""The oldest version of the format that is read, in the file's notation."""
+
+LARGEST = 1e100
+"""Upper limit of a model's numbers, so that products of them are finite."""
+
+
+def model_element(path: Path) -> ET.Element:
+    """The `<Model>` of an OpenSim file.
+
+    Raises:
+        ModelError: The file does not exist, is no XML, no OpenSim model, or older than version 3.
+    """
+    root = parsed(path)
+    model = root.find("Model")
+    if root.tag != "OpenSimDocument" or model is None:
+        raise ModelError(f"{path}: an OpenSim file is an <OpenSimDocument> with a <Model>, this one a <{root.tag}>.")
+    version = root.get("Version", "")
+    if not version.isdecimal() or int(version) < OLDEST:
+        raise ModelError(
+            f"{path}: files of OpenSim 3 and later are read (Version {OLDEST} or more), this one is '{version}'; let "
+            "OpenSim open and save it."
+        )
+    return model
+
+
+def objects(parent: ET.Element | None, kind: str) -> list[ET.Element]:
+    """Elements of a set such as `BodySet`, in `<objects>` or, in some sets of OpenSim 4, directly."""
+    group = None if parent is None else parent.find(kind)
+    if group is None:
+        return []
+    inner = group.find("objects")
+    return [child for child in (group if inner is None else inner) if isinstance(child.tag, str)]
+
+
+def label(element: ET.Element) -> str:
+    """Label of an element in messages: `<PinJoint name="knee">`."""
+    return f'<{element.tag} name="{element.get("name", "")}">'
+
+
+def text(element: ET.Element, tag: str, default: str = "") -> str:
+    """Text of a child, without surrounding blanks."""
+    return (element.findtext(tag) or "").strip() or default
+
+
+def numbers(element: ET.Element, tag: str, size: int | None = None, default: str | None = None) -> np.ndarray:
+    """Numbers in a child of an element.
+
+    Args:
+        element: The element.
+        tag: Tag of the child.
+        size: Required count, None for any.
+        default: Default if the file leaves them out.
+
+    Raises:
+        ModelError: They are missing, not finite, or of another count.
+    """
+    stated = text(element, tag) or default
+    try:
+        values = np.array((stated or "").split(), float)
+    except ValueError:
+        values = np.array([np.nan])
+    if stated is None or not (abs(values) < LARGEST).all() or (size is not None and len(values) != size):
+        expected = "finite numbers" if size is None else "a finite number" if size == 1 else f"{size} finite numbers"
+        raise ModelError(f"{label(element)} needs {expected} in <{tag}>, got '{(stated or '')[:60]}'.")
+    return values
+
+
+def number(element: ET.Element, tag: str, default: str | None = None) -> float:
+    """The number in a child of an element; errors as for `numbers`."""
+    return float(numbers(element, tag, 1, default)[0])
+
+
+def flag(element: ET.Element, tag: str, default: bool) -> bool:
+    """True if a child has the text `true`.
+
+    Raises:
+        ModelError: It has neither that nor `false`.
+    """
+    value = text(element, tag, str(default)).lower()
+    if value not in ("true", "false"):
+        raise ModelError(f"{label(element)} needs true or false in <{tag}>, got '{value[:60]}'.")
+    return value == "true"
+
+
+def named(element: ET.Element) -> str:
+    """Name of an element.
+
+    Raises:
+        ModelError: It has none.
+    """
+    name = element.get("name", "").strip()
+    if not name:
+        raise ModelError(f"Every <{element.tag}> of an OpenSim model needs a name; one has none.")
+    return name
+
+
+def with_owner(element: ET.Element, owner: str = "") -> Iterator[tuple[str, ET.Element]]:
+    """All descendants of an element, each with the name of its nearest named ancestor."""
+    for child in element:
+        if isinstance(child.tag, str):
+            yield owner, child
+            yield from with_owner(child, child.get("name") or owner)
+
+
+GROUND = "ground"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A frame on a body.
+
+    Attributes:
+        body: Name of the body, `GROUND` for the ground.
+        pose: Pose of the frame in the body's (4, 4).
+    """
+
+    body: str
+    pose: np.ndarray
+
+
+class Frames:
+    """Frames of a model by name, with their poses."""
+
+    def __init__(self, model: ET.Element) -> None:
+        self.bodies = {named(element): element for element in objects(model, "BodySet") if element.tag == "Body"}
+        self.bodies.pop(GROUND, None)
+        self._offsets = {
+            (owner, named(element)): element
+            for owner, element in with_owner(model)
+            if element.tag == "PhysicalOffsetFrame"
+        }
+
+    def joint_ends(self, joint: ET.Element, carrier: str = "") -> tuple[Place, Place]:
+        """The frames F on the parent and M on the child that a joint connects.
+
+        Args:
+            joint: The joint.
+            carrier: Name of the joint's child body, in files of OpenSim 3, where joints are inside bodies.
+
+        Raises:
+            ModelError: A frame is not in the model.
+        """
+        if carrier:
+            parent = self.place(text(joint, "parent_body"), joint)
+            return Place(parent.body, _offset(joint, "location_in_parent", "orientation_in_parent")), Place(
+                carrier, _offset(joint, "location", "orientation")
+            )
+        return self.place(_socket(joint, "parent_frame"), joint), self.place(_socket(joint, "child_frame"), joint)
+
+    def place(self, reference: str, user: ET.Element, below: tuple[str, ...] = ()) -> Place:
+        """Body and pose of a frame that an element refers to by a name or path, as `/bodyset/pelvis` or `hip_offset`.
+
+        Raises:
+            ModelError: There is no such frame, there are several, or frames depend on each other in a circle.
+        """
+        *owners, name = reference.split("/")
+        if name == GROUND or name in self.bodies:
+            return Place(name, np.eye(4))
+        owner = owners[-1] if owners and owners[-1] not in ("", "..", ".") else user.get("name", "")
+        alike = [key for key in self._offsets if key[1] == name]
+        key = (owner, name) if (owner, name) in alike else alike[0] if len(alike) == 1 else None
+        if key is None or reference in below:
+            raise ModelError(
+                f"{label(user)} needs a frame of the model; '{reference}' is {'several' if len(alike) > 1 else 'none'}."
+            )
+        element = self._offsets[key]
+        parent = self.place(_socket(element, "parent"), element, (*below, reference))
+        return Place(parent.body, parent.pose @ _offset(element, "translation", "orientation"))
+
+
+def markers(model: ET.Element, frames: Frames) -> dict[str, Place]:
+    """Markers of a model by their names."""
+    out = {}
+    for element in objects(model, "MarkerSet"):
+        reference = text(element, "body") or _socket(element, "parent_frame")
+        place = frames.place(reference, element)
+        shift = se3.pose(np.eye(3), numbers(element, "location", 3, "0 0 0"))
+        out[named(element)] = Place(place.body, place.pose @ shift)
+    return out
+
+
+def _socket(element: ET.Element, name: str) -> str:
+    """Name or path in a socket of an element; earlier files of OpenSim 4 have another tag for it."""
+    return text(element, f"socket_{name}") or text(element, f"socket_{name}_connectee_name")
+
+
+def _offset(element: ET.Element, position: str, angles: str) -> np.ndarray:
+    """A pose from a position and body-fixed x, y, z angles."""
+    turns = Rotation.from_euler("XYZ", numbers(element, angles, 3, "0 0 0"))
+    return se3.pose(turns.as_matrix(), numbers(element, position, 3, "0 0 0"))

@@ -1,0 +1,270 @@
+"""Poses of a tracked flange: channels as MuJoCo has them, and an arm's geometry, zeros and inertias in one estimate."""
+
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import ident
+import sim
+from ident.estimation.equations import Equations
+from ident.estimation.measurement import Measurement
+from ident.estimation.tracking import aligned, measured_poses
+from ident.mechanism.motion import Motion
+from ident.recordings.sampled import Sampled
+from ident.recordings.tracker import Tracker
+
+JOINTS = ("turn", "lift", "bend", "roll", "tilt")
+PLACES = np.array([[0, 0, 0.1], [0, 0.05, 0.3], [0.4, 0, 0.02], [0.1, 0.03, 0], [0.3, 0, 0]])
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0")
+INERTIALS = (
+    'mass="4" pos="0 .02 .1" diaginertia=".03 .03 .02"',
+    'mass="3" pos=".2 0 .01" diaginertia=".01 .05 .05"',
+    'mass="1.5" pos=".05 .01 0" diaginertia=".003 .006 .006"',
+    'mass="1" pos=".15 .02 .01" diaginertia=".002 .01 .01"',
+    'mass=".8" pos=".06 .01 .03" diaginertia=".002 .003 .002"',
+)
+MARKERS = ((0.12, 0.01, 0.02), (0.3, -0.5, 1.1))
+"""Place of the markers on the last body, m, and Euler angles, rad."""
+
+WORLD = Rotation.from_rotvec([0.5, -1.0, 2.0]), np.array([1.0, 2.0, -0.5])
+"""Turn and place of the base in the tracker's frame."""
+
+NOISE = 1e-4, np.radians(0.01)
+"""Noise of positions, m, and of orientations, rad."""
+
+
+def text(places=PLACES):
+    """MJCF of an arm whose joints lie at some places."""
+    bodies = "".join(
+        f'<body name="b{k}" pos="{" ".join(map(str, place))}"><joint name="{joint}" axis="{axis}"/><inertial {own}/>'
+        for k, (place, joint, axis, own) in enumerate(zip(places, JOINTS, AXES, INERTIALS, strict=True))
+    )
+    place, turn = (" ".join(map(str, x)) for x in MARKERS)
+    of_site = 'objtype="site" objname="flange"'
+    return f"""<mujoco><compiler angle="radian"/><worldbody>{bodies}<site name="flange" pos="{place}" euler="{turn}"/>
+      {"</body>" * 5}</worldbody><sensor><framepos {of_site}/><framequat {of_site}/></sensor></mujoco>"""
+
+
+@cache
+def mechanism():
+    return sim.mechanism(mujoco.MjSpec.from_string(text()))
+
+
+def motion(rng, time):
+    """Angles, velocities and accelerations (N, 5) each."""
+    pulsation, phase = 2 * np.pi * 0.15 * np.arange(1, 7), rng.uniform(0, 6.3, (5, 6))
+    amplitude, angle = rng.uniform(0.08, 0.28, (5, 6)), pulsation * time[:, None, None] + phase
+    kinds = (np.cos(angle), -pulsation * np.sin(angle), -(pulsation**2) * np.cos(angle))
+    return tuple((amplitude * kind).sum(axis=2) for kind in kinds)
+
+
+def in_mujoco(states, places=PLACES):
+    """Torques, positions and orientations of the flange in the tracker's frame, its Jacobians in the base's."""
+    model = mujoco.MjModel.from_xml_string(text(places))
+    data, out = mujoco.MjData(model), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*states, strict=True):
+        mujoco.mj_inverse(model, data)
+        jacobian = np.zeros((2, 3, 5))
+        mujoco.mj_jacSite(model, data, *jacobian, 0)
+        out.append((data.qfrc_inverse.copy(), data.sensordata.copy(), jacobian))
+    torques, poses, jacobians = map(np.array, zip(*out, strict=True))
+    turn, place = WORLD
+    orientations = turn * Rotation.from_quat(poses[:, 3:], scalar_first=True)
+    return torques, turn.apply(poses[:, :3]) + place, orientations, jacobians
+
+
+def recorded(seed=0, seconds=6.0, displaced=0.0, zeros=0.0, noise=NOISE):
+    """Recording at 100 Hz, displacements of joints, m (5, 3), and errors of zeros, rad (5,), of some sizes."""
+    rng, time = np.random.default_rng(seed), np.arange(round(100 * seconds)) / 100
+    shifts, off, states = displaced * rng.normal(size=(5, 3)), zeros * rng.normal(size=5), motion(rng, time)
+    shifts[0] = 0
+    torques, positions, orientations, _ = in_mujoco(states, PLACES + shifts)
+    positions = positions + noise[0] * rng.normal(size=positions.shape)
+    orientations = orientations * Rotation.from_rotvec(noise[1] * rng.normal(size=positions.shape))
+    q = states[0] + off + 2e-4 * rng.normal(size=states[0].shape)
+    torques = torques + 0.025 * np.array([3, 4, 2, 0.4, 0.4]) * rng.normal(size=torques.shape)
+    measured = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
+    measured |= {f"{joint}_torque": x for joint, x in zip(JOINTS, torques.T, strict=True)}
+    measured |= {"flange_position": positions, "flange_orientation": orientations.as_quat(scalar_first=True)}
+    return ident.Recording(time, measured, trackers={"flange": Tracker("b4")}), shifts, off
+
+
+def identified(recording, **setup):
+    return ident.identify(mechanism(), recording, drive=[], holdout=0.0, known=False, setup={"axis": 0.0, **setup})
+
+
+def results(estimate):
+    """Values and standard deviations of the set-up parameters that were fitted, by name."""
+    fit, std = estimate.trajectory.fit, np.sqrt(np.diag(estimate.trajectory.fit.covariance))
+    return {fit.names[k]: (fit.theta[k], std[k]) for k in estimate.trajectory.setup if fit.free[k]}
+
+
+def test_channels_and_derivatives_are_those_of_mujoco():
+    """The turn of the flange as small angles in its own axes; frames as the alignment recovers them."""
+    states, arm = motion(np.random.default_rng(1), np.arange(300) / 50), mechanism()
+    _, positions, orientations, jacobians = in_mujoco(states)
+    orientation = orientations.as_quat(scalar_first=True)
+    trackers = {"flange": Tracker("b4")}
+    recording = ident.Recording(
+        np.arange(300) / 50, {"flange_position": positions, "flange_orientation": orientation}, trackers=trackers
+    )
+    (flange,) = aligned(arm, recording, Motion(*states)).values()
+    np.testing.assert_allclose(flange.frame[:3, :3], WORLD[0].inv().as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(flange.markers[:3, 3], MARKERS[0], atol=1e-9)
+    m = Measurement(Equations.of_wrench(arm), np.eye(4), tuple(range(6)), {}, (), tracked={"flange": flange})
+    poses, theta = measured_poses(recording, "flange").values, np.zeros(len(m.names))
+    halves = poses[:, 6:].reshape(-1, 2, 6)
+    np.testing.assert_allclose(m.values(np.array(states), halves, theta)[6:].T, poses[:, :6], atol=1e-9)
+    _, by_states, _ = m.derivatives(np.array(states), halves, theta, np.arange(0))
+    R, turn = orientations.as_matrix(), WORLD[0].as_matrix()
+    np.testing.assert_allclose(by_states[6:9, 0].transpose(2, 0, 1), turn @ jacobians[:, 0], atol=1e-9)
+    expected = R.swapaxes(1, 2) @ turn @ jacobians[:, 1]
+    np.testing.assert_allclose(by_states[9:, 0].transpose(2, 0, 1), expected, atol=1e-9)
+    assert not by_states[6:, 1:].any()
+
+
+def test_stated_frames_are_kept_and_several_bodies_share_an_unknown_one():
+    states, time = motion(np.random.default_rng(2), np.arange(200) / 50), np.arange(200) / 50
+    _, positions, orientations, _ = in_mujoco(states)
+    frame, turn = np.eye(4), WORLD[0].inv()
+    frame[:3, :3], frame[:3, 3] = turn.as_matrix(), -turn.apply(WORLD[1])
+    elbow = np.linalg.inv(frame) @ mechanism().tree.poses(states[0])[:, 2]
+    measured = {"flange_position": positions, "flange_orientation": orientations.as_quat(scalar_first=True)}
+    measured |= {"elbow_position": elbow[:, :3, 3]}
+    measured |= {"elbow_orientation": Rotation.from_matrix(elbow[:, :3, :3]).as_quat(scalar_first=True)}
+    for trackers in (
+        {"elbow": Tracker("b2", markers=np.eye(4)), "flange": Tracker("b4")},
+        {"elbow": Tracker("b2"), "flange": Tracker("b4", frame=frame)},
+    ):
+        found = aligned(mechanism(), ident.Recording(time, measured, trackers=trackers), Motion(*states))
+        for name, place in (("elbow", np.zeros(3)), ("flange", MARKERS[0])):
+            np.testing.assert_allclose(found[name].frame, frame, atol=1e-6)
+            np.testing.assert_allclose(found[name].markers[:3, 3], place, atol=1e-6)
+
+
+def test_a_tracked_flange_calibrates_the_arm_within_the_estimate():
+    recording, shifts, zeros = recorded(displaced=1e-3, zeros=np.radians(0.5))
+    estimate = identified(recording)
+    own, alone = results(estimate), identified(replace(recording, trackers={}))
+    for name, true in (("centre_x(lift)", shifts[1, 0]), ("centre_x(bend)", shifts[2, 0])):
+        assert abs(own[name][0] - true) < 3 * own[name][1] < 3e-4, name
+    assert abs(own["zero(roll)"][0] - zeros[3]) < 3 * own["zero(roll)"][1] < np.radians(0.02)
+    # A shift of the elbow across its link is a turn of the link.
+    assert own["zero(lift)"][1] > np.radians(0.1) and own["centre_z(bend)"][1] > 0.5e-3
+    noise = estimate.trajectory.fit.channel_noise[5:]
+    np.testing.assert_allclose(noise, np.repeat(NOISE, 3), rtol=0.1)
+    assert estimate.trajectory.fit.channel_noise.shape == (11,) and len(estimate.channels) == 5
+    told = {each.name: each for each in estimate.setup}
+    assert "farther from the joint 'lift' than in the model" in told["centre_x(bend)"].text
+    assert not any(name.startswith("tracker") for name in told)
+    assert set(told) <= {name for name, (value, std) in own.items() if abs(value) > 3 * std}
+    assert (estimate.held_out.ratio < 1.05 * alone.held_out.ratio).all()
+    truth, std = estimate.base.regroup(mechanism().known), estimate.std_setup
+    assert (abs(estimate.psi - truth) < 4 * std).all() and np.median(std / alone.std_setup) < 0.9
+
+
+def test_zeros_are_within_a_fiftieth_of_a_degree_where_lengths_are_known():
+    recording, _, zeros = recorded(zeros=np.radians(0.5))
+    own = results(identified(recording, centre=0.0))
+    for joint, true in zip(JOINTS[1:4], zeros[1:4], strict=True):
+        value, std = own[f"zero({joint})"]
+        assert abs(value - true) < 3 * std < np.radians(0.02), joint
+
+
+def test_hidden_markers_are_gaps_and_a_saved_recording_keeps_its_trackers(tmp_path):
+    recording, *_ = recorded(zeros=np.radians(0.5), seconds=4.0)
+    hidden = np.arange(len(recording.time)) % 100 < 30
+    streams = {
+        name: Sampled(recording.time, np.where(hidden[:, None], np.nan, recording[name]))
+        for name in ("flange_position", "flange_orientation")
+    }
+    whole, part = (results(identified(x, centre=0.0)) for x in (recording, replace(recording, streams=streams)))
+    assert part["zero(lift)"] != whole["zero(lift)"]
+    assert abs(part["zero(lift)"][0] - whole["zero(lift)"][0]) < 2 * part["zero(lift)"][1] < np.radians(0.02)
+    recording.save(tmp_path / "run.npz")
+    (tracker,) = ident.Recording.load(tmp_path / "run.npz").trackers.values()
+    assert tracker.body == "b4" and tracker.frame is None
+    stated = replace(recording, trackers={"flange": Tracker("b4", frame=np.eye(4))})
+    stated.save(tmp_path / "run.csv")
+    np.testing.assert_array_equal(ident.Recording.load(tmp_path / "run.csv").trackers["flange"].frame, np.eye(4))
+
+
+POSE = {"position": ["x", "y", "z"], "unit": "mm", "rotation_vector": ["rx", "ry", "rz"], "rotation_unit": "deg"}
+QUATERNION = {"position": ["x", "y", "z"], "unit": "mm", "quaternion": ["qw", "qx", "qy", "qz"]}
+
+
+def columns():
+    """Columns of a log with poses in millimetres and degrees, some of them missing."""
+    recording, *_ = recorded(seconds=1.0)
+    turned = Rotation.from_quat(recording["flange_orientation"], scalar_first=True)
+    out = {"time": recording.time} | {name: x for name, x in recording.measured.items() if not name.startswith("fl")}
+    out |= dict(zip("xyz", 1e3 * recording["flange_position"].T, strict=True))
+    out |= dict(zip(("rx", "ry", "rz"), np.degrees(turned.as_rotvec()).T, strict=True))
+    out |= dict(zip(("qw", "qx", "qy", "qz"), turned.as_quat(scalar_first=True).T, strict=True))
+    return recording, out
+
+
+@pytest.mark.parametrize("entry", [POSE, QUATERNION])
+def test_poses_are_read_from_columns_in_any_unit_and_may_be_missing(entry):
+    recording, cells = columns()
+    cells["y"] = np.where(np.arange(100) < 10, np.nan, cells["y"])
+    place = {"position": [0.1, 0, 0], "rpy_deg": [0, 0, 90]}
+    stated = {"tracked": {"flange": {"body": "b4", "markers": place, **entry}}}
+    read = ident.read_log(cells, mechanism(), stated)
+    assert len(read.time) == 100 and read.trackers["flange"].frame is None
+    np.testing.assert_allclose(read.trackers["flange"].markers[:3, :2], [[0, -1], [1, 0], [0, 0]], atol=1e-12)
+    position = read.as_measured("flange_position").values
+    assert np.isnan(position[:10, 1]).all()
+    np.testing.assert_allclose(position[10:], recording["flange_position"][10:], rtol=1e-12)
+    own, true = (Rotation.from_quat(x["flange_orientation"], scalar_first=True) for x in (read, recording))
+    assert (own.inv() * true).magnitude().max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (
+            {"body": "hand", **POSE},
+            "[tracked.flange] needs a body that joints move, one of b0, b1, b2, b3, b4; got hand.",
+        ),
+        ({**POSE, "position": ["x", "y"]}, "tracked.flange.position needs a list of 3 columns, got ['x', 'y']."),
+        ({"position": ["x", "y", "z"]}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
+        ({**POSE, **QUATERNION}, "[tracked.flange] needs columns of either a quaternion or a rotation_vector"),
+        ({**QUATERNION, "quaternion": ["qw", "qx", "qy"]}, "tracked.flange.quaternion needs a list of 4 columns"),
+        (
+            {**QUATERNION, "quaternion": ["more", "qx", "qy", "qz"]},
+            "tracked.flange.orientation needs a norm of 1",
+        ),
+        ({**QUATERNION, "unit": "in"}, "tracked.flange.unit needs one of m, cm, mm; got in."),
+        ({**POSE, "markers": [0, 0, 0]}, "tracked.flange.markers needs a table of entries, got [0, 0, 0]."),
+        ({**POSE, "world": {}}, "[tracked.flange] has no entry 'world'; valid are body, position,"),
+        ("x", "tracked.flange needs a table of entries, got x."),
+    ],
+)
+def test_what_is_wrong_in_an_entry_is_one_sentence(entry, message):
+    entry = entry if isinstance(entry, str) else {"body": "b4", **entry}
+    with pytest.raises(ident.InputError) as error:
+        ident.read_log(columns()[1] | {"more": np.full(100, 2.0)}, mechanism(), {"tracked": {"flange": entry}})
+    assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_recordings_in_python_are_checked_too():
+    recording, *_ = recorded(seconds=1.0)
+    quaternion = recording["flange_orientation"]
+    for given, message in (
+        ({"trackers": {"flange": Tracker("world")}}, "The tracker 'flange' needs a body that joints move, one of b0,"),
+        ({"trackers": {"tool": Tracker("b4")}}, "The tracker 'tool' needs a channel 'tool_position' (N, 3), got none."),
+        (
+            {"measured": {**recording.measured, "flange_orientation": 2 * quaternion}},
+            "'flange_orientation' needs quaternions of norm 1; sample 0 has 2.",
+        ),
+    ):
+        with pytest.raises(ident.InputError) as error:
+            identified(replace(recording, **given))
+        assert message in str(error.value)
+    with pytest.raises(ident.InputError, match="needs the tracked poses flange; it has none"):
+        identified([recording, replace(recorded(1)[0], trackers={})])
