@@ -6,13 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from experiments.document import tabular
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
+from experiments.document.writer import environment
 from experiments.reports import identify_page, identify_report
 from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.preparation import length
@@ -28,39 +27,6 @@ OUTPUTS = (*RESULTS, "payload.json", "payload.txt", "model.xml", "model.urdf")
 """Patterns of the files that it writes."""
 
 
-def urdf(values: np.ndarray) -> str:
-    """URDF's `<inertial>` of `RigidBody.values`."""
-    entries = [f'{name.lower()}="{_text(values[k])}"' for k, name in enumerate(QUANTITIES) if k > 3]
-    return (
-        f'<inertial>\n  <origin xyz="{_text(*values[1:4])}" rpy="0 0 0"/>\n  <mass value="{_text(values[0])}"/>\n'
-        f"  <inertia {' '.join(entries)}/>\n</inertial>"
-    )
-
-
-def mjcf(values: np.ndarray) -> str:
-    """MJCF's `<inertial>` of `RigidBody.values`."""
-    mass, center, inertia = _text(values[0]), _text(*values[1:4]), _text(*values[4:])
-    return f'<inertial mass="{mass}" pos="{center}" fullinertia="{inertia}"/>'
-
-
-def controllers(values: np.ndarray) -> str:
-    """Calls for robot controllers: mass, centre of mass and inertia about it, in the flange's frame.
-
-    Franka's `setLoad` takes the matrix column by column, UR's `set_target_payload` the entries xx, yy, zz, xy, xz, yz.
-    """
-    mass, center, inertia = _text(values[0]), _listed(values[1:4]), _listed(values[4:])
-    matrix = _listed(symmetric(values[4:]).ravel())
-    return f"setLoad({mass}, {center}, {matrix})\nset_target_payload({mass}, {center}, {inertia})"
-
-
-def _intervals(body: RigidBody) -> str:
-    """Half-widths of the 95 % intervals."""
-    reach = INTERVAL * body.std_setup
-    names = ("mass", "centre", "inertia")
-    parts = zip(names, (reach[:1], reach[1:4], reach[4:]), strict=True)
-    return "95 %: " + "; ".join(f"{name} ± {' '.join(f'{x:.2g}' for x in some)}" for name, some in parts)
-
-
 def _sensor_unit(each: SensorParameter) -> str:
     """Unit of a sensor's parameter."""
     return offset_unit(each.name) if each.setup is None else each.setup.row.unit.si
@@ -71,14 +37,6 @@ def _in_words(each: SensorParameter) -> str:
     if each.setup is None:
         return each.name.replace("offset(", "offset of ").removesuffix(")")
     return each.setup.text(each.setup.row.label)
-
-
-def _text(*numbers: float) -> str:
-    return " ".join(f"{x:.6g}" for x in numbers)
-
-
-def _listed(numbers: np.ndarray) -> str:
-    return f"[{', '.join(map(_text, numbers))}]"
 
 
 @dataclass(frozen=True)
@@ -100,19 +58,15 @@ class PayloadReport:
 
     def forms(self) -> dict[str, str]:
         """The numbers with their intervals as text for other programs, by program."""
-        own, at_flange, body = self.payload.in_frame(), self.at_flange, self.payload.body
-        comment = f"<!-- {_intervals(own)} -->"
-        return {
-            f"URDF, link '{body}'": f"{comment}\n{urdf(own.values)}",
-            f"MJCF, body '{body}'": f"{comment}\n{mjcf(own.values)}",
-            f"Robot controllers, frame of '{self.flange}'": (
-                f"# {_intervals(at_flange)}\n{controllers(at_flange.values)}"
-            ),
-        }
+        return dict(each.split("\n", 1) for each in self.forms_text().strip().split("\n\n"))
 
     def forms_text(self) -> str:
         """The forms as one text."""
-        return "\n".join(f"{title}\n{text}\n" for title, text in self.forms().items())
+        own, at_flange = self.payload.in_frame(), self.at_flange
+        matrix = symmetric(at_flange.values[4:]).ravel()
+        names = {"body": self.payload.body, "flange": self.flange, "names": QUANTITIES[4:], "matrix": matrix}
+        template = environment().get_template("payload.txt")
+        return template.render(own=own, at_flange=at_flange, interval=INTERVAL, **names).rstrip() + "\n"
 
     def table(self, *, brief: bool = False) -> tabular.Table:
         """Mass, centre of mass and inertia with their intervals, beside the model's; briefly without deviations."""
@@ -162,16 +116,9 @@ class PayloadReport:
 
     def screen(self, cards: Sequence[Card]) -> str:
         """Text for the terminal on 24 lines: verdict, mass, centre and inertia, and the first findings."""
-        where = f"payload.txt has them for {', '.join(self.forms())}; --verbose prints all numbers."
-        return "\n".join(
-            [
-                Headline.of(self.payload.verdict()).line,
-                "",
-                self.table(brief=True).text(),
-                *identify_report.first_lines(cards),
-                *wrapped(where).split("\n"),
-            ]
-        )
+        first = [Headline.of(self.payload.verdict()).line, "", self.table(brief=True).text()]
+        where = "payload.txt has these for URDF, MJCF and robot controllers; --verbose prints all numbers."
+        return "\n".join([*first, *identify_report.first_lines(cards), where])
 
     def verbose(self) -> str:
         """Longer text for the terminal."""

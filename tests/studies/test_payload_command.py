@@ -82,7 +82,7 @@ def test_a_screen_has_the_verdict_the_numbers_and_where_the_rest_is(files, tmp_p
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 24 and max(map(len, lines)) <= 120 and lines[0].startswith("✓ Usable. ")
     assert any(line.startswith("mass ") for line in lines) and any(line.startswith("Iyz ") for line in lines)
-    assert "setLoad" not in " ".join(lines) and "payload.txt has them for URDF" in " ".join(lines)
+    assert "setLoad" not in " ".join(lines) and "payload.txt has these for URDF" in " ".join(lines)
 
 
 def test_what_is_missing_is_named(files, tmp_path, capsys):

@@ -51,10 +51,10 @@ def refitted(settled, away=3.0, executor=None):
 
 def test_threads_change_no_bit():
     """They share the measurement, whose programs are not packed for other processes."""
-    alone = refitted(NEAR)
+    alone = refitted(SETTLED)
     with ThreadPoolExecutor(3) as executor, pytest.MonkeyPatch.context() as patch:
         patch.setattr(iteration.pickle, "dumps", None)
-        shared = refitted(NEAR, executor=executor)
+        shared = refitted(SETTLED, executor=executor)
     assert shared.trace == alone.trace
     np.testing.assert_array_equal(shared.theta, alone.theta)
     np.testing.assert_array_equal(shared.precision, alone.precision)
