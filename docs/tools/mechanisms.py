@@ -177,17 +177,17 @@ def linearisations(samples: int) -> tuple[Callable[[], Linearised], Callable[[],
     spline = Spline.over(time[0], time[-1], STEP * PER_KNOT)
     coefficients, theta, wrenches = rng.normal(size=(spline.size, n)), rng.normal(size=p), np.zeros((samples, 2, 0))
     noise = Noise(
-        states=np.full((3, n), 0.01),
+        states=np.full(n, 0.01),
         channels=np.full(channels, 5.0),
         jerk=np.full(n, 1e-3),
-        states_rho=np.full((3, n), 0.5),
+        states_rho=np.full(n, 0.5),
         channels_rho=np.full(channels, 0.5),
-        floor_states=np.zeros((3, n)),
+        floor_states=np.zeros(n),
         floor_channels=np.zeros(channels),
     )
     x = spline.evaluate(coefficients, time)[:3]
     measured = measurement.values(x, wrenches, theta).T + 5 * rng.normal(size=(samples, channels))
-    piece = Piece(spline, time, (x[0] + 0.01 * rng.normal(size=(samples, n)), None, None), time, measured, wrenches)
+    piece = Piece(spline, time, x[0] + 0.01 * rng.normal(size=(samples, n)), time, measured, wrenches)
 
     def way(predictor: Predictor) -> Callable[[], Linearised]:
         root = 0.1 * np.eye(p)
