@@ -1,6 +1,6 @@
 """A simulated study: its mechanism, its recording, and the models of its file identified from that recording."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,7 +14,7 @@ from experiments.data.fitting import (
     trajectory_fit,
     trajectory_fit_if_determined,
 )
-from experiments.data.study_file import StudyFile
+from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
@@ -131,9 +131,7 @@ class SimulatedStudy:
     def trajectory(self, model: str) -> TrajectoryTrial:
         """A model's trajectory estimate; NaN if angles and wrenches do not determine it."""
         if (model, "trajectory") not in self._made:
-            recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-            base = self.fit(model).base
-            self._made[model, "trajectory"] = trajectory_fit_if_determined(self.mechanism(model), recording, base)
+            self._made[model, "trajectory"] = self._along(model, self.fit(model).base, trajectory_fit_if_determined)
         made = self._made[model, "trajectory"]
         assert isinstance(made, TrajectoryTrial)
         return made
@@ -144,8 +142,12 @@ class SimulatedStudy:
         Raises:
             ExcitationError: The motion does not separate the base parameters.
         """
+        return self._along(model, self.base(model), trajectory_fit)
+
+    def _along(self, model: str, base: BaseParameters, fitted: Callable[..., TrajectoryTrial]) -> TrajectoryTrial:
         recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-        return trajectory_fit(self.mechanism(model), recording, self.base(model))
+        searched = self.file.models[model].axes == SEARCHED
+        return fitted(self.mechanism(model), recording, base, searched=searched)
 
     def base(self, model: str) -> BaseParameters:
         """A model's regrouping."""
@@ -156,6 +158,7 @@ class SimulatedStudy:
         axes = self.file.models[model].axes
         trees = {
             "drawn": lambda: self.known.tree,
+            SEARCHED: lambda: self.known.tree,
             "recovered": lambda: self.recovered.tree,
             "true": lambda: self.problem.true,
         }
