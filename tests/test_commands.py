@@ -14,7 +14,7 @@ import sim
 from docs.tools.noise.conditions import CONDITIONS
 from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
-from ident.errors import LogError
+from ident.errors import InputError, LogError
 from ident.recordings.commands import with_servos
 from ident.recordings.servo import Servo
 from ident.setup import PRIORS
@@ -123,17 +123,6 @@ def test_viscous_friction_of_commanded_joints_is_marked_as_the_lag():
     assert not parameters_table(ident.identify(driven_arm.mechanism(), driven_arm.log(seconds=5.0))).footnote
 
 
-def test_least_squares_takes_commands_as_well():
-    exact = dict.fromkeys(PRIORS, 0.0)
-    arm = mechanism(actuators=True)
-    estimate = ident.identify(arm, recording(), estimator="weighted", cutoff=6.0, setup=exact)
-    drives = dict(zip(estimate.fit.names, estimate.fit.values, strict=True))
-    # The low-pass smears reversals, and nothing takes the half sample of lag out.
-    assert 0.3 < drives["Fc(lift)"] < 0.9
-    assert (estimate.held_out.ratio < 0.1).all()
-    assert not estimate.offsets and not any(name.startswith("offset") for name in estimate.fit.names)
-
-
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
@@ -153,6 +142,16 @@ def test_bad_gains_are_one_sentence(tmp_path, before, after, message):
     assert before in MAPPING
     with pytest.raises(LogError, match=message):
         read(tmp_path, MAPPING.replace(before, after, 1))
+
+
+def test_commands_in_degrees_are_named(tmp_path):
+    with pytest.raises(LogError, match=r"the commands of joint 'turn' reach .*, its positions .*; both need one unit"):
+        read(tmp_path, scale=180 / np.pi)
+    stated = MAPPING
+    for k in range(3):
+        stated = stated.replace(f'command = "u{k}"', f'command = {{ column = "u{k}", unit = "deg" }}')
+    log = read(tmp_path, stated, scale=180 / np.pi)
+    np.testing.assert_allclose(log["turn_command"], driven_arm.commanded(seconds=2.0)[1]["turn_command"], atol=1e-9)
 
 
 WRONG = dict(zip(driven_arm.JOINTS, (0.85, 1.1, 1.2), strict=True))
@@ -222,6 +221,20 @@ def test_least_squares_say_that_they_take_as_exact_what_is_stated_as_uncertain(t
     exact = ident.identify(mechanism(), log, **options, setup={"scale": 0.0, "lag": False})
     assert not coded(exact, "torque_scale_taken_as_exact", "setup_taken_as_exact")
     np.testing.assert_array_equal(exact.psi, estimate.psi)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"setup": {"delay": 0.1, "gain": 0.0}, "estimator": "weighted"}, "'weighted' leave out delay in setup"),
+        ({"setup": {"delay": 0.1}, "estimator": "ordinary"}, "'ordinary' leave out delay"),
+        ({"setup": {"scale": 0.5}}, r"setup\.scale needs zero or false .* got 0\.5: .*torque_std"),
+        ({"setup": {"scale": 0.5}, "estimator": "weighted"}, r"setup\.scale needs zero or false"),
+    ],
+)
+def test_uncertainties_that_would_have_no_effect_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        ident.identify(mechanism(actuators=True), recording(), **options)
 
 
 def test_the_table_of_scales_has_stated_and_estimated_gains():

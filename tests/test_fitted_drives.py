@@ -9,7 +9,6 @@ import pytest
 
 import ident
 from ident.mechanism.drives import Actuator, Drive
-from ident.parameters.prior import DRIVE_KNOWN
 from ident.setup import PRIORS
 
 TRUE = {
@@ -52,39 +51,10 @@ def test_the_trajectory_estimate_s_intervals_hold_the_true_drives():
     assert np.abs(z).max() < 3.5
 
 
-def test_what_the_links_absorb_of_the_model_s_rotors_is_taken_out_of_the_bodies():
-    estimate = weighted()
-    arm, rank = driven_arm.mechanism(), estimate.base.rank
-    # MuJoCo's armature of a joint about a fixed axis acts as inertia of the link about it.
-    k = estimate.base.names.index("Izz1")
-    absorbed = estimate.fit.equations.from_drives[:rank]
-    assert absorbed[k] == pytest.approx(0.2, abs=1e-6)
-    np.testing.assert_allclose(estimate.psi_of_links, estimate.psi - absorbed)
-    np.testing.assert_allclose(estimate.psi_updated, estimate.base.regroup(estimate.consistent().phi) + absorbed)
-    np.testing.assert_allclose(estimate.consistent().phi, arm.known, rtol=1e-6, atol=1e-9)
-    (note,) = [note for note in estimate.prepared.notes if "take them up" in note]
-    assert "Ia(turn), Ia(lift) cannot be told" in note and "with the model's Ia(turn), Ia(lift)" in note
-    ignorant = weighted(stated=False)
-    np.testing.assert_allclose(ignorant.fit.equations.from_drives, 0)
-    np.testing.assert_allclose(ignorant.psi_of_links, ignorant.psi)
-
-
 def test_the_model_with_its_drives_predicts_as_well_as_the_estimate_of_the_same_bodies():
     estimate = weighted()
     np.testing.assert_allclose(estimate.rivals["model"], estimate.held_out.ratio, rtol=0.1)
     assert (weighted(stated=False).rivals["model"] > 5 * estimate.rivals["model"]).all()
-
-
-def test_the_model_s_values_are_a_prior_where_the_motion_tells_little():
-    short, exact = driven_arm.log(3.0, 50.0, size=0.05), dict.fromkeys(PRIORS, 0.0)
-    estimate = ident.identify(driven_arm.mechanism(), short, setup=exact, known=True)
-    model = dict(zip(estimate.fit.names, estimate.fit.equations.from_model, strict=False))
-    std = dict(zip(estimate.fit.names, estimate.fit.std, strict=True))
-    for name, value in TRUE.items():
-        assert model[name] == pytest.approx(value)
-        assert std[name] < 1.01 * DRIVE_KNOWN * value
-        assert abs(values(estimate)[name] - value) < 4 * std[name], name
-    assert std["Ia(bend)"] > 0.2 * DRIVE_KNOWN * 0.05
 
 
 def test_the_drives_of_an_estimate_are_the_fitted_ones_and_else_the_model_s():

@@ -1,5 +1,6 @@
 """Torque constants that a payload of known mass fixes, on the arm of the scenes with a weight on its tool."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -11,6 +12,8 @@ import ident
 import scenes
 import sim
 from ident.errors import LogError
+from ident.estimation.preparation import prepared
+from ident.recordings.recording import Recording
 
 JOINTS = ("turn", "shoulder", "elbow", "wrist")
 COULOMB, NOISE = np.array([1.5, 2.0, 1.0, 0.3]), np.array([0.015, 0.02, 0.01, 0.003])
@@ -79,6 +82,18 @@ def test_a_payload_of_known_mass_fixes_the_scale_of_torques():
     (finding,) = coded(result, "torque_scale_estimated")
     assert finding.values["fixed_by"][0] == "what is stated of payload" and not finding.doubt
     assert "fixed by what is stated of payload and the model's other bodies" in finding.text
+
+
+def test_deviations_of_single_bodies_are_read_and_saved(tmp_path):
+    robot = sim.mechanism(arm(5.0))
+    log = ident.read_log(columns(5.0), robot, mapping(payload=EXACT, tool={"center": False}))
+    assert log.known == {"mass": 0.3, "center": 0.02}
+    assert log.known_bodies == {"payload": EXACT, "tool": {"center": 0.0}}
+    log.save(tmp_path / "log.npz")
+    assert Recording.load(tmp_path / "log.npz").known_bodies == log.known_bodies
+    ready = prepared(replace(robot, prior_known={"tool": {"mass": 0.1}, "fore": {"mass": 0.2}}), log)
+    both = {"tool": {"mass": 0.1, "center": 0.0}, "fore": {"mass": 0.2}, "payload": EXACT}
+    assert ready.mechanism.prior_known == ready.equations.mechanism.prior_known == both
 
 
 @pytest.mark.parametrize(

@@ -1,22 +1,41 @@
 """Recordings with hardly any usable sample, or without noise: an answer, or one sentence."""
 
+from dataclasses import replace
+from functools import partial
+
 import driven_arm
 import numpy as np
 import pytest
 from persons import once
-from recorded_faults import JOINTS, PENDULUM, TRUTH, faulty, shortened, wrench_of
+from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
 
 import ident
 from experiments.data.person import Laboratory
 from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import humanoid, mistaken, recorded
-from ident.estimation.preparation import prepared
+from ident.errors import ExcitationError
+from ident.estimation.preparation import LeftOut, prepared
 from ident.estimators.trajectory import _known_enough
 from ident.identification import identified
+from ident.problem import problem_of
 from ident.setup import PRIORS
 
 RECORDING = faulty(0)
 ANGLES, WRENCH = RECORDING.of_joints(JOINTS, "position"), wrench_of(RECORDING)
+
+
+def on_a_curve(samples=400):
+    """Angles that a spline reproduces exactly, and a noisy wrench."""
+    t, none = RECORDING.time[:samples], np.zeros(samples)
+    states = [np.stack(x, axis=1) for x in ((3 * t, 0.1 * t**2 - 2 * t), (none + 3, 0.2 * t - 2), (none, none + 0.2))]
+    wrench = ident.base_wrench_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    noise = 0.01 * np.random.default_rng(0).normal(size=wrench.shape)
+    return angles_and_wrench(t, states[0], wrench + noise)
+
+
+def test_angles_without_any_noise_are_refused_in_one_sentence():
+    with pytest.raises(ExcitationError, match=r"does not determine all parameters\. .* \(--prior on\)\.$"):
+        ident.identify(PENDULUM, on_a_curve(), known=False)
 
 
 def test_equations_that_are_singular_are_solved_with_what_is_known():
@@ -55,6 +74,16 @@ def test_each_channel_of_a_sample_is_an_equation():
     """131 samples of six channels, of which 79 samples are fitted, for 159 base parameters."""
     estimate = identified(prepared(PERSON, SQUATS), known=True, setup=dict.fromkeys(PRIORS, 0), report=once)
     assert len(estimate) == 159 and len(estimate.logs[0].indices) == 79
+
+
+def test_bodies_that_are_known_are_equations_of_the_trajectory_estimate_alone():
+    log = replace(prepared(PERSON, SQUATS), cutoff=None)
+    part = replace(log, left_out=(LeftOut(0.5, np.inf, 0.0),))
+    fitted = partial(problem_of, [part], 0.0, [])
+    assert len(fitted(alone=True, wanted=True).fitted[0].indices) == 25
+    for more in ({"alone": True, "wanted": False}, {"alone": False}):
+        with pytest.raises(ident.InputError, match=r"too few for 159 .* The fit needs 28, .*; there are 25 and 25\.$"):
+            fitted(**more)
 
 
 def test_what_a_resting_joint_leaves_undetermined_is_no_row_and_not_in_the_condition():

@@ -151,6 +151,19 @@ def test_a_notebook_shows_a_figure_once_whatever_its_cell_ends_with(monkeypatch)
     assert len(shown) == 2
 
 
+def test_answers_are_sentences_and_tables_instead_of_their_fields():
+    estimate, other = quick(), jointly()
+    comparison = estimate.compare(estimate)
+    for answer in (estimate.verdict(), comparison, estimate.consistent(), estimate["m3rx3"], other.consistent()):
+        tags = Tags()
+        tags.feed(answer._repr_html_())
+        assert not tags.open and not re.search(r"\barray\(|outcome=|phi=|names=", repr(answer) + " ".join(tags.text))
+    assert str(estimate.verdict()) in repr(estimate.verdict()) and repr(estimate["m3rx3"]).startswith("m3rx3 = 0.22")
+    assert "χ² is 0.0 of" in repr(comparison) and "no more than noise" in repr(comparison)
+    assert "m3rx3 of fore" in comparison._repr_html_() and "<th>unit</th>" in comparison._repr_html_()
+    assert "column 4" in repr(estimate.consistent()) and "upper 3" in estimate.consistent()._repr_html_()
+
+
 @pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is an extra")
 def test_a_data_frame_has_every_parameter():
     estimate = jointly()

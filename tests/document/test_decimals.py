@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.document import tabular
+from experiments.document.document import Card, Document
 from experiments.document.symbols import pieces
 from experiments.document.tabular import Regrouped, Table, columns, decimals_of, number
 from experiments.document.terminal import WIDTH, wrapped
@@ -93,3 +94,16 @@ def test_long_sentences_break_below_what_they_begin_with():
 def test_tables_and_their_titles_fit(cells):
     wide = tabular.Table("title " * 40, ("a", "b" * 40, "c", "d"), ((*cells, SUM, SUM),), footnote="note " * 40)
     assert max(map(len, wide.text().splitlines())) <= WIDTH
+
+
+def test_doubts_stand_below_the_verdict_that_counts_them():
+    shown = Document(
+        verdict="Not usable as it is: one finding below speaks against it.",
+        findings=[Card("Logs", "Logs disagree.", True), Card("More", "A remark.", False)],
+        lines=["36 of 159."],
+    ).text()
+    assert shown.splitlines()[-3:] == [
+        "Not usable as it is: one finding below speaks against it.",
+        "  ! Logs disagree.",
+        "36 of 159.",
+    ]

@@ -5,7 +5,7 @@ import re
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from experiments.document import print_table, symbols, tabular
+from experiments.document import symbols
 
 EVIL = [
     r"\input{/etc/passwd}",
@@ -66,18 +66,3 @@ def in_a_line(text):
 def test_all_letters_are_shown_and_none_is_acted_on(text):
     assert shown_by_tex(symbols.tex(text)) == in_a_line(text)
     assert shown_by_markdown(symbols.markdown(text)) == in_a_line(text)
-
-
-def test_tables_keep_their_cells_and_their_symbols():
-    rows = tuple((name, 1.0, "Ixx2 + 0.4 m3") for name in EVIL)
-    table = tabular.Table(EVIL[0], ("name_of", "x", "what"), rows, marked=frozenset([EVIL[0]]), footnote=EVIL[2])
-    lines = [line for line in table.markdown().splitlines() if line.startswith("|")]
-    assert len(lines) == 2 + len(EVIL) and all(len(re.findall(r"(?<!\\)\|", line)) == 4 for line in lines)
-    head, _, body = (
-        print_table.tex(table).partition("\\toprule\n")[2].partition("\\bottomrule")[0].partition("\\midrule\n")
-    )
-    cells = [row.split(" & ") for row in body.split(" \\\\\n")[:-1]]
-    assert [shown_by_tex(row[0].removesuffix("*")) for row in cells] == list(map(in_a_line, EVIL))
-    assert {row[2] for row in cells} == {r"$I_{xx,2} + 0.4\,m_{3}$"}
-    assert cells[0][0].endswith("*") and head.startswith("Name of & {$x$} & What")
-    assert not re.search(r"\\(input|write)", print_table.tex(table)) and "<script>" not in table.markdown()

@@ -76,19 +76,6 @@ def test_hostile_texts_are_shown_and_do_nothing(tmp_path, place):
     assert [text for _, text in shown] == EVIL
 
 
-def test_tables_are_aligned_marked_and_readable_aloud(tmp_path):
-    rows = (("m2rz2", 1.25, None, 2e6), ("x" * 40, -0.00001, 3.0, np.pi))
-    table = Table("Title", ("name", "paper_a", "b_s", "c"), rows, 2, marked=frozenset(["m2rz2"]), footnote="Why.")
-    head, first, second = read(table, tmp_path).rows
-    assert [text for _, text in head] == ["name", "paper's a", "b (s)", "c"]
-    assert [attrs["scope"] for attrs, _ in head] == ["col"] * 4 and first[0][0]["scope"] == "row"
-    assert [text for _, text in first] == ["m2rz,2*", "1.25", "", "2.00e+06"]
-    assert [text for _, text in second] == ["x" * 40, "0.00", "3.00", "3.14"]
-    assert [attrs.get("class") for attrs, _ in second] == ["text long", None, None, None]
-    assert "Title (CSV, TEX, MD)" in " ".join(read(table, tmp_path).caption.split())
-    assert '<p class="note">* Why.' in (tmp_path / "report.html").read_text(encoding="utf-8")
-
-
 def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     """A drive stands beside the body that its joint moves; sums are folded."""
     rows = (("m1", 2.0, "m1 + m2"), ("m2rz2", 1.0, "m2rz2"), ("Fc(a)", 0.5, ""), ("Fc(b)", 0.1, ""))

@@ -1,4 +1,3 @@
-import pickle
 import tracemalloc
 from dataclasses import replace
 from functools import partial, reduce
@@ -10,7 +9,7 @@ from fits import equations, fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_phi, tilted_axis
 from scipy import linalg
 
-from ident.estimation.accumulator import Accumulator, _factor, accumulate
+from ident.estimation.accumulator import accumulate
 from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.regression.ordinary import huber_white, solve
@@ -95,20 +94,6 @@ def test_accumulators_add_in_any_order():
     assert left.samples == sum(map(len, parts)) and left.chunks == 5
 
 
-def test_accumulators_keep_in_files_and_cross_processes(tmp_path):
-    base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
-    known = equations(STRAIGHT, base)
-    accumulated = accumulate(known, moved_by(1.0, 100))
-    np.savez(tmp_path / "part.npz", **vars(accumulated))
-    with np.load(tmp_path / "part.npz") as data:
-        read = Accumulator(**data)
-    for other in (read, pickle.loads(pickle.dumps(accumulated))):
-        np.testing.assert_array_equal(
-            solve(other + accumulated, known).psi, solve(accumulated + accumulated, known).psi
-        )
-        assert (other.names, other.samples, other.weighted) == (accumulated.names, 100, False)
-
-
 def test_what_does_not_belong_together_does_not_add():
     samples = moved_by(1.0, 100)
     one = equations(STRAIGHT)
@@ -152,22 +137,3 @@ def test_memory_is_flat(monkeypatch):
 
 def _second_pass(fit, tree, source, *, gravity):
     huber_white(fit, source)
-
-
-def test_only_what_hardly_sticks_out_is_combined():
-    """Earlier columns are projected out of a column with less than a tenth of its squares outside their span.
-
-    They are always projected out of the last column, the measurements.
-    """
-    rng = np.random.default_rng(0)
-    a, b, c, d = linalg.qr(rng.normal(size=(50, 4)), mode="economic")[0].T
-    rows = np.column_stack([a, 10 * (0.9 * a + np.sqrt(0.19) * b), a + b + 0.2 * c, 1e-3 * (a + d)])
-    P = _factor(rows, np.arange(4))
-    np.testing.assert_array_equal(P[:, :2], np.eye(4)[:, :2])
-    Z = rows @ np.linalg.inv(P)
-    np.testing.assert_allclose(Z[:, 2:], np.column_stack([0.2 * c, 1e-3 * d]), atol=1e-14)
-    # Triangular in an order of the columns: then the first one is nearly in the span of others.
-    order = np.array([1, 2, 0, 3])
-    P = _factor(rows[:, order], order)
-    np.testing.assert_array_equal(P[:, order][:, :2], np.eye(4)[:, :2])
-    assert abs((rows[:, order] @ np.linalg.inv(P[:, order])).T @ rows[:, [1, 2]])[2:].max() < 1e-13

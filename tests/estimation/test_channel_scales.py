@@ -6,8 +6,7 @@ from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_o
 from slow_pendulum import recorded
 
 import ident
-from ident.estimation.channel_scales import LEAST, channel_scales, least_noise
-from ident.estimation.equations import COMPONENTS
+from ident.estimation.channel_scales import LEAST, least_noise
 from ident.estimation.preparation import Part, prepared
 from ident.regression.filtered import filtered_least_squares
 from ident.trajectory.late_start import unexplained
@@ -22,19 +21,6 @@ def flattened(part, *channels):
     for channel in channels:
         wrench[part, channel] = 0
     return angles_and_wrench(recording.time, recording.of_joints(PENDULUM.tree.joints, "position"), wrench)
-
-
-def test_a_flat_channel_has_the_scale_of_its_kind():
-    rng = np.random.default_rng(0)
-    every = rng.normal(size=(1000, 8)) * [0, 30, 2, 0, 0, 0, 5, 0] + [7, 0, 0, 9, 0, 0, 0, 1]
-    every[:, 5] = np.nan
-    every[::7, 1] = np.nan
-    spread = np.nanstd(every[:, :3], axis=0)
-    largest = spread[1]  # of all channels, for moments, none of which changes
-    expected = [largest, largest, spread[2], largest, largest, largest, *every[:, [6, 6]].std(axis=0)]
-    names = (*COMPONENTS, "hip", "unplugged")
-    np.testing.assert_allclose(channel_scales([every[:300], every[300:]], names), expected)
-    np.testing.assert_array_equal(channel_scales([np.full((9, 8), 3.0)], names), 1)
 
 
 def test_a_channel_that_is_flat_in_one_half_does_not_choose_the_cut_off():

@@ -1,8 +1,5 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from measurements import random_measurement
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.equations import COMPONENTS, Equations
@@ -12,22 +9,6 @@ from ident.mechanism.body import BASE, Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import find_base_parameters
-from ident.setup import PRIORS
-
-
-def test_commands_share_a_lag_and_torques_have_scales_as_uncertain_as_stated():
-    m = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False, contacts=0, commanded=True)
-    first, second, *_ = m.equations.channels
-    some = replace(m.equations, scales=(0.2, *[0.0] * (len(m.equations.torques) - 1)))
-    own = {each.name: each.std for each in setup_parameters(some, [])}
-    assert own["lag"] == PRIORS["lag"]
-    assert {name: std for name, std in own.items() if name.startswith(("gain", "scale"))} == {f"scale({first})": 0.2}
-    servos = m.equations.servos.copy()
-    servos[0, 1] = 0
-    own = {each.name: each.std for each in setup_parameters(replace(some, servos=servos), [])}
-    assert "lag" not in own and own[f"gain({second})"] == PRIORS["gain"]
-    exact = setup_parameters(some, [], {"scale": 0.0})
-    assert not any(each.kind == "scale" for each in exact)
 
 
 def test_joints_are_displaced_as_a_whole_where_something_shows_it():

@@ -9,8 +9,7 @@ from random_models import ARM, random_model, random_model_states
 
 import ident
 import sim
-from ident.estimation.loads import predicted_channels, stated_drive_torques
-from ident.estimation.preparation import prepared
+from ident.estimation.loads import stated_drive_torques
 from ident.mechanism.drives import Drive
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
@@ -105,15 +104,3 @@ def test_the_model_as_it_came_predicts_with_its_drives_and_the_estimate_is_the_s
     # Near its reversals MuJoCo's friction follows the acceleration.
     assert (driven.rivals["model"] < [0.01, 0.15]).all()
     assert (driven.rivals["model"] < 0.2 * bare.rivals["model"]).all()
-
-
-def test_predicted_channels_have_drives_in_torques_only():
-    arm, recording = recorded(SPRUNG)
-    motion = prepared(arm, recording).samples.motion
-    driven, bare = (
-        predicted_channels(each, motion, np.eye(4), torques=True) for each in (arm, replace(arm, drives={}))
-    )
-    for k, joint in enumerate(arm.tree.freedoms):
-        own = stated_drive_torques(arm, motion)[:, k]
-        np.testing.assert_allclose(driven.pop(joint) - bare.pop(joint), own, atol=1e-12 * abs(own).max())
-    assert all((driven[name] == bare[name]).all() for name in bare)

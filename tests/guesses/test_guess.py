@@ -74,6 +74,16 @@ def test_what_is_named_like_a_rate_but_is_none_is_left_out(tmp_path):
     assert "joint1_velocity" not in ident.read_log(tmp_path / "log.csv", arm(), columns).measured
 
 
+def test_a_mirrored_joint_before_a_turned_plate_stays_open(tmp_path):
+    r, (q1, q2) = recording(), angles()
+    turn = np.kron(np.eye(2), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    belief, columns = guessed(log_of(tmp_path, {"joint1": q1, "joint2": -q2}, r.wrench("ground").values @ turn.T))
+    assert belief.open[0].startswith("One of joint1, joint2 has the opposite sign")
+    mapping = read_mapping(columns, arm().tree)
+    assert not mapping.sums and mapping.sensors["ground"].applied_to_link
+    np.testing.assert_array_equal(mapping.sensors["ground"].pose, np.eye(4))
+
+
 def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
     wrench = 1e-9 * recording().wrench("ground").values
     belief, _ = guessed(log_of(tmp_path, dict(zip(JOINTS, angles(), strict=True)), wrench))

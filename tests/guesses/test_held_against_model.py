@@ -53,6 +53,17 @@ def test_no_name_of_a_joint_hides_that_it_is_absent(tmp_path, name):
     assert any(f"No column looks like the position of '{name}'" in sentence for sentence in belief.open)
 
 
+@pytest.mark.parametrize(("unit", "name"), [(" [Nm]", "tau_{}"), ("", "tau_{}")])
+def test_no_gain_is_written_that_the_file_contradicts(tmp_path, unit, name):
+    robot = seven()
+    # A wrist whose load differs from the model's; the other joints are right.
+    tau = robot.tau * [1, 1, 1, 1, 1, 13, 1]
+    columns = stamped(robot) | states(replace(robot, tau=tau), "q_{}", "dq_{}", name + unit)
+    belief = believed_of(tmp_path, robot, columns)
+    assert {(x.gain, x.unit) for x in belief.of("torque").values()} == {(1.0, "N m")}
+    assert "but no gain is put for it" in belief.of("torque")["panda_joint6"].why[-1]
+
+
 def test_torques_of_two_families_that_are_as_good_are_asked_about(tmp_path):
     robot = seven()
     raw = replace(robot, tau=robot.tau + 1e-3 * np.ptp(robot.tau, axis=0) * np.sin(30 * robot.time)[:, None])

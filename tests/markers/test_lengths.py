@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from marked import errors, labels_of, marked_person, trial
 
+from ident.errors import InputError, ModelError
 from sim.markers.lengths import grouped, scaled_model, scaling
 from sim.markers.marked_model import marked_model
 from sim.markers.model_files import write_scaled
@@ -36,6 +37,25 @@ def test_with_noise_factors_are_within_their_deviations(person):
     scaled = scaling(marked, x + 0.002 * np.random.default_rng(4).normal(size=x.shape), groups)
     z = (scaled.factors - factors) / scaled.std
     assert (z**2).sum() < 45 and scaled.std.max() < 0.03  # χ² with 18 degrees of freedom, 99.96 %.
+
+
+def test_sides_and_groups_share_a_factor(person):
+    model = person[0].model
+    names = grouped(model, alike=True)
+    assert ("left_thigh", "right_thigh") in names and ("pelvis",) in names and len(names) == 11
+    assert grouped(model, [("abdomen", "thorax")])[0] == ("abdomen", "thorax")
+    with pytest.raises(InputError, match="'thorax' is in two groups"):
+        grouped(model, [("abdomen", "thorax"), ("thorax",)])
+    with pytest.raises(ModelError, match="no body named 'tail'"):
+        grouped(model, [("tail",)])
+
+
+def test_lengths_that_are_no_persons_are_refused(person):
+    marked, groups, *_ = person
+    tall = scaled_model(marked.model, [("left_thigh", "right_thigh")], np.array([4.0]))
+    *_, x = trial(tall, 3)
+    with pytest.raises(InputError, match=r"of \w+_thigh would have to be scaled by more than 0\.3 to 3: check unit"):
+        scaling(marked, x, groups)
 
 
 def test_the_written_model_is_the_scaled_one(person, tmp_path):

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 from marked import errors, labels_of, marked_person, trial
@@ -94,3 +95,18 @@ def test_labels_are_exchanged_where_each_marker_is_far_nearer_to_the_others_plac
         outlying=np.ones((1, 2), bool),
     )
     assert [swap.labels for swap in swaps(postures, measured)] == [("a", "b")] * exchanged
+
+
+def test_slides_and_fixed_joints():
+    spec = mujoco.MjSpec.from_string("""<mujoco><worldbody><body name="a"><joint name="s" type="slide" axis="1 0 0"/>
+        <geom size=".1"/><site name="p" pos="0 0 .1"/><body name="b" pos="0 0 .3"><joint name="h" axis="0 1 0"/>
+        <joint name="stuck" axis="1 0 0"/><geom size=".1"/><site name="q" pos=".1 .05 .2"/></body></body>
+        </worldbody></mujoco>""")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos = [0.2, 0.5, 0.3]
+    mujoco.mj_kinematics(model, data)
+    marked, _ = marked_model(spec, ["p", "q"], fix={"stuck": [0.3]})
+    postures = fit_trial(marked, np.array([data.site_xpos]))
+    np.testing.assert_allclose(postures.qpos, [[0.2, 0.5, 0.3]], atol=1e-9)
+    assert marked.dof_names == ["s", "h"]

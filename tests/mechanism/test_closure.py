@@ -9,6 +9,7 @@ import ident
 import sim
 from ident.errors import InputError, ModelError
 from ident.estimation.loads import stated_drive_torques
+from ident.estimation.preparation import prepared
 from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
@@ -202,3 +203,22 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimato
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
         ident.identify(read(model), log, estimator="ordinary")
+
+
+def test_columns_of_dependent_joints_count():
+    arm, rng, t = read(FOUR_BAR), np.random.default_rng(0), np.arange(1000) / 100
+    crank = 0.6 * np.sin(3 * t)
+    closure = closed("four-bar").tree.closure
+    rod, rocker = closure.solved(crank[:, None]).T
+    noisy = [crank + 5e-3 * rng.normal(size=len(t)), rocker + 1e-3 * rng.normal(size=len(t)) + 0.02]
+    noisy[1][7] += 0.5
+    log = log_of([*noisy, rod + 0.1 * np.sin(7 * t)], ("crank", "rocker", "rod"))
+    ready = prepared(arm, ident.read_log(log, arm), drive=())
+    assert ready.mechanism.tree.joints == ("crank",)
+    slope = closure.slopes(crank[:, None], np.stack([rod, rocker], axis=1))[:, 1, 0]
+    before, after = (x - crank for x in (noisy[0], ready.recording["crank_position"]))
+    np.testing.assert_allclose(after.std(), np.sqrt(np.mean(1 / (5e-3**-2 + (slope / 1e-3) ** 2))), rtol=0.1)
+    assert after.std() < 0.5 * before.std() and abs(after[7]) < 0.02
+    assert ready.notes[-3] == "rod, rocker depend on crank, by the constraints 'pin'."
+    assert "The column of 'rod' is not used: it differs from the closed loops by 0.07" in ready.notes[-2]
+    assert ready.notes[-1] == "The column of 'rocker' counts too, as loops are closed, but for a constant of 0.02."

@@ -9,9 +9,8 @@ from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_t
 from ident.errors import ModelError
 from ident.mechanism.body import Body, Follower
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
-from ident.model import dim
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
@@ -57,17 +56,6 @@ def test_a_follower_moves_as_a_joint_of_its_own_would(seed):
     np.testing.assert_allclose(torques[:, 0], each[:, 0], atol=1e-12 * abs(each).max())
     together = each[:, 2] + slopes[0] * each[:, 1] + slopes[1] * each[:, 3]
     np.testing.assert_allclose(torques[:, 1], together, atol=1e-12 * abs(each).max())
-
-
-@pytest.mark.parametrize("samples", [2, 9])
-def test_the_recorded_regressor_is_the_papers(samples):
-    tree, _, phi = knee(3)
-    motion = Motion(*random_states(np.random.default_rng(1), tree, samples))
-    Y, torques = (f(tree, *motion.states, gravity=GRAVITY) for f in (base_wrench_regressor, joint_torque_regressor))
-    for k in range(samples):
-        wrench, tau = dim.inverse_dynamics(Mechanism(tree, GRAVITY, phi), motion[k])
-        np.testing.assert_allclose(Y[k] @ phi, wrench, rtol=1e-10, atol=1e-9)
-        np.testing.assert_allclose(torques[k] @ phi, tau, rtol=1e-10, atol=1e-9)
 
 
 @pytest.mark.parametrize("sensors", [Sensors(), Sensors(False, True), Sensors(moving_base=True)])

@@ -49,6 +49,11 @@ def test_bad_bodies_are_refused(change, message):
         Body(**(good | change))
 
 
+def test_a_free_joint_has_seven_coordinates():
+    with pytest.raises(InputError, match=r"coordinates \(N, 7\).* got \(3, 6\), \(3, 6\) and \(3, 6\)"):
+        BaseMotion.from_free_joint(*np.ones((3, 3, 6)))
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_merged_welds_need_the_same_wrench_and_torques(seed):
     rng = np.random.default_rng(seed)

@@ -13,6 +13,7 @@ from mechanisms import (
     tilted_axis,
 )
 
+from ident.errors import InputError
 from ident.geometry.se3 import coAd
 from ident.mechanism.body import BASE, Body, free_joint
 from ident.mechanism.mechanism import Mechanism
@@ -89,6 +90,25 @@ def test_memory_is_used_again(samples):
     np.testing.assert_array_equal(computed, expected)
 
 
+def test_memory_that_cannot_be_used_again_is_refused_with_what_differs():
+    rng = np.random.default_rng(0)
+    tree = double_pendulum()
+    states = random_states(rng, tree, 70)
+    memory = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY)
+    read_only = memory[:]
+    read_only.flags.writeable = False
+    for wrong, what in (
+        (memory[:2], r"float64 \(70, 6, 30\), got float64 \(2, 6, 30\)"),
+        (memory.astype(np.float32), r"got float32 \(70, 6, 30\)"),
+        (memory.copy(order="C"), r"strides \(8, 560, 3360\); it has strides \(1440, 240, 8\)"),
+        (read_only, "it is read-only"),
+    ):
+        with pytest.raises(InputError, match="what an earlier call returned.*" + what):
+            regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=wrong)
+    right = np.empty((30, 6, 70)).T
+    np.testing.assert_array_equal(regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=right), memory)
+
+
 def test_parallel_axes_leave_the_force_along_them_empty():
     rng = np.random.default_rng(0)
     tree = double_pendulum()
@@ -128,6 +148,12 @@ def test_gravity_has_three_finite_numbers(gravity):
         regressor.base_wrench_regressor(tree, *states, gravity=gravity)
     with pytest.raises(ValueError, match="Gravity needs three finite numbers"):
         find_base_parameters(tree, gravity=gravity)
+
+
+def test_states_of_different_shapes_are_refused():
+    tree = double_pendulum()
+    with pytest.raises(ValueError, match=r"shapes \(N, 2\), .* got \(5, 2\), \(4, 2\) and \(5, 2\)"):
+        regressor.base_wrench_regressor(tree, np.zeros((5, 2)), np.zeros((4, 2)), np.zeros((5, 2)), gravity=[0, 0, -1])
 
 
 @pytest.mark.parametrize(("moving", "samples"), [(False, 1), (False, CHUNK + 3), (True, 7)])

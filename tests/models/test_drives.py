@@ -169,6 +169,13 @@ def test_transmissions_of_several_or_unknown_joints_are_left_out(tmp_path):
         assert not urdf(tmp_path, transmission=f'<transmission name="t">{joints}</transmission>').drives
 
 
+@pytest.mark.parametrize("stated", ["fifty", "0", "inf"])
+def test_a_reduction_is_a_number(tmp_path, stated):
+    inside = f'<joint name="elbow"/><actuator name="m"><mechanicalReduction>{stated}</mechanicalReduction></actuator>'
+    with pytest.raises(ModelError, match=rf"transmission 't' needs a reduction that is .* got '{stated}'\.$"):
+        urdf(tmp_path, transmission=f'<transmission name="t">{inside}</transmission>')
+
+
 def leg(tmp_path, *forces, **options):
     """A leg in OpenSim's format: a hip, a locked ankle, and a kneecap that follows the knee."""
     joints = [
@@ -207,6 +214,17 @@ def test_springs_and_dampers_of_coordinates_are_drives(tmp_path):
     assert leg(tmp_path, *forces, fix={"hip": []}).drives.keys() == {"knee"}
     assert not leg(tmp_path, *forces, drives=False).drives
     assert not leg(tmp_path).drives
+
+
+def test_forces_of_coordinates_that_are_left_out_are_noted(tmp_path):
+    with pytest.warns(ModelNote, match="The springs s of coordinates that follow others are left out"):
+        assert not leg(tmp_path, spring("s", "kneecap", stiffness=1)).drives
+    limit = {"upper_stiffness": 20, "lower_stiffness": 20, "damping": 1, "transition": 2}
+    with pytest.warns(ModelNote, match="The forces stop begin inside their coordinates' ranges"):
+        leg(tmp_path, force("CoordinateLimitForce", "stop", "hip", upper_limit=60, lower_limit=-90, **limit))
+    assert not leg(
+        tmp_path, force("CoordinateLimitForce", "stop", "hip", upper_limit=86, lower_limit=-86, **limit)
+    ).drives
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Fixed joints that are in no log: the fingers of a hand, coupled by a mimic joint."""
 
-import mujoco
 import numpy as np
 import pytest
 from commands import refusal
@@ -75,13 +74,3 @@ def test_what_to_type_is_said(files, tmp_path, capsys):
             assert what in refusal(command.main, [*arguments, *fix], capsys)
     message = refusal(excite.main, [str(model), "--base", "base", "--joints", "finger1", "finger2"], capsys)
     assert "Joint 'finger2' cannot be excited: loops make it depend on finger1. Name finger1 with" in message
-
-
-def test_joints_are_fixed_where_the_model_draws_them():
-    joint = '<joint name="j" axis="0 1 0" ref="40"/>'
-    m = mujoco.MjModel.from_xml_string(
-        f'<mujoco><worldbody><body name="a"><geom size=".1"/><body name="b" euler="10 0 0">{joint}<geom size=".1"/>'
-        "</body></body></worldbody></mujoco>"
-    )
-    full, fixed = tree_from_model(m), tree_from_model(m, fix={"j": []})
-    np.testing.assert_allclose(fixed.poses(np.zeros(0)), full.poses(m.qpos0), atol=1e-12)

@@ -160,14 +160,19 @@ def test_couplings_of_joints_matter_to_no_others_and_not_where_these_are_fixed()
         tree_from_model(m, "base", fix={"w": []})
 
 
-def test_a_joint_of_the_base_couples_it_with_what_carries_it():
-    rails = '<body name="base"><joint name="rail" type="slide"/><geom size=".1"/>' + ARM + "</body>"
-    drive = '<equality><joint name="drive" joint1="rail" joint2="elbow"/></equality>'
-    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{rails}</worldbody>{drive}</mujoco>")
-    with pytest.raises(ModelError, match="'drive' of elbow, rail, which reach outside"):
+WRAPPED = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
+
+
+FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1"/>'
+
+
+def test_a_tendon_around_a_body_and_a_flex_on_it_are_couplings():
+    around = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
+    m = model(around, '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>', WRAPPED)
+    with pytest.raises(ModelError, match="tendon 'belt'"):
         tree_from_model(m, "base")
-    with pytest.warns(ModelNote, match="By equality .joint. 'drive' of elbow, rail, joints without a column"):
-        assert mechanism(m).in_loops == ("rail", "elbow")
+    with pytest.warns(ModelNote, match="flex 'cloth'"):
+        tree_from_model(model(FLEX))
 
 
 BETWEEN = """<mujoco><option gravity="1 2 -9"/><worldbody><site name="nail" pos="0 0 2"/><body name="base">
@@ -215,3 +220,12 @@ def test_a_mechanism_without_mass_is_refused():
 def test_unknown_bases_are_refused(function):
     with pytest.raises(ModelError, match="no body named 'foot'; its bodies are base, arm"):
         function(model(ARM), "foot")
+
+
+def test_bodies_with_numbers_that_are_not_finite_are_named():
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body name='a'><geom size='1'/></body></worldbody></mujoco>"
+    )
+    model.body_inertia[1, 2] = np.nan
+    with pytest.raises(ModelError, match="Body 'a' needs a finite mass, centre of mass and inertia"):
+        parameters_from_model(model)

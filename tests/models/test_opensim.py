@@ -135,17 +135,13 @@ def test_a_spline_through_points_of_a_cubic_is_that_cubic_and_straight_beyond(ki
         np.testing.assert_allclose(spline.evaluated(np.array([end + beyond])), straight, rtol=1e-12)
 
 
-@pytest.mark.parametrize("points", [3, 4, 5, 7])
-def test_a_spline_has_the_third_derivatives_of_its_outermost_points(points):
-    rng = np.random.default_rng(points)
-    x, y = np.cumsum(rng.uniform(0.3, 0.9, points)), rng.normal(size=points)
-    spline = curve(ET.fromstring(table(x, y)))
-    np.testing.assert_allclose(spline.evaluated(x), y, atol=1e-12)
-    for piece, outermost in ((slice(0, 2), slice(0, 4)), (slice(-2, None), slice(-4, None))):
-        inside = np.linspace(*x[piece], 6)
-        third = 6 * Polynomial.fit(inside, spline.evaluated(inside), 3).convert().coef[3]
-        through = Polynomial.fit(x[outermost], y[outermost], 3).convert().coef[3] if points > 3 else 0.0
-        assert third == pytest.approx(6 * through, rel=1e-6, abs=1e-8)
+@pytest.mark.parametrize("kind", ["SimmSpline", "PiecewiseLinearFunction"])
+def test_tables_need_two_points_or_more_that_rise(kind):
+    two = curve(ET.fromstring(table([-1, 1], [0.5, 1.5], kind)))
+    np.testing.assert_allclose(two.evaluated(np.array([-1, 0, 1.0])), [0.5, 1, 1.5], atol=1e-15)
+    for x, y in (([0], [1]), ([0, 0], [1, 2]), ([0, 1, 1], [1, 2, 3]), ([1, 0], [1, 2]), ([0, 1, 2], [1, 2])):
+        with pytest.raises(ModelError, match=rf"needs two points or more .* got {len(x)} and {len(y)}\."):
+            curve(ET.fromstring(table(x, y, kind)))
 
 
 def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):
@@ -161,24 +157,6 @@ def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):
     distance = float(re.search(r"most ([\d.]+) mm", str(notes[0].message))[1]) / 1e3
     assert abs(poses[:, 1] - np.interp(bend, [-2.1, -1, 0.2], [0.1, 0, 0.3])).max() <= 1.02 * distance
     assert arm.ranges["bend"] == (-2.0, 0.1)
-
-
-def test_a_coordinate_that_moves_nothing_by_itself_leads_all_the_same(tmp_path):
-    path = knee(tmp_path, (linear(0.02), constant(0), linear(2, 0.1)))
-    arm = sim.mechanism(path)
-    assert arm.tree.joints == ("hip", "bend")
-    T = arm.tree.poses(np.array([0.0, 0.4]))[arm.tree.names.index("shin")]
-    np.testing.assert_allclose([T[0, 3], np.arctan2(T[1, 0], T[0, 0])], [0.008, 0.9], atol=1e-12)
-    computed = joint_torque_regressor(arm.tree, *states(arm, 3), gravity=arm.gravity) @ arm.prior
-    # Power by finite differences: work of gravity when the knee bends, at rest.
-    q = np.array([[0.3, -0.5]])
-    computed = (joint_torque_regressor(arm.tree, q, 0 * q, 0 * q, gravity=arm.gravity) @ arm.prior)[0, 1]
-
-    def height(bend):
-        poses = arm.tree.poses(np.array([0.3, bend]))[list(arm.tree.inertial)]
-        return sum((T @ [*own[1:4], own[0]])[1] for T, own in zip(poses, arm.prior.reshape(-1, 10), strict=True))
-
-    np.testing.assert_allclose(computed, 9.8 * (height(-0.5 + 1e-6) - height(-0.5 - 1e-6)) / 2e-6, rtol=1e-6)
 
 
 def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_told(tmp_path):
@@ -283,6 +261,19 @@ def test_a_point_constraint_closes_a_loop(tmp_path, version):
     assert read(tmp_path / "model.osim", fix={"crank": 0.3}).tree.joints == ()
 
 
+def test_a_point_that_is_held_to_the_ground_is_named(tmp_path):
+    path = written(tmp_path, linkage(4, second="ground"))
+    with pytest.raises(ModelError, match=r'<PointConstraint name="pin"> reaches outside the .* --ignore pin'):
+        read(path)
+
+
+def test_an_ignored_constraint_lets_its_coordinate_go(tmp_path):
+    arm = read(written(tmp_path, every_kind(1)[0]), ignore=["couple_beta_0"])
+    assert "beta_0" in arm.tree.joints
+    with pytest.raises(ModelError, match="no enforced constraint named gone; it has couple_beta_0"):
+        read(tmp_path / "model.osim", ignore=["gone"])
+
+
 @pytest.mark.parametrize("version", [3, 4])
 def test_a_file_is_written_back_with_nothing_else_changed(tmp_path, version):
     path = written(tmp_path, every_kind(7, version)[0].replace("<mass_center> ", "<mass_center><!-- kept? -->", 1))
@@ -301,6 +292,17 @@ def test_a_file_is_written_back_with_nothing_else_changed(tmp_path, version):
     before, after = (re.sub(blank, r"\1\4", text) for text in texts)
     assert before == after
     assert "<mass>7</mass>" in texts[1]
+
+
+def test_numbers_that_a_file_leaves_out_are_written_where_they_belong(tmp_path):
+    text = every_kind(1)[0]
+    text = re.sub(r"<mass_center>[^<]*</mass_center>", "<mass_center/>", text, count=1)
+    text = re.sub(r"<inertia>[^<]*</inertia>", "", text, count=1)
+    path = written(tmp_path, text)
+    arm = read(path)
+    phi = random_phi(np.random.default_rng(1), len(arm.bodies))
+    sim.write_model(tmp_path / "new.osim", arm, phi)
+    np.testing.assert_allclose(read(tmp_path / "new.osim").prior, phi, rtol=1e-9, atol=1e-9)
 
 
 def test_what_cannot_be_written_is_said(tmp_path):

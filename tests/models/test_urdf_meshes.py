@@ -2,6 +2,7 @@
 
 import os
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from ident.errors import ModelError
 from sim.models.mechanism import mechanism
 from sim.models.model_update import updated_spec, write_model
 from sim.models.notes import ModelNote
+from sim.models.shapes import shapes
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -81,6 +83,29 @@ def test_meshes_that_cannot_be_read_are_named_with_what_is_wrong(tmp_path):
         put(tmp_path / name, text)
         with pytest.warns(ModelNote, match=f"A mesh is not what MuJoCo reads.*: {name}: .*; STL, OBJ and MSH"):
             assert mechanism(robot(tmp_path / "arm.urdf", collision=name)).source.model.nmesh == 0
+
+
+def test_visuals_are_shown_where_there_are_no_collisions_and_missed_only_then(tmp_path):
+    put(tmp_path / "b.obj")
+    shown = mechanism(robot(tmp_path / "arm.urdf", visual="b.obj"))
+    assert shown.source.model.geom_contype.tolist() == [0] and len(shapes(shown)) == 1
+    both = mechanism(robot(tmp_path / "arm.urdf", visual="gone.dae", collision="b.obj"))
+    assert both.source.model.geom_contype.tolist() == [1]
+    with pytest.warns(ModelNote, match=r"A mesh is not found.*: gone\.stl;"):
+        other = mechanism(robot(tmp_path / "arm.urdf", visual="b.obj", collision="gone.stl"))
+    assert other.source.model.geom_contype.tolist() == [0]
+    stated = '<mujoco><compiler discardvisual="true"/></mujoco>'
+    assert mechanism(robot(tmp_path / "arm.urdf", visual="b.obj", extension=stated)).source.model.ngeom == 0
+
+
+def test_a_written_model_has_the_meshes_that_were_found(tmp_path):
+    put(tmp_path / "in/b.obj")
+    arm = mechanism(robot(tmp_path / "in/arm.urdf", collision="b.obj"))
+    (tmp_path / "out").mkdir()
+    write_model(tmp_path / "out/arm.xml", arm, 2 * arm.known)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "out/arm.xml")).nmesh == 1
+    write_model(tmp_path / "out/arm.urdf", arm, 2 * arm.known)
+    assert 'filename="b.obj"' in (tmp_path / "out/arm.urdf").read_text(encoding="utf-8")
 
 
 def test_joints_may_hang_on_a_world_that_is_not_declared(tmp_path):

@@ -11,6 +11,7 @@ from ident.mechanism.constraint import Relation
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 from sim.models.model_update import write_model
+from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -85,6 +86,14 @@ def test_a_mimic_is_written_back_as_it_was(tmp_path):
 def test_wrong_mimics_are_one_sentence(tmp_path, joints, message):
     with pytest.raises(ModelError, match=message):
         read(tmp_path, *joints)
+
+
+@pytest.mark.filterwarnings("default::sim.models.notes.ModelNote")
+def test_a_mimic_of_a_joint_that_the_file_lacks_moves_by_itself(tmp_path):
+    """As in models whose hands were renamed, but not what their joints mimic."""
+    with pytest.warns(ModelNote, match=r"has no joint of the name .* move by themselves: 'left' \('nail'\)"):
+        arm = read(tmp_path, joint("left", '<mimic joint="nail"/>'))
+    assert not arm.mimics and arm.joints == ("left",)
 
 
 def test_friction_and_rotor_of_a_mimic_act_on_its_leader(tmp_path):

@@ -1,12 +1,10 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from ident.errors import InputError
 from sim.motion.excitation import DOUBLE_PENDULUM, Excitation, Trapezoids
-from sim.motion.fourier import FourierTrajectory, basis
+from sim.motion.fourier import FourierTrajectory
 from sim.motion.interior_point import minimum
 
 TIME = np.arange(943) / 100
@@ -16,21 +14,6 @@ def test_motion_stays_within_a_ur5s_speed_and_the_scenes_limits():
     q, dq, _ = DOUBLE_PENDULUM.trajectory(TIME)
     np.testing.assert_allclose([q[:, 0].min(), q[:, 1].max()], [-1.89, 1.90], atol=0.01)
     assert 2.2 < abs(dq).max() < 2.3
-
-
-def test_noise_is_held_and_integrated_exactly():
-    rng_state = np.random.default_rng(3)
-    excitation = replace(DOUBLE_PENDULUM, noise=0.5)
-    fine = np.arange(0, 1000) / 1000
-    clean = np.array(DOUBLE_PENDULUM.trajectory(fine))
-    q, dq, ddq = np.array(excitation.trajectory(fine, rng_state)) - clean
-    held = ddq.reshape(100, 10, 2)
-    np.testing.assert_allclose(held, held[:, :1] + np.zeros((1, 10, 1)), atol=1e-12)
-    assert np.isclose(held[:, 0].std(), 0.5, rtol=0.2)
-    h = 1e-3
-    np.testing.assert_allclose(np.diff(dq, axis=0), h * ddq[:-1], atol=1e-12)
-    np.testing.assert_allclose(np.diff(q, axis=0), h * dq[:-1] + h**2 / 2 * ddq[:-1], atol=1e-12)
-    assert not dq[0].any() and not q[0].any()
 
 
 @pytest.mark.parametrize(
@@ -94,14 +77,6 @@ def test_derivatives_are_those_of_finite_differences():
     before, now, after = (trajectory.states(time + shift) for shift in (-h, 0, h))
     for k in (0, 1):
         np.testing.assert_allclose((after[k] - before[k]) / (2 * h), now[k + 1], atol=1e-7)
-
-
-def test_the_columns_span_all_series_that_rest():
-    # Sines and cosines of K harmonics, less one condition on each.
-    for harmonics in (2, 5):
-        B = basis(1.0, harmonics, np.linspace(0, 1, 100))[1]
-        assert np.linalg.matrix_rank(B) == B.shape[1] == 2 * harmonics - 2
-        np.testing.assert_allclose(B[:-1].T @ B[:-1], 99 / 2 * np.eye(B.shape[1]), atol=1e-10)
 
 
 @pytest.mark.parametrize(

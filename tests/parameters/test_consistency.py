@@ -3,18 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import bodies, forms, regrouping, unphysical
-from mechanisms import GRAVITY, random_phi, random_states, random_tree
-from scipy.linalg import block_diag
-from scipy.optimize import brentq, minimize
+from mechanisms import random_phi, random_tree
+from scipy.optimize import minimize
 
 from ident.geometry.inertia import PARAMETERS, parameters_from_pseudo_inertia, pseudo_inertia
-from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.consistency import consistent_parameters, physical_prior
 
 SEEDS = range(8)
-EXACT = 1e-12
-"""Factor on a covariance at which ψ is practically exact."""
 
 
 def mechanism(seed, bodies=None):
@@ -28,19 +24,6 @@ def mechanism(seed, bodies=None):
 
 def assert_physical(phi):
     assert (np.linalg.eigvalsh(bodies(phi)) > 0).all()
-
-
-@pytest.mark.parametrize("count", [2, 3, 8, 15, 30])
-def test_base_parameters_of_physical_bodies_are_kept_and_so_is_the_wrench(count):
-    rng, tree, base, truth, prior, covariance = mechanism(count, count)
-    psi = base.regroup(truth)
-    consistent = consistent_parameters(psi, EXACT * covariance, base, prior)
-    assert consistent.attainable and not consistent.moved() and consistent.raised == ()
-    np.testing.assert_allclose(base.regroup(consistent.phi), psi, atol=1e-9 * abs(psi).max())
-    np.testing.assert_array_equal(consistent.psi, base.regroup(consistent.phi))
-    assert_physical(consistent.phi)
-    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=GRAVITY)
-    np.testing.assert_allclose(Y @ consistent.phi, Y @ truth, atol=1e-9 * abs(Y @ truth).max())
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -136,34 +119,6 @@ def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
         assert (sign > 0).all()
         assert consistent.divergence.sum() <= 1.001 * (multiplier @ psi - room + volume.sum())
     assert unattainable >= 8
-
-
-def everything(base):
-    """A regrouping in which all parameters are base parameters."""
-    count = len(base.parameters)
-    return replace(base, kept=tuple(range(count)), dependent=(), beta=np.zeros((count, 0)))
-
-
-@pytest.mark.parametrize("excess", [1.2, 2.0, 10.0])
-def test_the_prior_counts_as_the_likelihood_of_its_width_says(excess):
-    """All parameters equally well known: `r log u + d₀²/u` with `u = 1 + w²/σ²` determines the end of the interval."""
-    rng, _, base, _, prior, _ = mechanism(5, 4)
-    r, L, unit = len(prior), np.linalg.cholesky(bodies(prior)), np.eye(16).reshape(16, 4, 4)
-    moves = parameters_from_pseudo_inertia(
-        L[:, None] @ ((unit + np.swapaxes(unit, 1, 2)) / 2) @ np.swapaxes(L, 1, 2)[:, None]
-    )
-    metric = block_diag(*(m.T @ m for m in moves))
-    z = rng.normal(size=r)
-    z *= np.sqrt(excess * r) / np.linalg.norm(z)
-    consistent = consistent_parameters(
-        prior + 1e-6 * np.linalg.cholesky(metric) @ z, 1e-12 * metric, everything(base), prior
-    )
-    limit = r * np.log(excess) + r + 3.84
-    if r * excess <= limit:
-        assert not consistent.divergence.any()
-    else:
-        u = brentq(lambda u: r * np.log(u) + r * excess / u - limit, excess, 100 * excess)
-        np.testing.assert_allclose(consistent.distance, np.sqrt(r * excess) / u, rtol=0.02)
 
 
 def test_what_makes_no_sense_is_refused_in_a_sentence():

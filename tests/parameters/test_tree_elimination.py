@@ -2,18 +2,14 @@
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY
 from regroupings import tree_of_any_kind
 from scipy import linalg
 
-from docs.tools.mechanisms import chain, in_general_position
 from ident.errors import InputError
-from ident.mechanism.mechanism import Mechanism
 from ident.parameters import base_parameters, independent_columns
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.independent_columns import DEPENDENT
-from ident.parameters.structure import Sensors, scaled_structure
-from ident.parameters.tree_elimination import elimination
+from ident.parameters.structure import Sensors
 
 SENSORS = (
     Sensors(),
@@ -54,17 +50,6 @@ def check_equal(along, whole):
 def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
     _, tree, gravity = tree_of_any_kind(seed, 2 + seed // 2)
     check_equal(*both_ways(monkeypatch, tree, gravity, SENSORS[seed % len(SENSORS)]))
-
-
-def test_rank_and_singular_value_of_a_chain_in_general_position_are_known_without_its_matrix():
-    structure, _ = scaled_structure(Mechanism(in_general_position(chain(45)), GRAVITY))
-    along = elimination(structure)
-    unit, norms = independent_columns.unit_columns(structure.matrix)
-    s = np.linalg.svd(unit, compute_uv=False)
-    assert along.clear and along.coefficients is None
-    assert len(along.kept) == independent_columns.numerical_rank(s)
-    assert along.least == pytest.approx(s[len(along.kept) - 1], rel=1e-9)
-    np.testing.assert_allclose(along.norms, norms, rtol=1e-12)
 
 
 def plainly_exchanged(order, made, largest):

@@ -67,16 +67,6 @@ def coupled():
     return columns | {"dq1": rates[:, 0], "dq2": rates[:, 1], "i1": currents[:, 0], "i2": currents[:, 1]}
 
 
-def test_motors_that_move_several_joints(tmp_path):
-    log = read(tmp_path, coupled(), COUPLED)
-    np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "position"), Q, atol=1e-12)
-    np.testing.assert_allclose(log.of_joints(("ankle", "hip"), "velocity"), DQ, atol=1e-12)
-    motor_torque = np.stack([0.1 * T, 0.2 * (1 - T)], axis=1)
-    torque, rate = log.torques(("ankle", "hip")), log.of_joints(("ankle", "hip"), "velocity")
-    np.testing.assert_allclose((torque * rate).sum(axis=1), (motor_torque * (rate @ R.T)).sum(axis=1), atol=1e-12)
-    assert log.units["hip_torque"] == "N m" and log.unused == []
-
-
 def test_friction_belongs_to_motors_that_are_coupled_unless_stated(tmp_path):
     assert read(tmp_path, coupled(), COUPLED).couplings == {
         f"wrist {k}": dict(zip(("ankle", "hip"), row, strict=True)) for k, row in enumerate(R.tolist(), start=1)

@@ -67,6 +67,12 @@ def test_the_driven_joint_leads(kind):
     assert f"tip_{kind}" in log.measured
 
 
+def test_torques_of_several_motors_move_the_leader_together():
+    joints = {key: {**ONE[key], "torque": name} for key, name in (("left", "force"), ("tip", "own"))}
+    log = read_log(LOG, arm(), {"joints": {**joints, "right": ONE["right"]}})
+    np.testing.assert_allclose(log["left_torque"], LOG["force"] - 2 * LOG["own"])
+
+
 def generalized(model_text, followers, q, dq, ddq):
     """Torques of independent joints by MuJoCo's inverse dynamics without constraints, by virtual work (N, n)."""
     model = mujoco.MjModel.from_xml_string(model_text)

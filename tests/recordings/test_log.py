@@ -83,22 +83,6 @@ def test_what_spreadsheets_write_is_read(tmp_path, content):
     assert np.isclose(log.rate, 100)
 
 
-@pytest.mark.parametrize("names", [("{}_position", "{}_velocity"), ("q_{}", "dq_{}"), ("{}", "{}_velocity")])
-@pytest.mark.parametrize("suffix", ["csv", "npz"])
-def test_joints_by_name(tmp_path, names, suffix):
-    columns = {"t": T} | {n.format(j): x for n, s in zip(names, (Q, DQ)) for j, x in zip(JOINTS, s.T)}  # noqa: B905
-    columns |= {f"ddq_{j}": -DQ[:, k] for k, j in enumerate(JOINTS)} | {"tau_hip": T + 1}
-    if suffix == "npz":
-        np.savez(tmp_path / "log.npz", **columns)
-        log = read_log(tmp_path / "log.npz", MECHANISM)
-    else:
-        log = read(tmp_path, text(columns))
-    assert_plain(log)
-    np.testing.assert_array_equal(log.of_joints(JOINTS, "velocity"), DQ)
-    np.testing.assert_array_equal(log.of_joints(JOINTS, "acceleration"), -DQ)
-    np.testing.assert_array_equal(log.torques(JOINTS), np.stack([np.full(N, np.nan), T + 1], axis=1))
-
-
 MAPPING = """
 time = { column = "t", unit = "ms" }
 [joints.ankle]

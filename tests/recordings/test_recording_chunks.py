@@ -89,6 +89,13 @@ def test_a_member_that_is_no_channel_is_named(tmp_path, member, message):
             read(path)
 
 
+def test_an_archive_without_times_is_none_of_ours(tmp_path):
+    with pytest.raises(ValueError, match=r"r\.npz: a recording needs a column 'time'; the file has a\."):
+        Recording.load(archive(tmp_path / "r.npz", measured__a=np.ones(5)))
+    with pytest.raises(ValueError, match=r"r\.npz: arrays need the same number of samples, 'time' has 4 and 'meas"):
+        Recording.load(archive(tmp_path / "r.npz", measured__a=np.ones(5), time=np.arange(4.0)))
+
+
 def test_wherever_a_file_ends_early_or_a_byte_is_wrong_it_is_one_sentence_or_harmless(tmp_path):
     original, path = recording(20), tmp_path / "r.npz"
     original.save(path)

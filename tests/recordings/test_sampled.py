@@ -37,18 +37,6 @@ def test_channels_of_several_clocks_meet_at_uniform_times():
     assert not alone.streams and alone.as_measured("hip_position").time is alone.time
 
 
-def test_what_is_missing_is_bridged_at_common_times_and_stays_missing_in_the_stream():
-    values = slow(T)
-    values[:3, 0] = values[10:15] = np.nan
-    values[:, 2] = np.nan
-    streams = {"hip_position": (T, T), "ground_force": (T, values)}
-    recording = ident.Recording.from_streams(streams)
-    np.testing.assert_allclose(recording.time, T[3:])
-    np.testing.assert_allclose(recording["ground_force"][:, :2], slow(T)[3:, :2])
-    assert np.isnan(recording["ground_force"][:, 2]).all()
-    np.testing.assert_array_equal(recording.as_measured("ground_force").values, values)
-
-
 @pytest.mark.parametrize(
     ("streams", "options", "message"),
     [

@@ -80,20 +80,6 @@ def test_a_wrench_applied_to_the_link_has_the_other_sign(rng):
     np.testing.assert_array_equal(*(total.values for total in totals))
 
 
-def test_covariances_of_all_sensors_add_up(rng):
-    tree = random_tree(rng)
-    q = random_states(rng, tree, 2)[0]
-    bodies, _, poses = random_contacts(rng, tree, 2)
-    roots = rng.normal(size=(len(bodies) + 1, 6, 6))
-    covariances = roots @ roots.transpose(0, 2, 1)
-    contacts = list(map(by_link, bodies, np.zeros((len(bodies), 2, 6)), poses, covariances[1:]))
-    computed = total_wrench(tree, q, Wrench(np.zeros((2, 6)), covariance=covariances[0]), contacts).covariance
-    for k in range(2):
-        A = [se3.coAd(tree.poses(q[k])[tree.names.index(b)] @ p) for b, p in zip(bodies, poses, strict=True)]
-        expected = covariances[0] + sum(a @ c @ a.T for a, c in zip(A, covariances[1:], strict=True))
-        np.testing.assert_allclose(computed[k], expected, atol=1e-12 * abs(expected).max())
-
-
 @pytest.mark.parametrize("known", [True, False])
 def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
     tree = random_tree(rng)

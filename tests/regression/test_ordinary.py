@@ -134,18 +134,6 @@ def test_what_counts_as_excited_and_who_is_named():
         check_excitation(np.zeros((3, 3)), names, 10)
 
 
-@pytest.mark.parametrize("samples", [20, 100])
-def test_a_loud_component_does_not_hide_a_quiet_one(samples):
-    """Standard deviations in one pass, with noise on forces twenty times that on moments, and few samples."""
-    rng, level = np.random.default_rng(0), np.array([1, 1, 1, 0.05, 0.05, 0.05])
-    states = random_states(rng, TREE, samples)
-    true = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
-    trials = [identified(true + level * rng.normal(size=true.shape), states, parameters=BASE) for _ in range(400)]
-    spread = np.std([trial.psi for trial in trials], axis=0)
-    predicted = np.sqrt(np.mean([trial.std**2 for trial in trials], axis=0))
-    np.testing.assert_allclose(predicted, spread, rtol=0.17)
-
-
 def smooth_states(samples=600):
     """A double pendulum that swings, recorded at 100 Hz."""
     t = np.arange(samples)[:, None] / 100
@@ -233,6 +221,16 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted)
         # Each half estimates its own correlation, and continues into the other.
         np.testing.assert_allclose(halves.std, whole.std, rtol=0.3)
     np.testing.assert_allclose(halves.std, huber_white(first, samples).std, rtol=1e-9)
+
+
+def test_a_second_pass_takes_the_samples_of_the_first():
+    samples = sampled(*SMOOTH, SWING)
+    fit = fitted(TREE, samples, gravity=GRAVITY)
+    for other in (samples[:599], [samples, samples[:1]]):
+        with pytest.raises(ValueError, match=r"made of 600 samples, these are (599|601)"):
+            huber_white(fit, other)
+    with pytest.raises(ValueError, match="covariance; those of an ordinary one have none"):
+        huber_white(fit, sampled(*SMOOTH, SWING, covariance=CONSTANT))
 
 
 def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():

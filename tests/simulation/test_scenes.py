@@ -1,11 +1,10 @@
-import mujoco
 import numpy as np
 import pytest
 from mechanisms import LENGTH_1, tilted_axis
 
 import scenes
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
-from sim.models.mujoco_model import parameters_from_model, tree_from_model
+from sim.models.mujoco_model import parameters_from_model
 
 MODEL = scenes.load("double_pendulum").compile()
 
@@ -28,17 +27,6 @@ def test_tilt_turns_both_axes(tilt, azimuth):
     np.testing.assert_allclose(tilted.jnt_axis, [tilted_axis(tilt, azimuth)] * 2, atol=1e-12)
     for name in ("body_pos", "body_mass", "sensor_noise", "jnt_range", "actuator_gainprm"):
         np.testing.assert_array_equal(getattr(tilted, name), getattr(MODEL, name))
-
-
-def test_sensors_of_links_read_their_pose_in_the_base_frame():
-    data = mujoco.MjData(MODEL)
-    data.qpos = [0.3, -0.8]
-    mujoco.mj_forward(MODEL, data)
-    T = tree_from_model(MODEL, "base").poses(data.qpos)[2]
-    np.testing.assert_allclose(data.sensor("link2_position").data, T[:3, 3], atol=1e-14)
-    R = np.zeros(9)
-    mujoco.mju_quat2Mat(R, data.sensor("link2_orientation").data)
-    np.testing.assert_allclose(R.reshape(3, 3), T[:3, :3], atol=1e-14)
 
 
 @pytest.mark.parametrize(("tilt", "azimuth"), [(-1, 0), (90, 0), (np.nan, 0), (5, np.inf)])

@@ -112,6 +112,34 @@ def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path):
     assert np.sqrt((z**2).mean()) < 2
 
 
+def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_path, capsys):
+    folder, recorded, joints = pendulum
+    model = sim.mechanism(folder / "arm.xml").source.model
+    places = {model.site(s).name: s for s in range(model.nsite) if model.site(s).name[-2:-1] == "_"}
+    entries = "".join(
+        f'[markers.{label}]\nbody = "{model.body(model.site_bodyid[s]).name}"\n'
+        f"position = {model.site_pos[s].tolist()}\n"
+        for label, s in places.items()
+    )
+    (tmp_path / "places.toml").write_text('up = "y"\n' + entries)
+    lines = (folder / "run.trc").read_text().split("\n")
+    for k, line in enumerate(lines[6:-1], start=6):
+        cells = line.split("\t")
+        for c in range(2, len(cells), 3):
+            x, y, z = cells[c : c + 3]
+            cells[c : c + 3] = x, z, repr(-float(y))
+        lines[k] = "\t".join(cells)
+    (tmp_path / "up.trc").write_text("\n".join(lines))
+    bare = scenes.load("double_pendulum")
+    bare.compile()
+    (tmp_path / "bare.xml").write_text(bare.to_xml())
+    arguments = [str(tmp_path / "bare.xml"), str(tmp_path / "up.trc"), "--places", str(tmp_path / "places.toml")]
+    assert main([*arguments, "--base", "base", "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
+    recording = Recording.load(tmp_path / "out" / "angles.csv")
+    for joint in joints:
+        np.testing.assert_allclose(recording[f"{joint}_position"], recorded.true[f"{joint}_position"], atol=0.05)
+
+
 REFUSED = {
     "no site": ("", {"model": "bare.xml"}, "No marker has a site of its name: the markers are"),
     "no such marker": ('[markers.NOSE]\nsite = "pelvis_0"', {}, "The file has no marker 'NOSE'"),

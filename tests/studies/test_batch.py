@@ -16,7 +16,8 @@ from fuzz.here import Here
 from experiments import batch, identify
 from experiments.data.batch import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
-from experiments.runs.workers import WorkerPool, Workers
+from experiments.runs import checkpoint
+from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
 from ident.files.atomic import PARTIAL, unwritten
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -168,6 +169,38 @@ def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch
     assert (folder / "out" / "report.html").read_text(encoding="utf-8") == "earlier"
     assert batch.main([*command, "--resume"]) == 0
     assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
+
+
+def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsys, monkeypatch, here):
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 0
+    before = (folder / "out" / batch.PROGRESS).read_bytes()
+
+    def full(*_):
+        raise batch.FullDiskError("run0.csv: full")
+
+    def unsaved(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(batch, "outcome_of", full)
+        patched.setattr(checkpoint, "save_arrays", unsaved)
+        assert batch.main(command) == 2
+    assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
+    assert batch.main([*command, "--resume"]) == 0
+
+
+def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here):
+    one = batch.outcome_of
+
+    def deadly(task):
+        if task.name == "run1":
+            raise DeadWorkerError("A worker process died.")
+        return one(task)
+
+    monkeypatch.setattr(batch, "outcome_of", deadly)
+    assert batch.main(["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
+    assert "error: run1.csv: A worker process died." in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -236,6 +236,15 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
         ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "3"], "filters nothing: --cutoff belongs to --estimator"),
         ([str(PENDULUM), "LOG", "--base", "base", "--holdout", "2"], "needs a number from 0.05 to 0.9, or 0, got '2'"),
         ([str(PENDULUM), "SHORT", "--base", "base"], "too few"),
+        (
+            [str(PENDULUM), "LOG", "--base", "base", "--held-out", "SHORT", "--estimator", "weighted", "--cutoff", "1"],
+            "log to judge by has 15 samples",
+        ),
+        (
+            [str(PENDULUM), "LOG", "--base", "base", "--estimator", "weighted", "--write-geometry"],
+            "--write-geometry needs the trajectory estimate",
+        ),
+        ([str(PENDULUM), "LOG", "--formats", "none", "svg"], "'none' stands alone, got none svg"),
         ([str(PENDULUM), "STILL", "--base", "base"], "excites .* parameters; it does not separate"),
     ],
 )

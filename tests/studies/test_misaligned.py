@@ -230,6 +230,19 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, 
     assert not list(tmp_path.glob("out/*"))
 
 
+@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
+def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0
+    first = (tmp_path / "recording.npz").read_bytes()
+    assert (tmp_path / "figure_monte_carlo.csv").exists()
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "1"]) == 0
+    names = {file.name for file in tmp_path.iterdir()}
+    assert not {name for name in names if "monte_carlo" in name or name.endswith(".svg")}
+    assert (tmp_path / "recording.npz").read_bytes() != first
+    assert {"notes.txt", "figure_2.png", "table_3.csv"} <= names
+
+
 def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
     assert abs(study.trajectory("simplified").error).max() > 0.5
 

@@ -51,16 +51,6 @@ def test_it_is_what_the_set_up_would_add_were_it_fitted_as_well(weight):
     assert not added[HELD].any() and not added[:, HELD].any()
 
 
-def test_noise_that_is_really_more_tells_less_of_the_set_up():
-    """With four times the scatter, the data's information on the set-up is a quarter, beside the prior."""
-    information = data(np.random.default_rng(2))
-    B = np.linalg.solve(information[FREE, FREE], information[FREE, HELD])
-    alone = information[HELD, HELD] - information[HELD, FREE] @ B
-    added = joint(information, scatter=4 * information).covariance_of_setup
-    expected = B @ np.linalg.inv(alone / 4 + KNOWN[HELD, HELD]) @ B.T
-    np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
-
-
 @pytest.mark.parametrize(("of", "common"), [(("Fx", "Mz"), True), (("Fx", "elbow"), False), (("hip", "elbow"), True)])
 def test_gains_of_one_instrument_share_an_error(of, common):
     """It is as uncertain as each one's own; a plate and the joint torques are two instruments."""

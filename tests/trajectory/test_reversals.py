@@ -1,8 +1,5 @@
 """Friction near reversals: its law from residuals, and arms with friction."""
 
-from dataclasses import replace
-
-import driven_arm
 import numpy as np
 import pytest
 from coded import coded
@@ -12,8 +9,7 @@ import scenes
 from docs.tools.noise.conditions import CONDITIONS
 from docs.tools.noise.recordings import SUBJECTS, noisy_recording, true_bodies
 from docs.tools.noise.truth import drives, truth
-from ident.trajectory.reversals import LARGER, _law, likeliest
-from ident.trajectory.reversals import rubbing as rubbing_axes
+from ident.trajectory.reversals import _law
 
 
 def rubbing(rng, slip, *, stuck=0.0, samples=4000):
@@ -28,22 +24,6 @@ def test_the_slip_of_a_joint_is_found(slip):
     rate, torque = rubbing(np.random.default_rng(0), slip)
     law = _law(torque, rate)
     assert law.coulomb == pytest.approx(2, rel=0.05) and 0.5 * slip <= law.slip <= 2 * slip
-
-
-def test_commands_are_wider_open_at_rest_than_torques():
-    """Friction at rest is off for many samples alike, which would pass for a lag of the servos."""
-    samples = driven_arm.log(seconds=5.0)
-    equations = ident.identify(driven_arm.mechanism(), samples, estimator="weighted", cutoff=6.0).fit.equations
-    rate, torque = rubbing(np.random.default_rng(1), 0.003, stuck=1.0)
-    theta = np.zeros(len(equations.names))
-    count, speed = len(equations.channels), np.full((len(rate), len(equations.axes.names)), np.inf)
-    speed[:, list(rubbing_axes(equations))] = rate[:, None]
-    commanded = replace(equations, servos=np.ones((2, len(equations.torques))))
-    left = np.repeat(torque[:, None], count, axis=1)
-    usual, wide = (likeliest(each, left, speed, theta) for each in (equations, commanded))
-    np.testing.assert_allclose(wide.size, LARGER * usual.size)
-    assert usual.size.max() > 0.7
-    np.testing.assert_array_equal(wide.velocity, usual.velocity)
 
 
 @pytest.mark.slow

@@ -102,6 +102,16 @@ def test_what_is_far_less_than_anybody_promises_is_no_fault_however_well_it_is_t
         assert deviating(search_of([sign * size, 0], 1e-4)) == [0] * counts
 
 
+@pytest.mark.parametrize(("size", "credible"), [(5.5, True), (6.5, False)])
+def test_what_no_laboratory_gets_wrong_stands_for_something_else(size, credible):
+    for sign in (1, -1):
+        search = search_of([0.5, sign * size], 0.01)
+        assert search.incredible == (not credible)
+        # Otherwise nothing is changed.
+        assert deviating(search) == ([1, 0] if credible else [])
+        np.testing.assert_array_equal(search.fit.theta, [0.5, sign * size] if credible else [0, 0])
+
+
 @pytest.mark.parametrize(("size", "counts"), [(0.31, False), (0.36, True)])
 def test_significance_is_that_of_the_noise_that_is_really_there(size, counts):
     """Noise may be larger than the one used to test a parameter: significance counts at the larger one."""

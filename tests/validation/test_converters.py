@@ -1,15 +1,18 @@
 """Converters of published files, each on a small file of its format, and on what is none."""
 
 import io
+import pickle
 import re
 import sqlite3
 import struct
 import zipfile
 
+import mujoco
 import numpy as np
 import pytest
 
 from experiments.studies.validation.converters import (
+    clamped,
     joint_states,
     noisy,
     tensors,
@@ -17,6 +20,12 @@ from experiments.studies.validation.converters import (
 )
 from experiments.studies.validation.files import convert
 from ident.errors import InputError
+
+MJCF = """<mujoco><asset><mesh name="shell" file="shell.obj"/></asset><worldbody>
+<body name="trunk"><freejoint name="root"/><geom type="mesh" mesh="shell"/>
+<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>
+<body name="leg"><joint name="hip" axis="0 1 0"/><geom type="sphere" size="0.1"/></body></body></worldbody>
+<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0"/></keyframe></mujoco>"""
 
 
 def test_noise_is_added_by_columns_and_is_the_same_again(tmp_path):
@@ -41,6 +50,13 @@ def test_bodies_are_made_wrong_and_stay_physical(tmp_path):
     mass, *rest = (float(x) for x in re.findall(r"[\d.]+", made))
     assert made.endswith("<mesh>2</mesh>") and 0 < abs(mass / 2 - 1) <= 0.2
     assert rest[2] == pytest.approx(3 * rest[1]) and rest[3] == rest[4] == rest[5] != 1
+
+
+def test_a_floating_model_is_clamped(tmp_path):
+    (tmp_path / "in.xml").write_text(MJCF, encoding="utf-8")
+    clamped(tmp_path / "in.xml", tmp_path / "out.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+    assert (model.njnt, model.nmesh, model.nkey, model.ngeom) == (1, 0, 0, 1)
 
 
 def cdr(seconds, joints, *numbers):
@@ -133,3 +149,13 @@ def test_a_tensor_file_becomes_a_table(tmp_path):
     assert head.startswith("time,q_FL_hip_joint,q_FL_thigh_joint") and head.endswith("u_RR_calf_joint")
     table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(table, np.column_stack([np.arange(3) / 200, q, u]), rtol=1e-6)
+
+
+def test_a_tensor_file_runs_no_code(tmp_path):
+    table = {"time": np.zeros(1, "<f4")}
+    tensor_file(tmp_path / "in.pt", table, rebuild=("os", "system"))
+    with pytest.raises(InputError, match=r"'os\.system' is not read"):
+        convert("tensors", tmp_path / "in.pt", tmp_path / "out.csv")
+    (tmp_path / "none.pt").write_bytes(pickle.dumps({}))
+    with pytest.raises(InputError, match="it is damaged"):
+        convert("tensors", tmp_path / "none.pt", tmp_path / "out.csv")

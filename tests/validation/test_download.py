@@ -8,6 +8,7 @@ import pytest
 from loopback import server as loopback
 
 from experiments.data.validation import Entry, Source, SourceFile
+from experiments.studies.validation import download as downloads
 from experiments.studies.validation.download import address, cache, download
 from experiments.studies.validation.files import Places, checked, fetched
 from ident.errors import InputError
@@ -43,6 +44,21 @@ def test_a_refused_connection_is_a_sentence(tmp_path):
     assert not (tmp_path / "a.csv").exists()
 
 
+def test_a_file_that_is_too_large_is_not_taken(tmp_path, monkeypatch):
+    monkeypatch.setattr(downloads, "LARGEST", 1000)
+    with server() as (url, _), pytest.raises(InputError, match="larger than the largest size"):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+
+
+def test_one_that_broke_off_is_not_kept(tmp_path):
+    with (
+        server(CONTENT[:1000], whole=len(CONTENT)) as (url, _),
+        pytest.raises(InputError, match="after 1000 of 768000"),
+    ):
+        download(f"{url}/a.csv", tmp_path / "a.csv", SHA256)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("location", ["http://[::1", "https://exam ple.org/a", "https://example.org:port/", "data:,x"])
 def test_a_redirection_to_no_address_is_a_sentence(location, tmp_path):
     with server(status=302, location=location) as (url, _), pytest.raises(InputError, match="cannot be downloaded"):
@@ -61,6 +77,11 @@ def test_what_may_not_be_copied_is_not_downloaded(licence):
     entry = replace(ENTRY, source=replace(ENTRY.source, licence=licence))
     with pytest.raises(InputError, match=r"lets nobody copy it.*--data"):
         address(entry, entry.files[0])
+
+
+def test_a_file_of_unknown_origin_is_not_downloaded():
+    with pytest.raises(InputError, match=r"where 'b.csv' is published is not known.*--data"):
+        address(ENTRY, SourceFile("b.csv"))
 
 
 def test_files_are_fetched_once(tmp_path, monkeypatch):

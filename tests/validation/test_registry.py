@@ -24,19 +24,6 @@ REPOSITORY = re.compile(r"\w[\w.-]{0,99}/\w[\w.-]{0,99}", re.ASCII)
 ENTRIES = registry().values()
 
 
-def test_the_registry_has_these_recordings_and_half_of_them_are_of_other_hands():
-    entries = registry()
-    tried = {name for name, each in entries.items() if each.tried}
-    assert tried == {
-        *("bow", "double_pendulum", "go2_commands", "go2_torques", "ur10", "walker"),
-        *("synthetic_01", "synthetic_18", "tools"),
-    }
-    assert len(entries) - len(tried) >= 6
-    theirs = {entries[name].source.repository for name in entries if name not in tried}
-    assert theirs.isdisjoint(entries[name].source.repository for name in tried) and len(theirs) >= 6
-    assert list(entries)[: len(tried)] == sorted(tried)
-
-
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
 def test_every_entry_is_well_formed(entry):
     parts = [entry, entry.source, *entry.files, *entry.published, *filter(None, [entry.reference])]

@@ -25,8 +25,6 @@ from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
 
-pytestmark = pytest.mark.slow
-
 DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "dfki_double_pendulum"
 MORE = """
 alike = [["Fc(turn)", "Fc(lift)"]]
@@ -229,6 +227,7 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (DATA.parent / "tools").is_dir(), reason="MULTICONTACT_DATA has no tools")
 def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     entry = files.registry()["tools"]
@@ -250,6 +249,7 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     assert set(report.document(made, {}).figures) == {"figure_truth"}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (DATA / "c0_00.csv").is_file(), reason="MULTICONTACT_DATA has no dfki_double_pendulum")
 def test_the_pendulum_in_steel_has_the_published_inertias():
     entry = files.registry()["double_pendulum"]

@@ -138,13 +138,13 @@ class Factor:
         (count, b, m), n = others.shape, self.band.shape[1]
         windows, inverse = np.zeros((number, WINDOW * n, WINDOW * n)), np.zeros((m, m))
         first = WINDOW - 1 - m // n
-        inside, below = slice(first * n, None), np.tri(b, k=-1, dtype=bool)
+        inside = slice(first * n, None)
         for k in reversed(range(count)):
-            own = lapack.dpotri(blocks[k].T, lower=1)[0].T
-            np.copyto(own, own.T, where=below)
-            G = blas.dtrsm(1, blocks[k].T, others[k].T, side=1, lower=1).T
+            # Products with an inverse are faster than triangular solutions where coordinates are few.
+            own = lapack.dtrtri(blocks[k].T, lower=1)[0].T
+            G = own @ others[k]
             across, whole = G @ inverse, np.empty((b + m, b + m))
-            whole[:b, :b] = own + across @ G.T
+            whole[:b, :b] = own @ own.T + across @ G.T
             whole[:b, b:], whole[b:, :b], whole[b:, b:] = -across, -across.T, inverse
             for u in range(b // n):
                 if 0 <= (at := k * (b // n) + u - first) < number:

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.trajectory.algebra.arrow import stacked
+from ident.trajectory.algebra.rows import TOGETHER
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Predictor
 from ident.trajectory.fit.precision import embedded, root_of_inverse
@@ -121,8 +122,9 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
             own_bands, own = bands[k][which], parts[k][which]
             # Above the highest frequency of the knots it follows nothing.
             h = followed[which][own_bands.band] * (own_bands.frequency < 0.5 / here.spline.step)[:, None]
-            left = own_bands.summed((1 - h) ** 2) - 2 * own.taken + own.effect(pulls[kind])
-            other = own_bands.summed(h * (1 - h))[0] + own.effect((total - pulls[kind][0])[None])[0]
+            *effects, of_others = own.effect(np.stack([*pulls[kind], total - pulls[kind][0]]))
+            left = own_bands.summed((1 - h) ** 2) - 2 * own.taken + effects
+            other = own_bands.summed(h * (1 - h))[0] + of_others
             every = np.stack([own_bands.observed, own_bands.summed(np.ones_like(h))[0], other, *left])
             spectra[which] = spectra[which] + np.maximum(every, 0).transpose(2, 0, 1)
     white = np.eye(len(times))[:, :1]
@@ -180,7 +182,7 @@ class _Absorbed(NamedTuple):
     """Noise of every kind of a stream that θ absorbs, in a piece.
 
     Attributes:
-        explained: Real and imaginary parts of the spectra of R, times a root of C, relative to the noise (2, F, s, q).
+        explained: Spectra of R, times a root of C, relative to the noise (F, s, q).
         bands: The frequencies by bands.
         taken: Diagonal of `R C Rᵀ W Γ` (b, B, s).
         pulls: `Rᵀ W Γ W R`, times the root on either side (b, q, q).
@@ -202,15 +204,28 @@ class _Absorbed(NamedTuple):
         sums = np.zeros((len(bands.kinds), q, q))
         for band in np.unique(bands.band):
             own = np.flatnonzero(bands.band == band)
-            pull = stacked(pulls[own] * np.sqrt(twice[own])[:, None, None])
-            sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.conj().T @ pull).real
+            pull = stacked(_parts(pulls[own] * np.sqrt(twice[own])[:, None, None]))
+            sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.T @ pull)
         taken = bands.matrix @ (bands.kinds[..., None] * (rows.conj() * pulls).real.sum(axis=2))
-        return cls(np.stack([rows.real, rows.imag]), bands, taken, sums)
+        return cls(rows, bands, taken, sums)
 
     def effect(self, of_theta: np.ndarray) -> np.ndarray:
         """Power of effects of θ in the bands, with covariances over the root (b, q, q): (b, B, s)."""
-        x = self.explained
-        return np.array([self.bands.matrix @ np.einsum("kfsq,kfsq->fs", x @ each, x) for each in of_theta])
+        _, s, q = self.explained.shape
+        out, kinds = np.zeros((len(of_theta), BANDS, s)), of_theta.reshape(-1, q * q)
+        size = max(1, TOGETHER // (8 * q * q))
+        for band in np.unique(self.bands.band):
+            x = _parts(self.explained[self.bands.band == band]).swapaxes(0, 1)
+            for some in (slice(first, first + size) for first in range(0, s, size)):
+                # Products of the spectra serve all covariances.
+                products = x[some].swapaxes(1, 2) @ x[some]
+                out[:, band, some] = kinds @ products.reshape(-1, q * q).T
+        return out
+
+
+def _parts(spectra: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts (2 F, …) of spectra (F, …)."""
+    return np.concatenate([spectra.real, spectra.imag])
 
 
 def _amplitudes(observed: np.ndarray, counts: np.ndarray, other: np.ndarray, *kinds: np.ndarray) -> np.ndarray:

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from malformed_logs import JOINTS, PLAIN, WRENCH, N, Q, T
 from written_formats import write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
-from ident.errors import LogError
+from ident.errors import InputError, LogError
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -82,6 +84,34 @@ def test_damaged_files_are_one_sentence(tmp_path, kind, way):
     path.write_bytes(way(path.read_bytes()))
     refusal(path)
     assert path.exists()
+
+
+DAMAGES = st.lists(st.tuples(st.floats(0, 1), st.sampled_from("sdi"), st.binary(min_size=1, max_size=9)), max_size=2)
+
+
+@settings(
+    max_examples=20,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@pytest.mark.parametrize("kind", KINDS)
+@given(damages=DAMAGES)
+def test_any_file_is_read_or_refused(tmp_path, kind, damages):
+    path = tmp_path / f"log.{kind}"
+    if not (tmp_path / kind).exists():
+        write(path)
+        (tmp_path / kind).write_bytes(path.read_bytes())
+    data = bytearray((tmp_path / kind).read_bytes())
+    for where, how, new in damages:
+        at = int(where * (len(data) - 1)) if len(data) > 1 else 0
+        data[at : at + {"s": len(new), "d": 7 * len(new), "i": 0}[how]] = b"" if how == "d" else new
+    path.write_bytes(data)
+    try:
+        read_log(path, MECHANISM)
+    except InputError as error:
+        assert "\n" not in str(error)
 
 
 def changed(old, new):
@@ -179,3 +209,12 @@ def test_c3d_files_that_are_refused(tmp_path):
     data[8:10] = (60000).to_bytes(2, "little")
     path.write_bytes(data)
     assert "it ends before the 60000 frames that its header promises" in refusal(path, mapping)
+
+
+def test_a_file_without_wrenches_is_refused_where_there_are_no_joints(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    path = tmp_path / "log.c3d"
+    write_c3d(path, 100.0, {"KNEE": np.stack([T, T, T], axis=1)})
+    hand = Mechanism(Tree((Body("hand", -1, np.eye(4), np.zeros(6)),)), np.array([0, 0, -9.81]))
+    with pytest.raises(LogError, match=r"columns of joints or wrenches, and none is .*has KNEE\.x, KNEE\.y"):
+        read_log(path, hand)

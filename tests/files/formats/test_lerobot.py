@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from malformed_logs import JOINTS, N, Q
+from malformed_logs import JOINTS, N, Q, T
 from written_formats import write_lerobot
 
 from ident.errors import LogError
@@ -73,6 +73,26 @@ def test_an_episode_is_read_by_the_names_of_its_components(tmp_path, version, k)
     at = k if version == 2 else k // 2
     name = f"episode_{at:06d}.parquet" if version == 2 else f"file-{at:03d}.parquet"
     assert files_in(tmp_path / f"pick#{k}") == (folder / "meta/info.json", folder / "data/chunk-000" / name)
+
+
+def test_lists_of_any_length_are_read_where_all_have_that_of_the_description(tmp_path):
+    folder = dataset(tmp_path / "d", [0], 2)
+    path = folder / "data/chunk-000/episode_000000.parquet"
+    content = parquet.read_table(path)
+    state = content.column("observation.state").combine_chunks()
+    at = content.column_names.index("observation.state")
+    as_lists = state.to_pylist()
+    parquet.write_table(content.set_column(at, "observation.state", pyarrow.array(as_lists)), path)
+    np.testing.assert_array_equal(
+        table(folder).cells["observation.state.hip.pos"], episode(0)["observation.state"][:, 1]
+    )
+    as_lists[7] = [1.0, 2.0, 3.0]
+    parquet.write_table(content.set_column(at, "observation.state", pyarrow.array(as_lists)), path)
+    assert "frame 7 needs 2 numbers in 'observation.state', as meta/info.json has them; it has 3." in refusal(folder)
+    parquet.write_table(content.set_column(at, "observation.state", pyarrow.array(T)), path)
+    assert "'observation.state' needs vectors of 2 numbers, as meta/info.json has them; it has double." in refusal(
+        folder
+    )
 
 
 @pytest.mark.parametrize("version", [2, 3])

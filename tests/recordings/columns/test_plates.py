@@ -207,6 +207,14 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "nor is its point of application used" in notes and "at most 40 N" in notes
 
 
+def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):
+    columns, _ = stepping()
+    columns["right_px"][np.flatnonzero(walker.motion()[0] > 2)[:3]] = np.nan
+    log, mapping = written(tmp_path, [(columns, of_stepping('on = "foot_r"'))])
+    with pytest.raises(ident.LogError, match=r"sample 20[12], wrenches.right.point is missing, as in 3 of 600 samples"):
+        ident.read_log(log, walker.mechanism(), mapping)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_corners_are_those_of_the_plate(seed):
     rng = np.random.default_rng(seed)

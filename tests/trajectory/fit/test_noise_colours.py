@@ -7,7 +7,6 @@ from recorded_faults import PENDULUM, faulty, shortened
 import ident
 from experiments.studies.noise_processes import autoregressive
 from ident.trajectory.fit.noise_colours import _amplitudes
-from ident.trajectory.fit.sandwich import with_scatter
 
 TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
 """Correlation times in samples."""
@@ -31,19 +30,6 @@ def test_amplitudes_of_noise_that_was_drawn(slow):
     a = _amplitudes(observed, counts.astype(float), np.zeros(len(counts)), *own.T)
     assert a[0] == pytest.approx(1, abs=0.1)
     assert a[1:].sum() == pytest.approx(slow, abs=0.35) and (slow or not a[1:].any())
-
-
-def test_standard_deviations_depend_on_no_random_numbers(monkeypatch):
-    joint = ident.identify(PENDULUM, shortened(faulty(), 300)).trajectory
-    once = with_scatter(joint.measurement, joint.fit).covariance
-
-    def generator(*seed):
-        raise AssertionError("The covariance must not depend on random numbers.")
-
-    monkeypatch.setattr(np.random, "default_rng", generator)
-    again = with_scatter(joint.measurement, joint.fit).covariance
-    np.testing.assert_array_equal(once, again)
-    np.testing.assert_array_equal(once, joint.fit.covariance)
 
 
 def test_noise_is_found_from_some_pieces_of_logs_with_offsets_of_their_own(monkeypatch):

@@ -182,17 +182,6 @@ def test_sums_are_those_of_innovations_and_halves(seed):
     assert (own.misfit.rank == own.piece.spline.size - ORDER).all()
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_everything_together_takes_one_for_each_unknown(seed):
-    """`tr(H⁻¹ H) = size n + p`, with H the sum over all streams and the prior."""
-    own = problem(seed)
-    prior = np.diag(np.full(len(own.theta), 1.0))
-    covariance = np.linalg.inv(own.linearised.eliminated.precision + own.linearised.eliminated.bend + prior)
-    linearised = own.linearised_with(np.linalg.cholesky(covariance))
-    total = linearised.taken[0].sum() + linearised.held.sum() + np.trace(covariance @ prior)
-    assert total == pytest.approx(own.size + len(own.theta))
-
-
 @pytest.mark.parametrize("outliers", [0.0, 0.1])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_gradient_is_that_of_the_cost(seed, outliers):

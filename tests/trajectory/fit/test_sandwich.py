@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.trajectory.fit import sandwich
-from ident.trajectory.fit.sandwich import _goes_on, _half, with_scatter
+from ident.trajectory.fit.sandwich import _half, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
 AMPLITUDES = np.array([[0.3, 0.0], [0.5, 0.0], [0.2, 1.5]])
@@ -32,26 +32,6 @@ def test_sums_over_coloured_noise_go_on_from_piece_to_piece(s, cuts):
 
 def piece(start, *, samples=50, origin=0.0):
     return SimpleNamespace(time=start + STEP * np.arange(samples), origin=origin)
-
-
-@pytest.mark.parametrize(
-    ("start", "change", "goes_on"),
-    [
-        (1.0, {}, True),
-        (1.01, {}, True),
-        (1.05, {}, False),
-        (0.9, {}, False),
-        (1.0, {"origin": 5.0}, False),
-        (1.0, {"selection": [0, 2]}, False),
-    ],
-)
-def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, goes_on):
-    """Correlated noise does not continue over a gap, nor from one recording to another."""
-    selection = np.array(change.get("selection", [0, 1]))
-    fit = SimpleNamespace(
-        pieces=[piece(0.0), piece(start, origin=change.get("origin", 0.0))], selections=[np.array([0, 1]), selection]
-    )
-    assert _goes_on(fit, 1) == goes_on
 
 
 @pytest.mark.parametrize("start", [1.0, 3.0])
