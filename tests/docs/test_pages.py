@@ -52,7 +52,6 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
     if page != "tables_and_figures.md":
         leave_undrawn(monkeypatch)
     else:
-        # The data of its figures are those of what is drawn.
         monkeypatch.setattr(figures, "drawn", not_drawn)
         use_truth(monkeypatch)
         assert misaligned.main(["--samples", "60"]) == 0
