@@ -6,7 +6,7 @@ from experiments.data import simulated
 from experiments.data.fitting import TrajectoryTrial
 
 
-def truth(mechanism, recording, base):
+def truth(mechanism, recording, base, **_):
     psi = base.regroup(mechanism.known)
     return TrajectoryTrial(psi, np.ones_like(psi), psi)
 

@@ -33,6 +33,7 @@ def table_3(result: SimulatedStudy) -> tabular.Table:
             f"{model}, ours": by_name[f"error_{model}"],
             f"{model}, trajectory": by_name[f"trajectory_error_{model}"],
         }
+    columns["axes searched, trajectory"] = by_name["trajectory_error_searched"]
     return tabular.Table("", *tabular.columns(**columns), decimals=2)
 
 

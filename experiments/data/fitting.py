@@ -214,7 +214,9 @@ def fit(
     return Trial(huber_white(estimate, samples), base.regroup(mechanism.known), estimate.predicted(motion))
 
 
-def trajectory_fit(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> TrajectoryTrial:
+def trajectory_fit(
+    mechanism: Mechanism, recording: Recording, base: BaseParameters, *, searched: bool = False
+) -> TrajectoryTrial:
     """Base parameters of one model by the trajectory estimate, from joint angles and wrenches alone.
 
     φ has no prior, and the set-up is as stated.
@@ -223,6 +225,7 @@ def trajectory_fit(mechanism: Mechanism, recording: Recording, base: BaseParamet
         mechanism: The model's mechanism, with the true φ.
         recording: Measured joint angles, ground wrench, and contact wrenches with their sensors.
         base: The regrouping.
+        searched: True to search for tilts of the joint axes.
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
@@ -231,7 +234,8 @@ def trajectory_fit(mechanism: Mechanism, recording: Recording, base: BaseParamet
     angles_alone = recording.without([f"{joint}_{rate}" for joint in mechanism.tree.joints for rate in STATES[1:]])
     log = prepared(mechanism, angles_alone)
     log = replace(log, equations=replace(log.equations, parameters=base))
-    estimate = identified(log, offsets=False, holdout=0, setup=dict.fromkeys(PRIORS, 0.0), known=False)
+    setup = dict.fromkeys(PRIORS, 0.0) | ({"axis": PRIORS["axis"]} if searched else {})
+    estimate = identified(log, offsets=False, holdout=0, setup=setup, known=False)
     if estimate.trajectory is not None and estimate.trajectory.fit.status == "interrupted":
         raise KeyboardInterrupt
     return TrajectoryTrial(estimate.psi, estimate.std, base.regroup(mechanism.known))

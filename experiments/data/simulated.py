@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.fitting import TrajectoryTrial, Trial, fit, measured_poses, trajectory_fit
-from experiments.data.study_file import StudyFile
+from experiments.data.study_file import SEARCHED, StudyFile
 from ident.errors import ExcitationError, InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.recovered_axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
@@ -139,7 +139,8 @@ class SimulatedStudy:
             ExcitationError: The motion does not separate the base parameters.
         """
         recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-        return trajectory_fit(self.mechanism(model), recording, self.base(model))
+        searched = self.file.models[model].axes == SEARCHED
+        return trajectory_fit(self.mechanism(model), recording, self.base(model), searched=searched)
 
     def base(self, model: str) -> BaseParameters:
         """A model's regrouping."""
@@ -150,6 +151,7 @@ class SimulatedStudy:
         axes = self.file.models[model].axes
         trees = {
             "drawn": lambda: self.known.tree,
+            SEARCHED: lambda: self.known.tree,
             "recovered": lambda: self.recovered.tree,
             "true": lambda: self.problem.true,
         }

@@ -17,8 +17,11 @@ from ident.files.table import short
 from sim.models.notes import refusals
 from sim.motion.excitation import Excitation
 
-AXES = ("drawn", "recovered", "true")
-"""Joint axes of a model: as the scene draws them, recovered from measured poses, or tilted."""
+SEARCHED = "searched"
+"""Joint axes that the trajectory estimate tilts as wrenches and angles ask for, from those that the scene draws."""
+
+AXES = ("drawn", "recovered", "true", SEARCHED)
+"""Joint axes of a model: as the scene draws them, recovered from measured poses, tilted, or searched for."""
 
 
 ALL = ("all",)

@@ -34,6 +34,8 @@ COLUMNS = [
     "paper_error_full",
     "trajectory_error_full",
     "trajectory_std_full",
+    "trajectory_error_searched",
+    "trajectory_std_searched",
 ]
 
 
@@ -82,6 +84,8 @@ def test_table_3_holds_both_models_beside_the_paper(results, study):
             paper.TABLE_3[row["parameter"]][1],
             study.trajectory("full_on_table").error[k],
             study.trajectory("full_on_table").std[k],
+            study.trajectory("searched").error[k],
+            study.trajectory("searched").std[k],
         )
         assert tuple(float(row[column]) for column in COLUMNS[2:]) == expected
 
@@ -96,7 +100,7 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
 
 @pytest.mark.usefixtures("undrawn")
 def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_path, monkeypatch):
-    def undetermined(*_):
+    def undetermined(*_, **__):
         raise ExcitationError("The recording does not determine all parameters.", ())
 
     monkeypatch.setattr("experiments.data.simulated.trajectory_fit", undetermined)
@@ -245,6 +249,14 @@ def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
 
 def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
     assert abs(study.trajectory("simplified").error).max() > 0.5
+
+
+def test_axes_that_are_searched_for_give_the_full_model_from_the_simplified_one(study):
+    """Without their poses, and as well as with axes recovered from these."""
+    searched, recovered = study.trajectory("searched"), study.trajectory("full_on_table")
+    np.testing.assert_array_equal(searched.psi_true, study.fit("simplified").psi_true)
+    assert abs(searched.error).max() < 0.02 and (abs(searched.error) < 4 * searched.std).all()
+    assert (searched.std < 1.5 * recovered.std).all()
 
 
 def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
