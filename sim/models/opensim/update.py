@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
-from ident.geometry.inertia import com_from_parameters
+from ident.geometry.inertia import com_from_parameters, entries
 from ident.mechanism.mechanism import Mechanism
 from sim.models.inertials import SHORT, is_physical, shortened
 from sim.models.opensim.elements import Frames, model_element, text
@@ -108,12 +108,11 @@ def _edits(data: bytes, body: Place, phi: np.ndarray, *, short: bool) -> Iterato
     mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
     if short and phi[0]:
         mass, center, inertia = shortened(mass, center, inertia)
-    entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     numbers: dict[str, Sequence[float]] = {"mass": [mass], "mass_center": center.tolist()}
     if body.child("inertia") or not any(child.tag.startswith("inertia_") for child in body.children):
-        numbers["inertia"] = entries.tolist()
+        numbers["inertia"] = entries(inertia).tolist()
     else:
-        numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries.tolist(), strict=True)}
+        numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries(inertia).tolist(), strict=True)}
     missing = b""
     for tag, values in numbers.items():
         words = digits(values).encode()
