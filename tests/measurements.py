@@ -75,11 +75,11 @@ def random_noise(rng, coordinates, channels):
     """Noise of coordinates and channels, correlated over time."""
     n, C = coordinates, channels
     return Noise(
-        states=rng.uniform(0.005, 0.02, size=(3, n)),
+        states=rng.uniform(0.005, 0.02, size=n),
         channels=rng.uniform(5, 10, size=C),
         jerk=rng.uniform(1e-3, 1e-2, size=n),
-        states_rho=rng.uniform(0, 0.9, size=(3, n)),
+        states_rho=rng.uniform(0, 0.9, size=n),
         channels_rho=rng.uniform(0, 0.9, size=C),
-        floor_states=np.zeros((3, n)),
+        floor_states=np.zeros(n),
         floor_channels=np.zeros(C),
     )

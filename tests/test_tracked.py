@@ -1,11 +1,13 @@
 """Poses of a tracked flange: channels as MuJoCo has them, and an arm's geometry, zeros and inertias in one estimate."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
+from coded import coded
 from scipy.spatial.transform import Rotation
 
 import ident
@@ -191,6 +193,20 @@ def test_hidden_markers_are_gaps_and_a_saved_recording_keeps_its_trackers(tmp_pa
     stated = replace(recording, trackers={"flange": Tracker("b4", frame=np.eye(4))})
     stated.save(tmp_path / "run.csv")
     np.testing.assert_array_equal(ident.Recording.load(tmp_path / "run.csv").trackers["flange"].frame, np.eye(4))
+
+
+@pytest.mark.parametrize("wrong", ["nothing", "body", "lag"])
+def test_poses_that_do_not_fit_are_a_doubt(wrong):
+    recording, *_ = recorded(seconds=4.0)
+    if wrong == "body":
+        recording = replace(recording, trackers={"flange": Tracker("b2")})
+    if wrong == "lag":
+        late = {name: np.roll(x, 2, axis=0) for name, x in recording.measured.items() if name.startswith("flange")}
+        recording = replace(recording, measured={**recording.measured, **late})
+    (finding,) = coded(identified(recording), "tracked_poses")
+    assert finding.doubt == (wrong != "nothing") and finding.place.bodies == ("b2" if wrong == "body" else "b4",)
+    if wrong == "nothing":
+        assert re.fullmatch(r"The poses 'flange' have noise of 0\.(098|099|1) mm and 0\.01°\.", finding.text)
 
 
 POSE = {"position": ["x", "y", "z"], "unit": "mm", "rotation_vector": ["rx", "ry", "rz"], "rotation_unit": "deg"}

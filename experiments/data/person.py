@@ -45,7 +45,7 @@ class Laboratory:
         rail: True if there is a rail to hold.
         markers: True if angles and the pelvis's pose are fitted to markers, instead of having noise of their own.
         marker: Standard deviation of the markers' positions, m.
-        skin: Standard deviation of the skin's motion, m; see `experiments.studies.person_markers`.
+        skin: Standard deviation of the skin's motion, m; see `experiments.studies.person_recordings`.
         setup: Uncertainty of its set-up, as `CAREFUL`, which its recordings state.
     """
 
@@ -247,7 +247,6 @@ def beginning(piece: Piece, seconds: float) -> Piece:
 
     A trajectory beyond the samples is hardly determined, and its equations may have no solution.
     """
-    q, *_ = piece.states
     there, felt = (x < piece.origin + seconds for x in (piece.time, piece.when))
     last = max((float(x[-1]) for x in (piece.time[there], piece.when[felt]) if len(x)), default=piece.spline.start)
     # One interval more, as channels may be late.
@@ -256,7 +255,7 @@ def beginning(piece: Piece, seconds: float) -> Piece:
         piece,
         spline=replace(piece.spline, intervals=min(intervals, piece.spline.intervals)),
         time=piece.time[there],
-        states=(q[there], None, None),
+        states=piece.states[there],
         when=piece.when[felt],
         measured=piece.measured[felt],
         wrenches=piece.wrenches[felt],

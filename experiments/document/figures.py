@@ -103,9 +103,8 @@ def drawn(figure: Figure, extension: str) -> bytes:
     from matplotlib.backend_bases import get_registered_canvas_class
 
     with paper_style():
-        # What draws the first file measures texts and solves the layout; solved again for each file it would depend on
-        # the previous ones.
-        canvas = get_registered_canvas_class(extension)(figure)
+        pixels = _canvas(figure)
+        # The layout is solved once; solved again for each file it would depend on the previous files.
         if (layout := figure.get_layout_engine()) is not None:
             _place_empty_labels(figure)
             layout.execute(figure)
@@ -116,7 +115,9 @@ def drawn(figure: Figure, extension: str) -> bytes:
         # Vector backends leave a dpi of 72 behind.
         dpi = mpl.rcParams["savefig.dpi"]
         figure.dpi = mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi
+        canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
         getattr(canvas, f"print_{extension}")(file, **_WRITTEN[extension])
+        figure.set_canvas(pixels)
         content = file.getvalue()
         return _rounded(content) if extension == "svg" else content
 
@@ -127,6 +128,14 @@ def _place_empty_labels(figure: Figure) -> None:
         for axis in (ax.xaxis, ax.yaxis):
             if not axis.get_label_text():
                 axis.set_label_coords(0, 0)
+
+
+def _canvas(figure: Figure) -> Any:
+    """The figure's pixel canvas, which caches text sizes from the first measurement to the last file."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas = figure.canvas
+    return canvas if isinstance(canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
 
 
 def _rounded(svg: bytes) -> bytes:

@@ -11,10 +11,10 @@ from ident.judgement.candidates import about_best
 from ident.judgement.verdict import PRECISIONS
 from ident.tolerances import POOR
 
-HEAD, HEIGHT, HIGHEST, LOWEST = 34, 200, 40, 6
+HEAD, HEIGHT, HIGHEST, LOWEST = 34, 240, 33, 6
 """Height of the legend, of the rows below it together, and largest and smallest height of a row, pixels."""
 
-LABELLED = 10
+LABELLED = 12
 """Height of rows from which each has its label; of lower ones the first of so many has one."""
 
 LETTERS = 15

@@ -299,12 +299,6 @@ class Table:
         joint = str(cell).removesuffix(")").partition("(")[2]
         return body_of_parameter(str(cell), self.bodies) or self.carriers.get(joint, "") if self.bodies else ""
 
-    def shown_columns(self) -> list[int]:
-        """Columns of `texts` that pages show: without those that the heads of groups have."""
-        heads = self.headings()
-        first = int(heads[0] == "body" and len(self.groups()) < len(self.rows))
-        return [k for k in range(first, len(heads)) if heads[k] != "unit"]
-
     def _units(self) -> tuple[str, ...]:
         """Units of the rows; empty if unknown."""
         return self.units or tuple(unit_of(str(row[0])) or "" for row in self.rows if self.bodies)

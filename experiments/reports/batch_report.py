@@ -13,6 +13,7 @@ from experiments.document.document import Card, Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
+from experiments.document.writer import sentences
 from ident.display.brief import listed
 from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies
@@ -130,28 +131,16 @@ def _span(values: np.ndarray, form: str) -> str:
 
 def verdict(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> tuple[str, bool]:
     """Sentences on the agreement of the logs, and True if it is a doubt."""
-    k, number, size = agreed.most[0], len(outcomes), len(agreed.names)
-    wide = f", and from each other by {agreed.spread:.1f} times their noise" if agreed.spread > APART else ""
-    if agreed.differ.any():
-        names = [each.log for each, differs in zip(outcomes, agreed.differ, strict=True) if differs]
-        by, z = agreed.difference[agreed.differ, k], agreed.z[agreed.differ, k]
-        differ, they = ("differs", "It differs") if len(names) == 1 else ("differ", "They differ")
-        return (
-            f"{len(names)} of {number} logs {differ} from the others{wide}: {listed(names)}. "
-            f"χ² is {_span(agreed.chi2[agreed.differ], '.0f')} of {size} parameters. "
-            f"{they} most in {_range(agreed.names[k], outcomes, by, z, bodies)}. "
-            "A load, a mounting or friction may have changed: identify these logs apart.",
-            True,
-        )
-    if wide:
-        return (
-            f"The logs differ from each other by {agreed.spread:.1f} times their noise, most in "
-            f"{with_bodies([agreed.names[k]], bodies)}. None stands out: the model may lack something, or the set-up "
-            "may change from log to log.",
-            True,
-        )
-    times = f"{agreed.spread:.1f} times " if agreed.spread > 1 else ""
-    return f"The {number} logs agree within {times}their noise.", False
+    k, differ, wide = agreed.most[0], agreed.differ, agreed.spread > APART
+    names = [each.log for each, differs in zip(outcomes, differ, strict=True) if differs]
+    most = with_bodies([agreed.names[k]], bodies)
+    chi2 = ""
+    if names:
+        most = _range(agreed.names[k], outcomes, agreed.difference[differ, k], agreed.z[differ, k], bodies)
+        chi2 = _span(agreed.chi2[differ], ".0f")
+    more = {"wide": wide, "names": names, "most": most, "chi2": chi2, "listed": listed}
+    text = sentences("batch.txt", agreed=agreed, number=len(outcomes), **more)
+    return " ".join(text), bool(names) or wide
 
 
 def document(

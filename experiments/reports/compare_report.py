@@ -15,6 +15,7 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import paper_style
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
+from experiments.document.writer import sentences
 from ident.display.plots import Figure, add_legend, row_panels
 from ident.tolerances import INTERVAL
 
@@ -107,19 +108,10 @@ def headline(difference: Difference) -> str:
 
 def agreement(difference: Difference) -> str:
     """Sentences on the agreement of two results."""
-    names = f"'{difference.first.name}' and '{difference.second.name}'"
-    if difference.shared:
-        return (
-            f"{names} were both fitted to {', '.join(difference.shared)}. Their difference does not show the noise "
-            "that they share, and has no interval. Compare results of logs of their own."
-        )
-    either = (*difference.first.regrouping, *difference.second.regrouping)
-    left_out = [name for name in either if name not in difference.names]
-    others = ", ".join(dict.fromkeys(left_out))
-    but = f" Not compared, because they are regrouped differently: {others}." if others else ""
+    either = dict.fromkeys((*difference.first.regrouping, *difference.second.regrouping))
+    others = [name for name in either if name not in difference.names]
     within = np.abs(difference.comparison.difference) <= INTERVAL * difference.std_setup
-    setup = f"{int(within.sum())} of {len(within)} differences lie within the 95 % intervals of noise and set-up."
-    return f"{names}, if their logs are independent: {difference.comparison} {setup}{but}"
+    return " ".join(sentences("compare.txt", pair=difference, within=within, others=others))
 
 
 def figure(difference: Difference) -> Figure:
@@ -128,7 +120,7 @@ def figure(difference: Difference) -> Figure:
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with paper_style():
         labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
-        drawn, panels = row_panels(sheet.current(), labels, "Difference in its standard deviations from noise")
+        drawn, panels = row_panels(sheet.SHEET, labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:
@@ -160,13 +152,13 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
         for end, pair in zip(ends, pairs, strict=True)
         if not pair.shared
     }
-    sentences = [agreement(pair) for pair in pairs]
+    agreements = [agreement(pair) for pair in pairs]
     return Document(
         f"{' and '.join(result.name for result in compared)}, compared",
         verdict=" ".join(map(headline, pairs)),
         findings=[
             Card(headline(pair), sentence, bool(pair.shared) or pair.comparison.differs)
-            for sentence, pair in zip(sentences, pairs, strict=True)
+            for sentence, pair in zip(agreements, pairs, strict=True)
         ],
         lines=[
             f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
@@ -176,7 +168,7 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
         tables=tables,
         figures=drawn,
         numbers={"comparison": numbers(pairs), "provenance": provenance},
-        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *map(headline, pairs), *sentences])),
+        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *map(headline, pairs), *agreements])),
     )
 
 

@@ -66,6 +66,9 @@ JOINTS = {"position": "rad or m", "command": "rad or m", "torque": "N m or N"}
 LINES = 10
 """Largest number of lines that a panel names."""
 
+LETTERS = 34
+"""Largest number of letters above a panel: more would reach into the panel beside it."""
+
 VISIBLE = 0.012
 """Smallest visible share of a panel's width, about a point."""
 
@@ -253,7 +256,9 @@ def label_above(ax: Axes, label: str) -> None:
     """Writes the label of an ordinate above it, where it can be read without turning the head."""
     # A layout leaves room for the whole of a title, and for half the height of a turned label. With a stated place,
     # no ticks are measured to find one.
-    ax.set_title(label, loc="left", pad=3, y=1.0)
+    half = LETTERS // 2
+    title = label if len(label) <= LETTERS else f"{label[:half]}…{label[-half:]}"
+    ax.set_title(title, loc="left", pad=3, y=1.0)
     ax.set_ylabel(label, visible=False)
     ax.yaxis.set_label_coords(0, 0)
 

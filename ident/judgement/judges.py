@@ -23,7 +23,7 @@ from ident.regression.ordinary import Fit
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(setup.gravity_findings, setup.delay_findings, candidate_findings),
     *(wrenches.frame_findings, wrenches.base_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
-    *(sensors.clipped_findings, sensors.resolution_findings),
+    *(sensors.clipped_findings, sensors.resolution_findings, sensors.tracked_findings),
     *(weighing.weight_findings, weighing.mass_by_setup_findings, weighing.common_gain_findings),
     *(weighing.offset_findings, torques.torque_findings, cause_findings),
     *(torques.scale_findings, torques.friction_findings, torques.bound_findings),

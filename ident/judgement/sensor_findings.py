@@ -8,9 +8,11 @@ import numpy as np
 
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared
+from ident.estimation.tracking import WIDTH
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, in_log, listed, percent
-from ident.recordings.resolution import UNIFORM
+from ident.judgement.residual_findings import FAR_ABOVE
+from ident.recordings.resolution import UNIFORM, white_noise
 
 MOST = 0.5
 """Share of a signal's noise variance due to its steps above which there is a remark."""
@@ -54,6 +56,23 @@ def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
     if coarse:
         place = Place(channels=tuple(name for name in coarse if name in evidence.channels))
         yield Finding.of("coarse_steps", place, steps=[_step(log, name, step) for name, step in coarse.items()])
+
+
+def tracked_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Noise of each tracked body's poses; a doubt where it is far above their fast noise."""
+    if (joint := evidence.trajectory) is None:
+        return
+    fit, first = joint.fit, len(joint.measurement.equations.channels)
+    for name, tracked in joint.measurement.tracked.items():
+        own, first = range(first, first + WIDTH), first + WIDTH
+        fast = [white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in own]
+        noise, floor = fit.channel_noise[own.start : own.stop], np.maximum(fast, fit.noises[0].floor_channels[own])
+        position, orientation = np.sqrt((noise.reshape(2, 3) ** 2).mean(axis=1)).tolist()
+        times, place = float(np.max(noise / floor)), Place(bodies=(evidence.mechanism.tree.names[tracked.body],))
+        doubt = times > FAR_ABOVE
+        yield Finding.of(
+            "tracked_poses", place, doubt, name=name, position=position, orientation=orientation, times=times
+        )
 
 
 def unchecked_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -134,6 +153,16 @@ def _stuck(channels: Mapping[str, float], in_fitted: Sequence[str]) -> str:
     )
 
 
+def _tracked(name: str, position: float, orientation: float, times: float) -> str:
+    text = f"The poses '{name}' have noise of {1e3 * position:.2g} mm and {degrees(orientation):.2g}°"
+    if times <= FAR_ABOVE:
+        return f"{text}."
+    return (
+        f"{text}, up to {times:.0f} times what they have from sample to sample. Check the body, the units and order of "
+        "columns, and whether the tracker lags behind the joint angles."
+    )
+
+
 def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str = "") -> str:
     checks = {"weight": "The weight", "contact": "A contact left out", "torques": "Joint torques"}
     reasons = {
@@ -149,6 +178,7 @@ def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str
 FINDINGS.update(
     clipped_channel=Row(_clipped, doubt=False),
     coarse_steps=Row(_coarse, doubt=False),
+    tracked_poses=Row(_tracked, doubt=None),
     stuck_channels=Row(_stuck, doubt=True),
     constant_channels=Row(
         "Constant, though the motion would change it: {channels}. Check the sensor and its columns.", doubt=True

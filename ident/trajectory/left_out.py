@@ -104,8 +104,8 @@ def _squares(
 def motion_alone(piece: Piece, measurement: Measurement, theta: np.ndarray, T: float) -> Trajectory:
     """Measured coordinates of a piece, smoothed once with a time constant T, less their estimated zeros."""
     if T not in piece.alone:
-        piece.alone[T] = smoothed(Sampled(piece.time, piece.states[0]), T)
-    zeros = np.zeros(piece.states[0].shape[1])
+        piece.alone[T] = smoothed(Sampled(piece.time, piece.states), T)
+    zeros = np.zeros(piece.states.shape[1])
     for j, at in measurement.zeros.items():
         zeros[j] = theta[at]
     motion = piece.alone[T]

@@ -97,7 +97,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
         spline = Spline.over(time[a] - MARGIN, end + MARGIN, step)
         late = len(measurement.equations.channels if measurement.frame is None else measurement.components)
         measured = channels.time[y], channels.values[y], wrenches[y]
-        piece = Piece(spline, states.time[x], (states.values[x], None, None), *measured, float(time[0]), late)
+        piece = Piece(spline, states.time[x], states.values[x], *measured, float(time[0]), late)
         pieces.append(piece if echo is None else replace(piece, held=held, echo=echo[y]))
     return pieces
 

@@ -480,7 +480,7 @@ def _log_noise(estimate: TrajectoryEstimate) -> np.ndarray:
     """
     equations = estimate.measurement.equations
     angles, own = slice(0 if equations.servos is None else None), len(equations.channels)
-    return np.log([np.r_[each.channels[:own], each.states[0, angles]] for each in estimate.fit.noises])
+    return np.log([np.r_[each.channels[:own], each.states[angles]] for each in estimate.fit.noises])
 
 
 def _groups(setup: Mapping[int, SetupParameter], number: int) -> dict[str, np.ndarray]:

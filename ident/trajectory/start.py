@@ -120,25 +120,19 @@ def smoothed(
 
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
     """First guess of a recording's, from its pieces."""
-    spread = np.maximum(np.nanstd(np.concatenate([piece.states[0] for piece in pieces]), axis=0), TINY[1])
-    n, none = len(spread), np.zeros(0)
-    std = np.ones((3, n))
-    for kind in range(3):
-        every = [x for piece in pieces if (x := piece.states[kind]) is not None]
-        if every:
-            std[kind] = [white_noise(*parts) for parts in zip(*(x.T for x in every), strict=True)]
+    spread = np.maximum(np.nanstd(np.concatenate([piece.states for piece in pieces]), axis=0), TINY[1])
+    none, parts = np.zeros(0), zip(*(piece.states.T for piece in pieces), strict=True)
     rests = np.where(_resting(pieces), AT_REST * spread.max(), 0.0)
-    floor = np.tile(np.maximum(NOTHING * spread, rests), (3, 1))
-    floor[0] = np.maximum(floor[0], rounding([piece.states[0] for piece in pieces]))
-    std = np.maximum(std, np.maximum(floor, TINY[0]))
-    return Noise(std, none, 1 / (spread**2 * SMOOTH**6), np.zeros((3, n)), none, floor, none)
+    floor = np.maximum(np.maximum(NOTHING * spread, rests), rounding([piece.states for piece in pieces]))
+    std = np.maximum([white_noise(*each) for each in parts], np.maximum(floor, TINY[0]))
+    return Noise(std, none, 1 / (spread**2 * SMOOTH**6), 0 * std, none, floor, none)
 
 
 def _resting(pieces: Sequence[Piece]) -> np.ndarray:
     """Mask of the coordinates that rest in every piece (n,)."""
-    q = np.concatenate([piece.states[0] for piece in pieces])
+    q = np.concatenate([piece.states for piece in pieces])
     largest = float(np.max(np.nanmax(q, axis=0) - np.nanmin(q, axis=0)))
-    each = [[at_rest(x, largest) for x in piece.states[0].T] for piece in pieces]
+    each = [[at_rest(x, largest) for x in piece.states.T] for piece in pieces]
     return np.asarray(np.all(each, axis=0))
 
 
@@ -153,7 +147,7 @@ def _interpolated(piece: Piece) -> np.ndarray:
     """Coefficients near the samples: the coordinate at the middle of each basis function (size, n)."""
     middle = piece.spline.start + (np.arange(piece.spline.size) - 2) * piece.spline.step
     columns = []
-    for x in piece.states[0].T:
+    for x in piece.states.T:
         there = np.isfinite(x)
         columns.append(np.interp(middle, piece.time[there], x[there]))
     return np.stack(columns, axis=1)

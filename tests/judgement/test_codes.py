@@ -87,6 +87,10 @@ EXAMPLES = {
     "out_of_plane": [{"normal": "z", "channels": ("Fz", "Mx", "My")}],
     "clipped_channel": [CLIPPED | {"kept": True, "log": None}, CLIPPED | {"kept": False, "log": 2}],
     "coarse_steps": [{"steps": STEPS}],
+    "tracked_poses": [
+        {"name": "flange", "position": 1e-4, "orientation": 2e-4, "times": 1.1},
+        {"name": "flange", "position": 5e-3, "orientation": 0.01, "times": 40.0},
+    ],
     "stuck_channels": [{"channels": {"Fx": 0.0, "My": 1.5}, "in_fitted": ("My",)}],
     "constant_channels": [{"channels": ("Fy",)}],
     "unchecked": [

@@ -13,7 +13,7 @@ from same_recording import assert_same_recording
 from experiments import misaligned
 from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
-from experiments.document.sheet import WIDTHS
+from experiments.document.sheet import SHEET
 from experiments.reports import study_figures
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
@@ -34,6 +34,8 @@ COLUMNS = [
     "paper_error_full",
     "trajectory_error_full",
     "trajectory_std_full",
+    "trajectory_error_searched",
+    "trajectory_std_searched",
 ]
 
 
@@ -82,6 +84,8 @@ def test_table_3_holds_both_models_beside_the_paper(results, study):
             paper.TABLE_3[row["parameter"]][1],
             study.trajectory("full_on_table").error[k],
             study.trajectory("full_on_table").std[k],
+            study.trajectory("searched").error[k],
+            study.trajectory("searched").std[k],
         )
         assert tuple(float(row[column]) for column in COLUMNS[2:]) == expected
 
@@ -96,10 +100,10 @@ def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
 
 @pytest.mark.usefixtures("undrawn")
 def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_path, monkeypatch):
-    def undetermined(*_):
+    def undetermined(*_, **__):
         raise ExcitationError("The recording does not determine all parameters.", ())
 
-    monkeypatch.setattr("experiments.data.fitting.trajectory_fit", undetermined)
+    monkeypatch.setattr("experiments.data.simulated.trajectory_fit", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0
@@ -161,7 +165,7 @@ def test_the_paper_is_beside_its_own_settings_alone(options, beside, tmp_path, c
 
 def test_figures_show_what_their_captions_say(study):
     figure, magnitudes = (study_figures.figure(study, name) for name in ("figure_2", "figure_3"))
-    assert figure.get_figwidth() == WIDTHS[2][0]
+    assert figure.get_figwidth() == SHEET.column
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
         lines = {line.get_label(): line for line in ax.get_lines()}
@@ -245,6 +249,14 @@ def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
 
 def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
     assert abs(study.trajectory("simplified").error).max() > 0.5
+
+
+def test_axes_that_are_searched_for_give_the_full_model_from_the_simplified_one(study):
+    """Without their poses, and as well as with axes recovered from these."""
+    searched, recovered = study.trajectory("searched"), study.trajectory("full_on_table")
+    np.testing.assert_array_equal(searched.psi_true, study.fit("simplified").psi_true)
+    assert abs(searched.error).max() < 0.02 and (abs(searched.error) < 4 * searched.std).all()
+    assert (searched.std < 1.5 * recovered.std).all()
 
 
 def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):

@@ -20,9 +20,7 @@ def piece(rng, missing=0.0):
     measured = curves(time) + SIGMA * rng.normal(size=(len(time), 2))
     measured[rng.uniform(size=measured.shape) < missing] = np.nan
     nothing = time[:0]
-    return Piece(
-        Spline.over(-0.1, 12.1, 0.1), time, (measured, None, None), nothing, np.zeros((0, 0)), np.zeros((0, 2, 0))
-    )
+    return Piece(Spline.over(-0.1, 12.1, 0.1), time, measured, nothing, np.zeros((0, 0)), np.zeros((0, 2, 0)))
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.2])
@@ -30,13 +28,13 @@ def piece(rng, missing=0.0):
 def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
     own = piece(np.random.default_rng(seed), missing)
     result = smoothed([own])
-    np.testing.assert_allclose(result.noises[0].states[0], SIGMA, rtol=0.1)
+    np.testing.assert_allclose(result.noises[0].states, SIGMA, rtol=0.1)
     x = own.spline.evaluate(result.coefficients[0], own.time)
     inner = slice(50, -50)
     error = np.sqrt(np.mean((x[0] - curves(own.time))[inner] ** 2, axis=0))
     assert (error < 0.4 * SIGMA).all()
     velocity = np.gradient(curves(own.time), own.time, axis=0)
-    difference = np.gradient(own.states[0], own.time, axis=0)
+    difference = np.gradient(own.states, own.time, axis=0)
     wrong = np.sqrt(np.nanmean((difference - velocity)[inner] ** 2, axis=0))
     assert (np.sqrt(np.mean((x[1] - velocity)[inner] ** 2, axis=0)) < 0.1 * wrong).all()
 
@@ -58,7 +56,7 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     std = 0.02 * clean.std(axis=0) + 1e-3
     measured = clean + std * rng.normal(size=clean.shape)
     measured[rng.uniform(size=measured.shape) < 0.05] = np.nan
-    own = Piece(spline, time, (x[0] + 1e-6 * rng.normal(size=x[0].shape), None, None), time, measured, nothing)
+    own = Piece(spline, time, x[0] + 1e-6 * rng.normal(size=x[0].shape), time, measured, nothing)
     p = len(m.names)
     result = start(m, [own], smoothed([own]), np.zeros(p), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
     assert not result.theta[r:].any()

@@ -216,7 +216,7 @@ class ChannelRows:
 
 @dataclass(frozen=True, eq=False)
 class StateRows:
-    """Rows of measured coordinates, or of a derivative of them, which depend on one coordinate each and its zero.
+    """Rows of measured coordinates, which depend on one coordinate each and its zero.
 
     Attributes:
         intervals: Grouping of samples by interval.

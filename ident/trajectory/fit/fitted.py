@@ -107,7 +107,7 @@ class TrajectoryFit:
     @cached_property
     def coordinate_noise(self) -> np.ndarray:
         """Standard deviations of the coordinates' noise, root mean square over all samples (n,)."""
-        return self._overall([noise.states[0] for noise in self.noises])
+        return self._overall([noise.states for noise in self.noises])
 
     def _overall(self, each: Sequence[np.ndarray]) -> np.ndarray:
         squares = [each[piece.log] ** 2 for piece in self.pieces]

@@ -268,7 +268,7 @@ class _Problem:
         """Largest λ of a recording for which the equations can be solved (n,): at rest it would be infinite."""
         own = [piece for piece in self.pieces if piece.log == log]
         scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in own]
-        return SMOOTHEST * min(scales) / noise.states[0] ** 2
+        return SMOOTHEST * min(scales) / noise.states**2
 
     def lower(
         self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
@@ -335,7 +335,7 @@ def _motion(pieces: Sequence[Piece], at: Start, moves: Sequence[np.ndarray]) -> 
     """Largest step of coefficients between the first and last samples, in standard deviations of the coordinates."""
     motion = 0.0
     for piece, move in zip(pieces, moves, strict=True):
-        std = at.noises[piece.log].states[0]
+        std = at.noises[piece.log].states
         inside = piece.spline.within(piece.time[0], piece.time[-1])
         motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))
     return motion

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.estimation.noise import autocovariance
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.algebra.rows import TOGETHER
 from ident.trajectory.fit.fitted import TrajectoryFit
@@ -120,12 +121,11 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
         followed = here.followed(np.sqrt(edges[1:] * edges[:-1]))
         for which, kind in enumerate(kinds):
             own_bands, own = bands[k][which], parts[k][which]
-            # Above the highest frequency of the knots it follows nothing.
-            h = followed[which][own_bands.band] * (own_bands.frequency < 0.5 / here.spline.step)[:, None]
+            h = followed[which][:, own_bands.band]
             *effects, of_others = own.effect(np.stack([*pulls[kind], total - pulls[kind][0]]))
-            left = own_bands.summed((1 - h) ** 2) - 2 * own.taken + effects
-            other = own_bands.summed(h * (1 - h))[0] + of_others
-            every = np.stack([own_bands.observed, own_bands.summed(np.ones_like(h))[0], other, *left])
+            left = own_bands.summed(((1 - h) ** 2).mean(axis=0)) - 2 * own.taken + effects
+            other = own_bands.summed((h * (1 - h)).mean(axis=0))[0] + of_others
+            every = np.stack([own_bands.observed, own_bands.summed(np.ones_like(h[0]))[0], other, *left])
             spectra[which] = spectra[which] + np.maximum(every, 0).transpose(2, 0, 1)
     white = np.eye(len(times))[:, :1]
     amplitudes = [np.array([_amplitudes(*each) for each in own]).T for own in spectra]
@@ -135,10 +135,20 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
 
 def _at_floor(fit: TrajectoryFit, stream: Stream) -> np.ndarray:
     """Mask of the coordinates whose noise is at its floor (s,)."""
-    if not isinstance(stream.which, int):
+    if stream.by_row is not None:
         return np.zeros(len(stream.std), bool)
-    floors = [noise.floor_states[stream.which] for noise in fit.noises]
+    floors = [noise.floor_states for noise in fit.noises]
     return np.asarray(stream.std <= AT_FLOOR * np.max(floors, axis=0))
+
+
+def taper(samples: int) -> np.ndarray:
+    """Weights of a signal's samples, of mean square one, with which its spectrum leaks little (N,).
+
+    Slow noise leaks into the bands of fast noise from the jump between the ends, as far as a fit leaves it, and the
+    trajectory follows more at the ends (Riedel and Sidorenko, IEEE Trans. Signal Processing 43, 1995,
+    doi:10.1109/78.365298).
+    """
+    return np.asarray(np.sqrt(2) * np.sin(np.pi * (np.arange(samples) + 0.5) / samples))
 
 
 class _Bands(NamedTuple):
@@ -166,11 +176,12 @@ class _Bands(NamedTuple):
         N, step = len(stream.time), stream.step
         frequency, lag = np.fft.rfftfreq(N, step), np.arange(N)[:, None]
         band = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, BANDS - 1)
-        # On a circle of N samples, N - k pairs are k samples apart as in the piece, and k pairs N - k samples.
-        around = (1 - lag / N) * np.exp(-lag * step / times[1:]) + lag / N * np.exp((lag - N) * step / times[1:])
-        kinds = np.vstack([np.ones(len(band)), np.fft.rfft(around, axis=0).real.T])
+        pairs = autocovariance(taper(N))[:N, None] / N
+        kinds = 2 * np.fft.rfft(pairs * np.exp(-lag * step / times[1:]), axis=0).real - pairs[0]
+        kinds = np.vstack([np.ones(len(band)), kinds.T])
         matrix = (band == np.arange(BANDS)[:, None]).astype(float)
-        observed = matrix @ np.abs(np.fft.rfft(stream.residual * stream.clear / stream.std, axis=0)) ** 2 / N
+        signal = taper(N)[:, None] * stream.residual * stream.clear / stream.std
+        observed = matrix @ np.abs(np.fft.rfft(signal, axis=0)) ** 2 / N
         return cls(frequency, band, matrix, kinds, stream.clear.mean(axis=0), observed)
 
     def summed(self, share: np.ndarray) -> np.ndarray:
@@ -197,8 +208,9 @@ class _Absorbed(NamedTuple):
     def of(cls, stream: Stream, explained: np.ndarray, bands: _Bands) -> "_Absorbed":
         """That of rows of θ times the root (N, s, q)."""
         N, _, q = explained.shape
-        signals = explained * (stream.clear / stream.std)[..., None], stream.weights(explained) * stream.std[:, None]
-        rows, pulls = (np.fft.rfft(x, axis=0) / np.sqrt(N) for x in signals)
+        window, pull = taper(N)[:, None, None], stream.weights(explained) * stream.std[:, None]
+        signals = window * explained * (stream.clear / stream.std)[..., None], window * pull, pull
+        rows, tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
         sums = np.zeros((len(bands.kinds), q, q))
@@ -206,7 +218,9 @@ class _Absorbed(NamedTuple):
             own = np.flatnonzero(bands.band == band)
             pull = stacked(_parts(pulls[own] * np.sqrt(twice[own])[:, None, None]))
             sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.T @ pull)
-        taken = bands.matrix @ (bands.kinds[..., None] * (rows.conj() * pulls).real.sum(axis=2))
+        # Real and imaginary parts are adjacent in memory.
+        across = np.einsum("fsq,fsq->fs", rows.view(float), tapered.view(float))
+        taken = bands.matrix @ (bands.kinds[..., None] * across)
         return cls(rows, bands, taken, sums)
 
     def effect(self, of_theta: np.ndarray) -> np.ndarray:

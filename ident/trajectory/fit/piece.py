@@ -20,8 +20,7 @@ class Piece:
     Attributes:
         spline: Spline space of the trajectory.
         time: Sample times of the coordinates, s (N,).
-        states: Measured coordinates, and first and second derivatives where they are measured (N, n) each; NaN where
-            a sample is missing, None for a derivative that is not measured.
+        states: Measured coordinates, NaN where a sample is missing (N, n).
         when: Sample times of the channels, s (M,).
         measured: Measured channels, NaN where a sample is missing (M, C).
         wrenches: Wrenches of the surroundings on the contacts at these times, averages and the rest; and measured
@@ -40,7 +39,7 @@ class Piece:
 
     spline: Spline
     time: np.ndarray
-    states: tuple[np.ndarray, np.ndarray | None, np.ndarray | None]
+    states: np.ndarray
     when: np.ndarray
     measured: np.ndarray
     wrenches: np.ndarray
@@ -92,8 +91,8 @@ class Piece:
     def moved(self) -> np.ndarray:
         """Sizes of the changes of the measured coordinates over every interval, zero without samples (S, n)."""
         knots = self.spline.start + self.spline.step * np.arange(self.spline.intervals + 1)
-        out = np.zeros((self.spline.intervals, self.states[0].shape[1]))
-        for x, own in zip(self.states[0].T, out.T, strict=True):
+        out = np.zeros((self.spline.intervals, self.states.shape[1]))
+        for x, own in zip(self.states.T, out.T, strict=True):
             if (there := np.isfinite(x)).any():
                 own[:] = np.abs(np.diff(np.interp(knots, self.time[there], x[there])))
         return out
@@ -103,13 +102,11 @@ class Piece:
         return Nodes(self._as_stated)
 
     @cached_property
-    def windows(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """Windows for `StateRows` of the measured coordinates and derivatives, by order of the derivative."""
-        out, at = {}, self.at_coordinates
-        for kind in (kind for kind, measured in enumerate(self.states) if measured is not None):
-            own = np.pad(at.intervals.dealt(at.local.basis[kind]), ((0, 0), (0, 0), (1, 0)))
-            out[kind] = own, at.intervals.before(own, moved=1)
-        return out
+    def windows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Windows for `StateRows` of the measured coordinates."""
+        at = self.at_coordinates
+        own = np.pad(at.intervals.dealt(at.local.basis[0]), ((0, 0), (0, 0), (1, 0)))
+        return own, at.intervals.before(own, moved=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,12 +114,12 @@ class Noise:
     """Noise of all streams of a recording, and of the jerk.
 
     Attributes:
-        states: Standard deviations of coordinates and of their derivatives (3, n).
+        states: Standard deviations of the coordinates (n,).
         channels: Standard deviations of the channels (C,).
         jerk: λ of each coordinate, the inverse of the variance of its white jerk (n,).
-        states_rho: ρ of the coordinates (3, n).
+        states_rho: ρ of the coordinates (n,).
         channels_rho: ρ of the channels (C,).
-        floor_states: Smallest standard deviations (3, n); `floor_channels` of the channels (C,).
+        floor_states: Smallest standard deviations (n,); `floor_channels` of the channels (C,).
         alike: Group number of each channel; noise is of similar size within a group. Empty for no groups.
     """
 

@@ -11,14 +11,14 @@ from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
 from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import ORDER, Local, Spline
-from ident.trajectory.algebra.whitening import Innovations, Sums, innovations
+from ident.trajectory.algebra.whitening import Innovations, innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor, clocks
 
 
 class Misfit(NamedTuple):
     """Sums of squares of a piece's residuals, and roughness of its trajectory.
 
-    Streams are the coordinates, their first and second derivatives, and the channels: s = 3 n + C.
+    Streams are the coordinates and the channels: s = n + C.
 
     Attributes:
         cost: Cost without the prior of θ.
@@ -75,10 +75,9 @@ def misfit(measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta
             predicted = nodes.interpolated(measurement.values(x[:3], no_wrenches(x), theta).T).T
         channels.append(_channels(piece, own, when, local, predicted, noise))
     bends = piece.spline.squared_jerk(coefficients)
-    nothing = Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
-    sums = [*(states[kind].sums if kind in states else nothing for kind in range(3)), *(new.sums for new in channels)]
+    sums = [new.sums for new in (states, *channels)]
     return Misfit(
-        cost=_cost([*states.values(), *channels], noise, bends),
+        cost=_cost([states, *channels], noise, bends),
         squares=np.concatenate([each.squares for each in sums], axis=1),
         number=np.concatenate([each.number for each in sums], axis=1),
         bends=bends,
@@ -114,7 +113,7 @@ def linearised(
     root = np.zeros((len(columns), 0)) if root is None else root
     equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
     taken, held = equations.taken(root, piece.spline)
-    every = [*equations.states.values(), *(each.new for each in equations.channels)]
+    every = [equations.states, *(each.new for each in equations.channels)]
     cost = _cost(every, noise, piece.spline.squared_jerk(coefficients))
     return Linearised(cost, equations.eliminated._replace(factors=()), taken, noise.jerk * held)
 
@@ -164,13 +163,13 @@ class ComponentEquations(NamedTuple):
         component: The coordinates, and the entries of θ on which their streams depend.
         eliminated: The equations, the trajectory eliminated.
         channels: Rows of channels, with the position of their clock.
-        states: Rows of measured coordinates and derivatives, by order of the derivative.
+        states: Rows of measured coordinates.
     """
 
     component: Group
     eliminated: Eliminated
     channels: list[tuple[int, ChannelRows | NodeRows]]
-    states: dict[int, StateRows]
+    states: StateRows
 
 
 class NormalEquations(NamedTuple):
@@ -180,13 +179,13 @@ class NormalEquations(NamedTuple):
         eliminated: The equations, the trajectory eliminated.
         components: The equations of each component of the coordinates.
         channels: The channels, grouped by clock.
-        states: Innovations of measured coordinates and derivatives, by order of the derivative.
+        states: Innovations of measured coordinates.
     """
 
     eliminated: Eliminated
     components: list[ComponentEquations]
     channels: list[ChannelEquations]
-    states: dict[int, Innovations]
+    states: Innovations
 
     def taken(self, root: np.ndarray, spline: Spline) -> tuple[np.ndarray, np.ndarray]:
         """Absorbed degrees of freedom of all streams (3, s), and `tr(H⁻¹ P_j)` of the jerk's penalties (n,).
@@ -196,16 +195,15 @@ class NormalEquations(NamedTuple):
             spline: Spline space of the trajectory.
         """
         n = sum(len(each.component.coordinates) for each in self.components)
-        of_states, held = [np.zeros((3, n)) for _ in range(3)], np.zeros(n)
+        of_states, held = np.zeros((3, n)), np.zeros(n)
         of_channels = [np.zeros((3, each.new.values.shape[1])) for each in self.channels]
         for (coordinates, columns, _), eliminated, channels, states in self.components:
             posterior = Posterior.of(eliminated, root[columns], spline.intervals, len(coordinates))
-            for kind, of_kind in states.items():
-                of_states[kind][:, coordinates] = of_kind.taken(posterior)
+            of_states[:, coordinates] = states.taken(posterior)
             for clock, rows in channels:
                 of_channels[clock][:, rows.group.channels] = rows.taken(posterior)
             held[coordinates] = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], spline.penalty)
-        return np.concatenate([*of_states, *of_channels], axis=1), held
+        return np.concatenate([of_states, *of_channels], axis=1), held
 
 
 def normal_equations(
@@ -233,8 +231,8 @@ def normal_equations(
             for clock, each in enumerate(channels)
             for of_group in each.rows(component, of_states, of_theta)
         ]
-        state_rows = {kind: _state_rows(piece, new, kind, component, zeros) for kind, new in states.items()}
-        every = [*(of_group for _, of_group in rows), *state_rows.values()]
+        state_rows = _state_rows(piece, states, component, zeros)
+        every = [*(of_group for _, of_group in rows), state_rows]
         arrow = Arrow(piece.spline, len(coordinates), len(own), linked=not all(each.factors.white for each in every))
         for each in every:
             each.add_to(arrow)
@@ -322,23 +320,19 @@ def _along(time: np.ndarray, true: np.ndarray, elapsed: np.ndarray) -> np.ndarra
 
 def _states(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
-) -> dict[int, Innovations]:
-    """Innovations of measured coordinates and derivatives, by order of the derivative."""
+) -> Innovations:
+    """Innovations of measured coordinates."""
     local = piece.at_coordinates.local
-    predicted = local.combined(coefficients)
+    predicted = local.combined(coefficients)[0]
     for j, at in measurement.zeros.items():
-        predicted[0, :, j] += theta[at]
-    return {
-        kind: innovations(measured - predicted[kind], local.interval, noise.states[kind], noise.states_rho[kind])
-        for kind, measured in enumerate(piece.states)
-        if measured is not None
-    }
+        predicted[:, j] += theta[at]
+    return innovations(piece.states - predicted, local.interval, noise.states, noise.states_rho)
 
 
-def _state_rows(piece: Piece, new: Innovations, kind: int, component: Group, zeros: Mapping[int, int]) -> StateRows:
-    """Rows of the coordinates or a derivative, which depend on one coordinate each and on its zero if that is free."""
+def _state_rows(piece: Piece, new: Innovations, component: Group, zeros: Mapping[int, int]) -> StateRows:
+    """Rows of the coordinates, which depend on one coordinate each and on its zero if that is free."""
     coordinates, columns, _ = component
-    own = {j: zeros[at] for j, at in enumerate(coordinates.tolist()) if kind == 0 and at in zeros}
+    own = {j: zeros[at] for j, at in enumerate(coordinates.tolist()) if at in zeros}
     own = {j: int(np.searchsorted(columns, at)) for j, at in own.items()}
     intervals = piece.at_coordinates.intervals
-    return StateRows(intervals, piece.windows[kind], own, Factors.of(new.of_streams(coordinates), intervals))
+    return StateRows(intervals, piece.windows, own, Factors.of(new.of_streams(coordinates), intervals))

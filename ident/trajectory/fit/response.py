@@ -12,8 +12,8 @@ Of noise of frequency ω the trajectory follows the share
 
     h = Σ w j I⁻¹ jᴴ,       I = Σ w jᴴ j + λ ω⁶ t,       j = Σ_d (iω)ᵈ ∂f/∂q⁽ᵈ⁾
 
-with derivatives ∂f/∂q⁽ᵈ⁾ of a stream by the coordinates' derivatives, weights w, and the piece's duration t, as if the
-derivatives were constant. Shares by elimination differ from these by a few per cent.
+with derivatives ∂f/∂q⁽ᵈ⁾ of a stream by the coordinates' derivatives and weights w, summed over a part of the piece
+of duration t in which the derivatives hardly change.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,18 @@ from scipy import sparse
 
 from ident.trajectory.algebra.arrow import Eliminated
 from ident.trajectory.algebra.nodes import Nodes
-from ident.trajectory.algebra.spline import ORDER, Spline
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece, Predictor
 from ident.trajectory.fit.piece_equations import normal_equations
 
 CLEAR = 0.5
 """Share of the noise in a sample's variance above which its residual is used to estimate the noise."""
+
+PART, PARTS = 8.0, 12
+"""Least length of a part, in samples, and largest number of parts. All channels of a piece together tell more of the
+motion than those of any time do: by its mean derivatives, a trajectory of three bodies on a moving base that follows
+.91 of a frequency would follow .54, and intervals held for 89 instead of 94 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +69,9 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """Signals measured at the same times: coordinates, a derivative of them, or channels that share a clock.
+    """Signals measured at the same times: coordinates, or channels that share a clock.
 
     Attributes:
-        which: Order of the derivative, or the channels.
         time: Sample times, s (N,).
         bases: Values of the spline functions at samples or nodes; for channels, of the first two derivatives as well.
         nodes: Nodes at which channels are evaluated, None for the samples.
@@ -80,7 +84,6 @@ class Stream:
             θ (M, s, p); None of coordinates.
     """
 
-    which: int | slice
     time: np.ndarray
     bases: Sequence[sparse.csr_matrix]
     nodes: Nodes | None
@@ -94,6 +97,12 @@ class Stream:
     def at_samples(self, values: np.ndarray) -> np.ndarray:
         """Values at the samples (N, …) from those where the channels are evaluated (M, …)."""
         return values if self.nodes is None else self.nodes.interpolated(values)
+
+    @cached_property
+    def by_states(self) -> np.ndarray:
+        """Derivatives of channels by coordinates and their derivatives at the samples (N, s, 3 n)."""
+        assert self.by_row is not None
+        return self.at_samples(self.by_row[0])
 
     @property
     def step(self) -> float:
@@ -110,7 +119,7 @@ class Response:
     """Piece linearised at an estimate.
 
     Attributes:
-        streams: Coordinates by order of the derivative, then channels.
+        streams: Coordinates, then channels.
         zeros: Columns of the coordinates' zeros, by coordinate.
         eliminated: Normal equations with the trajectory eliminated.
         spline: Spline space of the trajectory.
@@ -158,28 +167,46 @@ class Response:
         return out
 
     def followed(self, frequency: np.ndarray) -> list[np.ndarray]:
-        """Share h of every stream's noise that a trajectory follows whose knots are dense enough (F, s).
+        """Shares h of every stream's noise that the trajectory follows, in parts of the piece (k, F, s).
 
         Args:
             frequency: Frequencies, Hz (F,).
         """
-        omega, n = 2 * np.pi * frequency, len(self.jerk)
-        powers, every = (1j * omega[:, None]) ** np.arange(ORDER), []
+        time, slowest = self.streams[0].time, max(stream.step for stream in self.streams)
+        number = max(int(np.ptp(time) / max(self.spline.step, PART * slowest)), 1)
+        borders = np.linspace(time[0], time[-1], number + 1)
+        chosen = np.unique(np.linspace(0, number - 1, PARTS).round().astype(int))
+        # Splines follow no frequency above half of the knots', and of that one a half.
+        ratio = np.minimum(frequency * self.spline.step, 1)
+        passed = ((1 - ratio) ** (2 * LOCAL) / ((1 - ratio) ** (2 * LOCAL) + ratio ** (2 * LOCAL)))[:, None]
+        parts = [self._followed(2 * np.pi * frequency, *borders[k : k + 2]) for k in chosen.tolist()]
+        return [passed * np.array(own) for own in zip(*parts, strict=True)]
+
+    def _followed(self, omega: np.ndarray, first: float, last: float) -> list[np.ndarray]:
+        """Shares h of every stream's noise at frequencies, rad/s (F,), from one time to another (F, s) each."""
+        powers, n = (1j * omega[:, None]) ** np.arange(ORDER), len(self.jerk)
+        information = ((last - first) * omega ** (2 * ORDER))[:, None, None] * np.diag(self.jerk).astype(complex)
+        every = []
         for stream in self.streams:
-            scale = stream.weights.scale
+            inside = (stream.time >= first) & (stream.time < last)
+            scale, weight = stream.weights.scale[inside], stream.weight(omega)
             if stream.by_row is None:
-                by = np.zeros((*scale.shape, ORDER, n))
-                by[:, range(n), stream.which, range(n)] = 1
+                own = weight * (scale**2).sum(axis=0)
+                information += own[:, None] * np.eye(n)
             else:
-                by = stream.at_samples(stream.by_row[0]).reshape(*scale.shape, ORDER, n)
-            by = (by * scale[..., None, None]).transpose(1, 2, 3, 0).reshape(scale.shape[1], ORDER * n, -1)
-            products = (by @ by.swapaxes(1, 2)).reshape(-1, ORDER, n, ORDER, n)
-            own = np.einsum("fd,sdjek,fe->fsjk", powers.conj(), products, powers, optimize=True)
-            every.append(own * stream.weight(omega)[..., None, None])
-        stiff = (self.spline.step * self.spline.intervals * omega ** (2 * ORDER))[:, None, None] * np.diag(self.jerk)
-        inverse = np.linalg.inv(sum((own.sum(axis=1) for own in every), start=stiff))
+                by = (stream.by_states[inside] * scale[..., None]).transpose(1, 2, 0)
+                products = (by @ by.swapaxes(1, 2)).reshape(-1, ORDER, n, ORDER, n)
+                own = np.einsum("fd,sdjek,fe->fsjk", powers.conj(), products, powers, optimize=True)
+                own *= weight[..., None, None]
+                information += own.sum(axis=1)
+            every.append(own)
+        inverse = np.linalg.inv(information)
+        alone = np.diagonal(inverse, axis1=1, axis2=2).real
         # Several coordinates together can follow more than a stream's own frequency.
-        return [np.minimum(np.einsum("fsjk,fkj->fs", own, inverse).real, 1) for own in every]
+        return [
+            np.minimum(own * alone if own.ndim == 2 else np.einsum("fsjk,fkj->fs", own, inverse).real, 1)
+            for own in every
+        ]
 
 
 def response(
@@ -196,18 +223,15 @@ def response(
     """
     every = np.arange(len(theta))
     equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
-    streams = []
-    for kind, new in equations.states.items():
-        bases = [piece.at_coordinates.matrices[kind]]
-        streams.append(Stream(kind, piece.time, bases, None, *_of(new), noise.states[kind], None))
+    bases = piece.at_coordinates.matrices[:1]
+    streams = [Stream(piece.time, bases, None, *_of(equations.states), noise.states, None)]
     for each in equations.channels:
         bases = (each.at if each.nodes is None else each.nodes.sampling).matrices
         std, slack = noise.channels[each.channels], None if piece.slack is None else piece.slack[:, each.channels]
         by_states, by_theta = each.by_sample
         by_row = by_states.reshape(*by_theta.shape[:2], -1), by_theta.copy()
-        streams.append(Stream(each.channels, piece.when, bases, each.nodes, *_of(each.new), std, slack, by_row))
-    zeros = dict(measurement.zeros) if 0 in equations.states else {}
-    return Response(streams, zeros, equations.eliminated, piece.spline, noise.jerk)
+        streams.append(Stream(piece.when, bases, each.nodes, *_of(each.new), std, slack, by_row))
+    return Response(streams, dict(measurement.zeros), equations.eliminated, piece.spline, noise.jerk)
 
 
 def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:

@@ -57,8 +57,8 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
     )
     left = np.maximum(number - taken, np.maximum(LEAST_LEFT * number, TINY))
     growth = np.where(number > 0, squares / left, 1.0)
-    shape, states = noise.states.shape, noise.states.size
-    of_states, of_channels = growth[:, :states].reshape(3, *shape), growth[:, states:]
+    states = len(noise.states)
+    of_states, of_channels = growth[:, :states], growth[:, states:]
     floors = _floors(noise)
     new = {
         "states": np.maximum(noise.states * np.sqrt(of_states[0]), floors["states"]),
@@ -67,7 +67,7 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
     }
     if coloured:
         linked = number[1:].sum(axis=0)
-        new["states_rho"] = _correlation(noise.states_rho, of_states[1:], linked[:states].reshape(shape))
+        new["states_rho"] = _correlation(noise.states_rho, of_states[1:], linked[:states])
         new["channels_rho"] = _correlation(noise.channels_rho, of_channels[1:], linked[states:])
     return replace(noise, **new)
 

@@ -36,16 +36,16 @@ def smooth_problem(seed):
     theta = rng.normal(size=p)
     theta[len(m.equations.names) :] *= 0.01
     noise = Noise(
-        states=np.full((3, n), 0.01),
+        states=np.full(n, 0.01),
         channels=rng.uniform(1, 2, size=C),
         jerk=np.full(n, 1e-3),
-        states_rho=np.zeros((3, n)),
+        states_rho=np.zeros(n),
         channels_rho=np.zeros(C),
-        floor_states=np.zeros((3, n)),
+        floor_states=np.zeros(n),
         floor_channels=np.zeros(C),
     )
     x = spline.evaluate(c, time)[0] + 0.01 * rng.normal(size=(len(time), n))
-    piece = Piece(spline, time, (x, None, None), time, np.zeros((len(time), C)), np.zeros((len(time), 2, 0)), 0.3)
+    piece = Piece(spline, time, x, time, np.zeros((len(time), C)), np.zeros((len(time), 2, 0)), 0.3)
     exact = m.values(spline.evaluate(c, time)[:3], piece.wrenches, theta).T
     measured = exact + noise.channels * rng.normal(size=exact.shape)
     measured[rng.uniform(size=exact.shape) < 0.05] = np.nan

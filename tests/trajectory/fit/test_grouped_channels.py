@@ -60,7 +60,7 @@ def problem(seed, **kinds):
     states, channels = rng.normal(size=(len(time), n)), 10 * rng.normal(size=(len(when), C))
     states[rng.uniform(size=states.shape) < 0.1] = channels[rng.uniform(size=channels.shape) < 0.1] = np.nan
     wrenches = rng.normal(size=(len(when), 2, 6 * len(m.contacts)))
-    piece = Piece(spline, time, (states, None, None), when, channels, wrenches, 0.3, len(m.components))
+    piece = Piece(spline, time, states, when, channels, wrenches, 0.3, len(m.components))
     return m, piece, coefficients, theta, noise
 
 

@@ -1,12 +1,14 @@
 """White and slow noise, separated by their residuals."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.studies.noise_processes import autoregressive
-from ident.trajectory.fit.noise_colours import _amplitudes
+from experiments.studies.person_recordings import autoregressive
+from ident.trajectory.fit.noise_colours import _amplitudes, _Bands
 
 TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
 """Correlation times in samples."""
@@ -30,6 +32,19 @@ def test_amplitudes_of_noise_that_was_drawn(slow):
     a = _amplitudes(observed, counts.astype(float), np.zeros(len(counts)), *own.T)
     assert a[0] == pytest.approx(1, abs=0.1)
     assert a[1:].sum() == pytest.approx(slow, abs=0.35) and (slow or not a[1:].any())
+
+
+def test_spectra_are_those_of_noise_that_was_drawn_without_its_slowest_part():
+    """A fit follows slow noise, and with it the jump between the ends, which would leak into all frequencies."""
+    rng, number = np.random.default_rng(0), 120
+    drawn = np.stack([autoregressive(rng, number, 0.95) for _ in range(2000)], axis=1)
+    time, one = 0.02 * np.arange(number), np.ones((number, len(drawn[0])))
+    slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, number), 3)
+    left = drawn - slow @ np.linalg.lstsq(slow, drawn, rcond=None)[0]
+    stream = SimpleNamespace(time=time, step=0.02, residual=left, clear=one > 0, std=one[0])
+    bands = _Bands.of(stream, np.geomspace(0.2, 25, 25), np.array([0, -0.02 / np.log(0.95)]))
+    fast = bands.summed(one[: len(bands.frequency)])[1, 10:]
+    assert bands.observed[10:].mean(axis=1) == pytest.approx(fast[:, 0], rel=0.05)
 
 
 def test_noise_is_found_from_some_pieces_of_logs_with_offsets_of_their_own(monkeypatch):

@@ -48,12 +48,10 @@ class Problem:
         """Measured less predicted of each kind of stream: values (N, s), times, std and ρ of each."""
         m, piece, noise = self.measurement, self.piece, self.noise
         c = c.reshape(self.coefficients.shape)
-        x = piece.spline.evaluate(c, piece.time)
+        x = piece.spline.evaluate(c, piece.time)[0]
         for j, k in m.zeros.items():
-            x[0, :, j] += theta[k]
-        for kind, measured in enumerate(piece.states):
-            if measured is not None:
-                yield measured - x[kind], piece.time, noise.states[kind], noise.states_rho[kind]
+            x[:, j] += theta[k]
+        yield piece.states - x, piece.time, noise.states, noise.states_rho
         late, rate = theta[at(m, "delay(ground)")], theta[at(m, "clock(ground)")]
         of_wrench = piece.when + rate * (piece.when - piece.origin) - late
         for own, when in ((slice(0, piece.late), of_wrench), (slice(piece.late, None), piece.when)):
@@ -123,7 +121,7 @@ def problem(seed, outliers=0.0):
     wrenches = rng.normal(size=(len(when), 2, 6 * len(m.contacts)))
     zeros = np.zeros((len(time), n))
     late = len(m.components)  # Joint torques are on the angles' clock.
-    nothing = Piece(spline, time, (zeros, zeros, None), when, np.zeros((len(when), C)), wrenches, 0.3, late)
+    nothing = Piece(spline, time, zeros, when, np.zeros((len(when), C)), wrenches, 0.3, late)
     empty = Problem(m, nothing, c, theta, noise)
     measured = []
     for values, _, std, _ in empty.residuals(c, theta):
@@ -131,7 +129,7 @@ def problem(seed, outliers=0.0):
         own = size * std * rng.uniform(-1, 1, size=values.shape) - values
         own[rng.uniform(size=own.shape) < 0.1] = np.nan
         measured.append(own)
-    empty.piece = replace(empty.piece, states=(measured[0], measured[1], None), measured=np.hstack(measured[2:]))
+    empty.piece = replace(empty.piece, states=measured[0], measured=np.hstack(measured[1:]))
     return empty
 
 
@@ -171,11 +169,10 @@ def test_sums_are_those_of_innovations_and_halves(seed):
     z, _ = own.dense
     n, c = own.coefficients.shape[1], own.coefficients.ravel()
     _, plain = own.penalty
-    nothing = [2 * n] * n
-    close(own.misfit.squares, np.insert((z**2).sum(axis=2), nothing, 0, axis=1))
-    close(own.misfit.number[1:], np.insert(own.numbers, nothing, 0, axis=1))
+    close(own.misfit.squares, (z**2).sum(axis=2))
+    close(own.misfit.number[1:], own.numbers)
     there = [np.isfinite(values).sum(axis=0) for values, *_ in own.residuals(own.coefficients, own.theta)]
-    np.testing.assert_array_equal(own.misfit.number[0], np.insert(np.concatenate(there), nothing, 0))
+    np.testing.assert_array_equal(own.misfit.number[0], np.concatenate(there))
     assert (np.diff(own.piece.spline.local(own.piece.time).interval) > 1).any()
     for j in range(n):
         close(own.misfit.bends[j], c @ (plain * (np.arange(own.size) % n == j)) @ c)

@@ -77,12 +77,12 @@ def recording(rng, rho, number=240, gap=0.0):
     x = np.stack([np.sin(2 * time), 2 * np.cos(2 * time), -4 * np.sin(2 * time)])
     measured = x[0] + SIGMA * correlated(rng, number, rho)
     channel = x[2] + wrenches[:, 0, :2] @ [1.0, -0.5] + SIGMA_CHANNEL * rng.normal(size=number)
-    return Piece(spline, time, (measured[:, None], None, None), time, channel[:, None], wrenches)
+    return Piece(spline, time, measured[:, None], time, channel[:, None], wrenches)
 
 
 def noise_of(sigma, rho):
-    states, zero = np.full((3, 1), sigma), np.zeros((3, 1))
-    return Noise(states, np.array([SIGMA_CHANNEL]), np.array([JERK]), zero + rho, zero[0], zero, zero[0])
+    states, zero = np.array([sigma]), np.zeros(1)
+    return Noise(states, np.array([SIGMA_CHANNEL]), np.array([JERK]), zero + rho, zero, zero, zero)
 
 
 def renewal(piece, noise, c, theta, coloured=True):
@@ -101,8 +101,8 @@ def updated(piece, rounds=20):
     for k in range(rounds):
         c, theta, new = renewal(piece, noise, c, theta, coloured=k >= COLOURED)
         noise = replace(noise, states=new.states, states_rho=new.states_rho)
-    residual = piece.states[0][:, 0] - piece.spline.evaluate(c, piece.time)[0, :, 0]
-    return noise.states[0, 0], noise.states_rho[0, 0], residual[1:] @ residual[:-1] / (residual @ residual)
+    residual = piece.states[:, 0] - piece.spline.evaluate(c, piece.time)[0, :, 0]
+    return noise.states[0], noise.states_rho[0], residual[1:] @ residual[:-1] / (residual @ residual)
 
 
 def twice_lost(piece, sigma, rho):
@@ -116,7 +116,7 @@ def twice_lost(piece, sigma, rho):
     J[number:, -2:] = piece.wrenches[:, 0, :2]
     for k in range(spline.intervals):
         S[k : k + LOCAL, k : k + LOCAL] += noise_of(sigma, rho).jerk * spline.penalty
-    y = np.concatenate([piece.states[0][:, 0], piece.measured[:, 0]])
+    y = np.concatenate([piece.states[:, 0], piece.measured[:, 0]])
     runs = np.split(np.arange(number), np.flatnonzero(np.diff(interval) > 1) + 1)
     # The channel's noise is white and given.
     R = block_diag(*(sigma**2 * rho ** np.abs(np.subtract.outer(run, run)) for run in runs))
@@ -151,7 +151,7 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
     piece = Piece(
         Spline.over(-0.1, time[-1] + 0.1, 0.1),
         time,
-        (measured, None, None),
+        measured,
         time,
         channel,
         np.zeros((number, 2, 0)),
