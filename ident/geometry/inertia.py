@@ -71,6 +71,11 @@ def symmetric(entries: np.ndarray) -> np.ndarray:
     return np.stack(rows, -2)
 
 
+def entries(matrix: np.ndarray) -> np.ndarray:
+    """Entries `xx, yy, zz, xy, xz, yz` of symmetric matrices: the inverse of `symmetric`, (…, 3, 3) -> (…, 6)."""
+    return matrix[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
 def parameters_from_com(mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndarray:
     """φ from mass, centre of mass and inertia about the centre of mass (Eq. 10: `I' = I_c - m r̂²`).
 
@@ -87,7 +92,7 @@ def parameters_from_com(mass: float, com: np.ndarray, inertia: np.ndarray) -> np
     """
     r = hat(np.asarray(com, float))
     at_origin = np.asarray(inertia, float) - mass * r @ r
-    return np.concatenate([[mass], mass * np.asarray(com, float), at_origin[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
+    return np.concatenate([[mass], mass * np.asarray(com, float), entries(at_origin)])
 
 
 def com_from_parameters(phi: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -142,8 +147,7 @@ def parameters_from_pseudo_inertia(J: np.ndarray) -> np.ndarray:
     J = np.asarray(J)
     second = J[..., :3, :3]
     inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3, dtype=int) - second
-    entries = inertia[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return np.concatenate([J[..., 3:, 3], J[..., :3, 3], entries], axis=-1)
+    return np.concatenate([J[..., 3:, 3], J[..., :3, 3], entries(inertia)], axis=-1)
 
 
 def parameter_transform(T_ab: np.ndarray) -> np.ndarray:

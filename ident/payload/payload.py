@@ -11,7 +11,7 @@ from ident.display.text import rounded
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.setup import SetupParameter
-from ident.geometry.inertia import com_from_parameters, parameter_transform
+from ident.geometry.inertia import com_from_parameters, entries, parameter_transform
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, payload_findings
@@ -221,7 +221,7 @@ class Payload(Brief):
 def described(phi: np.ndarray) -> np.ndarray:
     """φ of one body (10,) as `QUANTITIES` (10,)."""
     mass, com, inertia = com_from_parameters(phi)
-    return np.array([mass, *com, *inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
+    return np.array([mass, *com, *entries(inertia)])
 
 
 def place_of(robot: Mechanism, body: str, name: str) -> np.ndarray:

@@ -14,7 +14,7 @@ from ident.annotations import WORDS, typed
 from ident.arguments import check_type, checked_target, described
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
-from ident.geometry.inertia import com_from_parameters
+from ident.geometry.inertia import com_from_parameters, entries
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from sim.models.drives_update import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
@@ -267,7 +267,7 @@ def _state(
         numbers: dict[str, Iterable[float]] = {"mass": [mass], "pos": pos, "quat": quat, "diaginertia": moments}
         if b in noted:
             text, (mass, pos, inertia) = noted[b]
-            numbers = {"mass": [mass], "pos": pos, "fullinertia": inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]}
+            numbers = {"mass": [mass], "pos": pos, "fullinertia": entries(inertia)}
         body.insert(0, ET.Element("inertial", {key: digits(x) for key, x in numbers.items()}))
         body[0].tail = body.text
         if b in noted:

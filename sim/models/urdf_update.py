@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from ident.geometry.inertia import com_from_parameters
 from sim.models.inertials import shortened
 from sim.models.xml_files import text_of
-from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
+from sim.models.xml_places import Edit, Element, digits, edited, root_of, with_comment
 
 SAME = 1e-12
 """Difference, relative to the largest number of a vector or a matrix, that counts as rounding: the number is kept."""
@@ -59,7 +59,7 @@ def updated_urdf(
     return edited(data, edits)
 
 
-def _origin_edits(data: bytes, joint: Place, shift: np.ndarray) -> Iterator[Edit]:
+def _origin_edits(data: bytes, joint: Element, shift: np.ndarray) -> Iterator[Edit]:
     """Edits that displace the origin of a joint."""
     origin = joint.child("origin")
     stated = (origin.attributes.get("xyz", "") if origin else "").split() or ["0"] * 3
@@ -70,14 +70,14 @@ def _origin_edits(data: bytes, joint: Place, shift: np.ndarray) -> Iterator[Edit
         yield from _attribute_edits(data, origin, {"xyz": place}, max(map(abs, place)))
 
 
-def _first_of_each_name(root: Place, tag: str) -> dict[str, Place]:
-    places: dict[str, Place] = {}
+def _first_of_each_name(root: Element, tag: str) -> dict[str, Element]:
+    places: dict[str, Element] = {}
     for place in root.below(tag):
         places.setdefault(place.attributes.get("name", ""), place)
     return places
 
 
-def _dynamics_edits(data: bytes, joint: Place, attributes: Mapping[str, Sequence[float]]) -> Iterator[Edit]:
+def _dynamics_edits(data: bytes, joint: Element, attributes: Mapping[str, Sequence[float]]) -> Iterator[Edit]:
     """Edits that set attributes of a joint's `<dynamics>`."""
     if (dynamics := joint.child("dynamics")) is not None:
         yield from _attribute_edits(data, dynamics, attributes, max(abs(values[0]) for values in attributes.values()))
@@ -86,7 +86,7 @@ def _dynamics_edits(data: bytes, joint: Place, attributes: Mapping[str, Sequence
         yield joint.with_first(data, b"<dynamics" + text + b"/>")
 
 
-def _edits(data: bytes, link: Place, phi: np.ndarray, comment: str) -> Iterator[Edit]:
+def _edits(data: bytes, link: Element, phi: np.ndarray, comment: str) -> Iterator[Edit]:
     """Edits that set the φ of a link, with a comment and short numbers if there is one."""
     inertial = link.child("inertial")
     if not phi[0] and inertial is None:
@@ -116,7 +116,7 @@ def _edits(data: bytes, link: Place, phi: np.ndarray, comment: str) -> Iterator[
         yield inertial.with_first(data, missing)
 
 
-def _axes(inertial: Place | None) -> np.ndarray:
+def _axes(inertial: Element | None) -> np.ndarray:
     """Rotation from the axes of a stated inertia to the link's (3, 3)."""
     origin = None if inertial is None else inertial.child("origin")
     stated = "" if origin is None else origin.attributes.get("rpy", "")
@@ -124,7 +124,7 @@ def _axes(inertial: Place | None) -> np.ndarray:
 
 
 def _attribute_edits(
-    data: bytes, place: Place, attributes: Mapping[str, Sequence[float]], size: float
+    data: bytes, place: Element, attributes: Mapping[str, Sequence[float]], size: float
 ) -> Iterator[Edit]:
     """Edits of the numbers that change by more than rounding, and of missing attributes."""
     missing = b""

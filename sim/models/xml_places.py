@@ -23,7 +23,7 @@ class Edit(NamedTuple):
 
 
 @dataclass
-class Place:
+class Element:
     """An element and its position in a file.
 
     Attributes:
@@ -42,13 +42,13 @@ class Place:
     inside: int
     end: int
     closed: bool
-    children: list["Place"] = field(default_factory=list)
+    children: list["Element"] = field(default_factory=list)
 
-    def child(self, tag: str) -> "Place | None":
+    def child(self, tag: str) -> "Element | None":
         """First child with a tag, None without one."""
         return next((child for child in self.children if child.tag == tag), None)
 
-    def below(self, *tags: str) -> Iterator["Place"]:
+    def below(self, *tags: str) -> Iterator["Element"]:
         """Descendants at the end of a path of tags."""
         if not tags:
             yield self
@@ -79,7 +79,7 @@ class Place:
         return Edit(self.inside, self.inside, (blank[0] if blank else b"") + text)
 
 
-def root_of(path: Path, data: bytes) -> Place:
+def root_of(path: Path, data: bytes) -> Element:
     """Root element of a well-formed file, with the positions of all elements in it.
 
     Raises:
@@ -87,7 +87,7 @@ def root_of(path: Path, data: bytes) -> Place:
     """
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
         raise ModelError(f"{path}: a file in UTF-16 or UTF-32 cannot be written back; save it in UTF-8.")
-    parser, open_elements = expat.ParserCreate(), [Place("", {}, 0, 0, len(data), False)]
+    parser, open_elements = expat.ParserCreate(), [Element("", {}, 0, 0, len(data), False)]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         at = parser.CurrentByteIndex
@@ -97,7 +97,7 @@ def root_of(path: Path, data: bytes) -> Place:
                 f"{path}: a file whose elements come from entities cannot be written back; save it with the elements "
                 "themselves, as the program it is from does."
             )
-        place = Place(tag, attributes, at, match.end(), match.end(), bool(match[1]))
+        place = Element(tag, attributes, at, match.end(), match.end(), bool(match[1]))
         open_elements[-1].children.append(place)
         open_elements.append(place)
 
@@ -137,12 +137,12 @@ def with_sections(path: Path, data: bytes, other: bytes, tags: Collection[str]) 
     )
 
 
-def _span(data: bytes, place: Place) -> tuple[int, int]:
+def _span(data: bytes, place: Element) -> tuple[int, int]:
     """First byte of an element and the first after it."""
     return place.start, place.end if place.closed else data.index(b">", place.end) + 1
 
 
-def with_comment(data: bytes, element: Place, text: str) -> Edit:
+def with_comment(data: bytes, element: Element, text: str) -> Edit:
     """Edit that puts a comment first into an element that is not closed, in place of one that begins alike."""
     alike = re.compile(rb"\s*<!-- " + re.escape(text.partition(":")[0]).encode() + rb".*?-->", re.DOTALL)
     before, blank = (pattern.match(data, element.inside, element.end) for pattern in (alike, _BLANK))

@@ -121,7 +121,7 @@ GROUND = "ground"
 
 
 @dataclass(frozen=True)
-class Place:
+class PlacedFrame:
     """A frame on a body.
 
     Attributes:
@@ -145,7 +145,7 @@ class Frames:
             if element.tag == "PhysicalOffsetFrame"
         }
 
-    def joint_ends(self, joint: ET.Element, carrier: str = "") -> tuple[Place, Place]:
+    def joint_ends(self, joint: ET.Element, carrier: str = "") -> tuple[PlacedFrame, PlacedFrame]:
         """The frames F on the parent and M on the child that a joint connects.
 
         Args:
@@ -157,12 +157,12 @@ class Frames:
         """
         if carrier:
             parent = self.place(text(joint, "parent_body"), joint)
-            return Place(parent.body, offset(joint, "location_in_parent", "orientation_in_parent")), Place(
+            return PlacedFrame(parent.body, offset(joint, "location_in_parent", "orientation_in_parent")), PlacedFrame(
                 carrier, offset(joint, "location", "orientation")
             )
         return self.place(socket(joint, "parent_frame"), joint), self.place(socket(joint, "child_frame"), joint)
 
-    def place(self, reference: str, user: ET.Element, below: tuple[str, ...] = ()) -> Place:
+    def place(self, reference: str, user: ET.Element, below: tuple[str, ...] = ()) -> PlacedFrame:
         """Body and pose of a frame that an element refers to by a name or path, as `/bodyset/pelvis` or `hip_offset`.
 
         Raises:
@@ -170,7 +170,7 @@ class Frames:
         """
         *owners, name = reference.split("/")
         if name == GROUND or name in self.bodies:
-            return Place(name, np.eye(4))
+            return PlacedFrame(name, np.eye(4))
         owner = owners[-1] if owners and owners[-1] not in ("", "..", ".") else user.get("name", "")
         alike = [key for key in self._offsets if key[1] == name]
         key = (owner, name) if (owner, name) in alike else alike[0] if len(alike) == 1 else None
@@ -180,17 +180,17 @@ class Frames:
             )
         element = self._offsets[key]
         parent = self.place(socket(element, "parent"), element, (*below, reference))
-        return Place(parent.body, parent.pose @ offset(element, "translation", "orientation"))
+        return PlacedFrame(parent.body, parent.pose @ offset(element, "translation", "orientation"))
 
 
-def markers(model: ET.Element, frames: Frames) -> dict[str, Place]:
+def markers(model: ET.Element, frames: Frames) -> dict[str, PlacedFrame]:
     """Markers of a model by their names."""
     out = {}
     for element in objects(model, "MarkerSet"):
         reference = text(element, "body") or socket(element, "parent_frame")
         place = frames.place(reference, element)
         shift = se3.pose(np.eye(3), numbers(element, "location", 3, "0 0 0"))
-        out[named(element)] = Place(place.body, place.pose @ shift)
+        out[named(element)] = PlacedFrame(place.body, place.pose @ shift)
     return out
 
 

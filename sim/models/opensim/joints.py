@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.errors import ModelError
-from sim.models.opensim.elements import GROUND, Frames, Place, flag, label, named, numbers, objects, text
+from sim.models.opensim.elements import GROUND, Frames, PlacedFrame, flag, label, named, numbers, objects, text
 from sim.models.opensim.functions import IDENTITY, Curve, curve, function_of
 
 _SIMPLE = {
@@ -27,7 +27,7 @@ AXES = ("translation1", "translation2", "translation3", "rotation1", "rotation2"
 """The axes of a `CustomJoint`, in the order in which they move the child."""
 
 
-class Factor(NamedTuple):
+class ElementaryMotion(NamedTuple):
     """One turn or slide of a joint.
 
     Attributes:
@@ -51,7 +51,7 @@ def coordinate_elements(joint: ET.Element) -> list[ET.Element]:
     return [element for element in inside if element.tag == "Coordinate"]
 
 
-def factors(joint: ET.Element) -> list[Factor]:
+def factors(joint: ET.Element) -> list[ElementaryMotion]:
     """The turns and slides of a joint.
 
     Raises:
@@ -68,12 +68,12 @@ def factors(joint: ET.Element) -> list[Factor]:
     if len(names) != len(rows):
         raise ModelError(f"{label(joint)} needs {len(rows)} coordinates, got {len(names)}: {', '.join(names)}.")
     return [
-        Factor(kind == "turn", np.eye(3)[axis], names[k], IDENTITY, f"{joint.get('name')}, {names[k]}")
+        ElementaryMotion(kind == "turn", np.eye(3)[axis], names[k], IDENTITY, f"{joint.get('name')}, {names[k]}")
         for kind, axis, k in rows
     ]
 
 
-def _custom(joint: ET.Element) -> list[Factor]:
+def _custom(joint: ET.Element) -> list[ElementaryMotion]:
     names = [named(element) for element in coordinate_elements(joint)]
     spatial = joint.find("SpatialTransform")
     axes = {} if spatial is None else {axis.get("name"): axis for axis in spatial.findall("TransformAxis")}
@@ -84,7 +84,7 @@ def _custom(joint: ET.Element) -> list[Factor]:
     return [_axis(joint, axes[axis], names) for axis in AXES]
 
 
-def _axis(joint: ET.Element, element: ET.Element, names: list[str]) -> Factor:
+def _axis(joint: ET.Element, element: ET.Element, names: list[str]) -> ElementaryMotion:
     """One axis of a `CustomJoint`."""
     kind = element.get("name", "")
     where = f"{joint.get('name')}, {kind}"
@@ -102,7 +102,7 @@ def _axis(joint: ET.Element, element: ET.Element, names: list[str]) -> Factor:
     if not used and (by.exact is None or by.exact.degree()):
         raise ModelError(f"{where}: a function of no coordinate is a <Constant>, got <{getattr(function, 'tag', '')}>.")
     unit = direction / np.linalg.norm(direction)
-    return Factor(kind.startswith("rotation"), unit, used[0] if used else "", by, where)
+    return ElementaryMotion(kind.startswith("rotation"), unit, used[0] if used else "", by, where)
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ class Link:
     """
 
     joint: ET.Element
-    parent: Place
-    child: Place
-    factors: list[Factor]
+    parent: PlacedFrame
+    child: PlacedFrame
+    factors: list[ElementaryMotion]
 
 
 def _links(model: ET.Element, frames: Frames) -> Iterator[Link]:

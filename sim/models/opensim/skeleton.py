@@ -13,7 +13,7 @@ from ident.mechanism.tree import Tree
 from sim.models.notes import note
 from sim.models.opensim.coordinates import Coordinate, Dependence, dependences, needed_span
 from sim.models.opensim.elements import GROUND, Frames
-from sim.models.opensim.joints import Factor, Link, coordinate_elements, links_in_order
+from sim.models.opensim.joints import ElementaryMotion, Link, coordinate_elements, links_in_order
 
 Worst = tuple[float, str]
 """An error in m or rad, and the name of its turn or slide."""
@@ -139,7 +139,7 @@ class _Chains:
             parent, home = len(self.bodies) - 1, np.eye(4)
         self.place[link.child.body] = len(self.bodies) - 1
 
-    def _dependence(self, factor: Factor) -> Dependence:
+    def _dependence(self, factor: ElementaryMotion) -> Dependence:
         """Dependence of a turn or slide on a free coordinate."""
         if not factor.coordinate:
             return Dependence(None, factor.curve)
@@ -165,7 +165,7 @@ class _Chains:
         parent: int,
         home: np.ndarray,
         behind: np.ndarray,
-        factor: Factor,
+        factor: ElementaryMotion,
         dependence: Dependence,
         own: str,
         massless: bool,
@@ -185,11 +185,11 @@ class _Chains:
         return Body(name, parent, home @ behind, se3.Ad(se3.inverse(behind)) @ twist, "", massless, follows)
 
 
-_Step = tuple[Factor, Dependence, np.ndarray]
+_Step = tuple[ElementaryMotion, Dependence, np.ndarray]
 """A turn or slide that moves, its dependence, and the constant pose behind it."""
 
 
-def _folded(home: np.ndarray, moving: list[tuple[Factor, Dependence]]) -> tuple[np.ndarray, list[_Step]]:
+def _folded(home: np.ndarray, moving: list[tuple[ElementaryMotion, Dependence]]) -> tuple[np.ndarray, list[_Step]]:
     """Folds constant turns and slides into the poses of those that move.
 
     Returns:

@@ -8,13 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
-from ident.geometry.inertia import com_from_parameters
+from ident.geometry.inertia import com_from_parameters, entries
 from ident.mechanism.mechanism import Mechanism
 from sim.models.inertials import SHORT, is_physical, shortened
 from sim.models.opensim.elements import Frames, model_element, text
 from sim.models.opensim.joints import links_in_order
 from sim.models.opensim.reading import MOMENTS, OpenSimOrigin, body_parameters
-from sim.models.xml_places import Edit, Place, digits, edited, root_of, with_comment
+from sim.models.xml_places import Edit, Element, digits, edited, root_of, with_comment
 
 BODIES = ("Model", "BodySet", "objects", "Body")
 """Path of tags from below the root to a body."""
@@ -72,7 +72,7 @@ def _replaced(
 ) -> bytes:
     """Bytes of a file with other φ (10,) of some bodies, comments, and displaced joints."""
     data = path.read_bytes()
-    places: dict[str, Place] = {}
+    places: dict[str, Element] = {}
     for body in root_of(path, data).below(*BODIES):
         places.setdefault(body.attributes.get("name", "").strip(), body)
     edits = [edit for name, phi in bodies.items() for edit in _edits(data, places[name], phi, short=name in comments)]
@@ -103,17 +103,16 @@ def _offset_edit(path: Path, data: bytes, body: str, shift: np.ndarray) -> Edit:
     raise ModelError(f"{path}: the joint that carries '{body}' has no offset frame of its own; add one on its parent.")
 
 
-def _edits(data: bytes, body: Place, phi: np.ndarray, *, short: bool) -> Iterator[Edit]:
+def _edits(data: bytes, body: Element, phi: np.ndarray, *, short: bool) -> Iterator[Edit]:
     """Edits of a file's bytes that set a body's φ."""
     mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
     if short and phi[0]:
         mass, center, inertia = shortened(mass, center, inertia)
-    entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     numbers: dict[str, Sequence[float]] = {"mass": [mass], "mass_center": center.tolist()}
     if body.child("inertia") or not any(child.tag.startswith("inertia_") for child in body.children):
-        numbers["inertia"] = entries.tolist()
+        numbers["inertia"] = entries(inertia).tolist()
     else:
-        numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries.tolist(), strict=True)}
+        numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries(inertia).tolist(), strict=True)}
     missing = b""
     for tag, values in numbers.items():
         words = digits(values).encode()
