@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     origin = own_model.provenance(args, payload.estimate.logs)
     document = report.document(args.model, [*args.logs, *args.loaded], origin)
     out = options.output_of(args, folder)
-    write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args))
+    write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args), verbose=args.verbose)
 
 
 def _stated_body(args: argparse.Namespace) -> str:
@@ -92,6 +92,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--mass", type=float, help="mass of that load by a scale, kg; it fixes the scale of the torques")
     out.add_argument("--flange", help="body or site in whose frame controllers want the payload, by default --body")
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
+    out.add_argument("--verbose", action="store_true", help="print more than a screen: deviations, sensor and forms")
     options.add_mechanism(out)
     options.add_reading(out)
     out.add_argument(

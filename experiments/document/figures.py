@@ -6,17 +6,12 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from experiments.document.styles import empty_figure, paper_style
-from ident.display.plots import add_legend, few_decades, few_ticks, label_above, spans
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+from ident.display.plots import Axes, Figure, add_legend, few_decades, few_ticks, label_above, spans
 
 SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
@@ -38,7 +33,7 @@ class Line:
     style: str = "-"
     first: int = 0
 
-    def draw(self, ax: "Axes", x: np.ndarray, y: np.ndarray, label: str) -> None:
+    def draw(self, ax: Axes, x: np.ndarray, y: np.ndarray, label: str) -> None:
         """Draws values over an abscissa, both (N,)."""
         if self.style:
             ax.plot(x, y, self.style, color=self.color, lw=self.width, label=label)
@@ -55,7 +50,7 @@ def wrench_panels(
     symbol: str = "{}",
     lowest: float | None = None,
     shaded: Mapping[str, np.ndarray] | None = None,
-) -> "Figure":
+) -> Figure:
     r"""Six panels, forces on the left and torques on the right, with a curve for each wrench.
 
     Args:
@@ -96,20 +91,21 @@ def wrench_panels(
     return figure
 
 
-def save(figure: "Figure", folder: Path, name: str, formats: Iterable[str]) -> None:
+def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
     """Writes `folder/name.FORMAT` for each format, byte-identical for identical figures."""
     for extension in formats:
         (folder / f"{name}.{extension}").write_bytes(drawn(figure, extension))
 
 
-def drawn(figure: "Figure", extension: str) -> bytes:
+def drawn(figure: Figure, extension: str) -> bytes:
     """A figure's file in a format."""
     import matplotlib as mpl
     from matplotlib.backend_bases import get_registered_canvas_class
 
     with paper_style():
-        pixels = _canvas(figure)
-        # The layout is solved once; solved again for each file it would depend on the previous files.
+        # What draws the first file measures texts and solves the layout; solved again for each file it would depend on
+        # the previous ones.
+        canvas = get_registered_canvas_class(extension)(figure)
         if (layout := figure.get_layout_engine()) is not None:
             _place_empty_labels(figure)
             layout.execute(figure)
@@ -120,27 +116,17 @@ def drawn(figure: "Figure", extension: str) -> bytes:
         # Vector backends leave a dpi of 72 behind.
         dpi = mpl.rcParams["savefig.dpi"]
         figure.dpi = mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi
-        canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
         getattr(canvas, f"print_{extension}")(file, **_WRITTEN[extension])
-        figure.set_canvas(pixels)
         content = file.getvalue()
         return _rounded(content) if extension == "svg" else content
 
 
-def _place_empty_labels(figure: "Figure") -> None:
+def _place_empty_labels(figure: Figure) -> None:
     """Fixes the places of empty labels of axes, beside which matplotlib would measure all ticks at each drawing."""
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
             if not axis.get_label_text():
                 axis.set_label_coords(0, 0)
-
-
-def _canvas(figure: "Figure") -> "FigureCanvasAgg":
-    """The figure's pixel canvas, which caches text sizes from the first measurement to the last file."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas = figure.canvas
-    return canvas if isinstance(canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
 
 
 def _rounded(svg: bytes) -> bytes:
@@ -152,7 +138,7 @@ def _rounded(svg: bytes) -> bytes:
     return re.sub(rb' d="[^"]*"', path, svg)
 
 
-def widen_flat(ax: "Axes") -> None:
+def widen_flat(ax: Axes) -> None:
     """Widens a flat ordinate, so that rounding noise does not fill its panel."""
     low, high = ax.get_ylim()
     middle = (low + high) / 2

@@ -17,6 +17,9 @@ HEAD, HEIGHT, HIGHEST, LOWEST = 34, 200, 40, 6
 LABELLED = 10
 """Height of rows from which each has its label; of lower ones the first of so many has one."""
 
+LETTERS = 15
+"""Largest number of letters of a label, of 12 pixels."""
+
 LEAST = 0.01
 """Smallest residual over signal on the axis, which ends at 1, or at 10 if there are larger ones."""
 
@@ -70,7 +73,7 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: 
         own_words = {"name": name, "words": f"{name}: {words}", "idle": name in idle}
         shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[best]]})
     ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
-    return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(len(channels)))
+    return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(channels))
 
 
 def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], total: int) -> str:
@@ -86,7 +89,7 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
     """
     shown = {name: [each.to_page() for each in own] for name, own in bodies.items()}
     last = max([9, *(each.column for own in bodies.values() for each in own)])
-    return _drawn("parameters", shown, [*known], total, last, *_rows(len(bodies)))
+    return _drawn("parameters", shown, [*known], total, last, *_rows([*bodies]))
 
 
 def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
@@ -116,10 +119,24 @@ def _path(x: np.ndarray, y: np.ndarray) -> str:
     return "".join(f"{'M' if begins[k] else 'L'}{x[i]:.1f} {y[i]:.1f}" for k, i in enumerate(kept) if there[k])
 
 
-def _rows(number: int) -> tuple[list[float], float, int]:
-    """Middles of rows, their height, and of how many rows one has its label."""
-    step = min(HIGHEST, max(LOWEST, HEIGHT / max(number, 1)))
-    return [HEAD + step * (k + 0.5) for k in range(number)] or [HEAD], step, max(1, int(np.ceil(LABELLED / step)))
+def _rows(names: Sequence[str]) -> tuple[list[float], float, list[str]]:
+    """Middles of rows, their height, and their labels; of several low rows only one has its label."""
+    step = min(HIGHEST, max(LOWEST, HEIGHT / max(len(names), 1)))
+    every = max(1, int(np.ceil(LABELLED / step)))
+    labels = [label if k % every == 0 else "" for k, label in enumerate(labels_of(names))]
+    return [HEAD + step * (k + 0.5) for k in range(len(names))] or [HEAD], step, labels
+
+
+def labels_of(names: Sequence[str]) -> list[str]:
+    """Names in words, without a last one that all share, and long ones without their middle.
+
+    >>> labels_of(["shoulder_pan_joint", "shoulder_lift_joint", "a_joint_of_many_words_joint"])
+    ['shoulder pan', 'shoulder lift', 'a joint…y words']
+    """
+    words = [name.replace("_", " ").split(" ") for name in names]
+    shared = len(names) > 1 and all(len(each) > 1 for each in words) and len({each[-1] for each in words}) == 1
+    texts = [" ".join(each[:-1] if shared else each) for each in words]
+    return [text if len(text) <= LETTERS else f"{text[: LETTERS // 2]}…{text[-(LETTERS // 2) :]}" for text in texts]
 
 
 def _drawn(kind: str, *given: Any) -> str:

@@ -5,12 +5,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.resources import as_file, files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from experiments.document.sheet import WIDTHS, page_columns
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ident.display.plots import Figure
 
 
 @contextmanager
@@ -25,7 +23,7 @@ def paper_style() -> Iterator[None]:
 
 
 @contextmanager
-def empty_figure(height: float, *, wide: bool = False) -> Iterator["Figure"]:
+def empty_figure(height: float, *, wide: bool = False) -> Iterator[Figure]:
     """Yields a figure in this style, as wide as a column or as the page's text, with a height in inches."""
     with paper_style():
         from matplotlib.figure import Figure

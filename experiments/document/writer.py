@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -51,15 +52,21 @@ def environment() -> Environment:
     """The templates; they are compiled at first use, which takes as long as filling them."""
     environment = Environment(
         loader=PackageLoader("experiments.document"),
-        autoescape=True,
+        autoescape=lambda name: not (name or "").endswith(".txt"),
         undefined=StrictUndefined,
         finalize=_visible,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"pieces": pieces, "indented": _indented, "digest": _digest}
+    environment.filters |= {"pieces": pieces, "indented": _indented, "digest": _digest, "form": format}
     return environment
+
+
+def sentences(template: str, **values: object) -> list[str]:
+    """Sentences of a template of text, each of which begins with a dash at the margin."""
+    text = environment().get_template(template).render(**values)
+    return [" ".join(each.split("\n")).strip() for each in re.split("^- ", text, flags=re.MULTILINE)[1:]]
 
 
 def _visible(value: Any) -> Any:

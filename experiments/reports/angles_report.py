@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,14 +13,13 @@ from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import empty_figure
+from experiments.document.writer import sentences
+from ident.display.plots import Figure
 from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
 from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.names import joint_name
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OUTPUTS = (*RESULTS, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
 """Patterns of the files that it writes."""
@@ -97,7 +96,7 @@ def scale_table(lengths: Scaling) -> tabular.Table:
     return tabular.Table(title, *tabular.columns(**columns), deviations={"factor": "std"})
 
 
-def residuals_figure(angles: Angles) -> "Figure":
+def residuals_figure(angles: Angles) -> Figure:
     """RMS distance of the markers from the fit over time."""
     distances = MM * np.where(angles.postures.outlying, np.nan, angles.postures.distances)
     visible = np.isfinite(distances)
@@ -114,27 +113,12 @@ def residuals_figure(angles: Angles) -> "Figure":
 
 def lines(angles: Angles) -> list[str]:
     """Sentences on the main results of a trial."""
-    postures, labels = angles.postures, angles.postures.marked.labels
-    N, M = postures.distances.shape
-    base = "the world's frame" if angles.base is None else f"the frame of '{angles.base}'"
-    sigma = f"{MM * postures.sigma:.2f} mm" if np.isfinite(postures.sigma) else "unknown, markers are too few"
-    out = [
-        f"{M} markers in {N} frames; the base is {base}. Noise of a coordinate of a marker: {sigma}.",
-        *([f"No site belongs to {', '.join(angles.unmatched)}; left out."] if angles.unmatched else []),
-    ]
-    for swap in angles.swaps:
-        a, b = swap.labels
-        out.append(f"The labels of '{a}' and '{b}' seem exchanged in {swap.frames} of {N} frames.")
-    exchanged = {label for swap in angles.swaps for label in swap.labels}
-    for k in np.flatnonzero(postures.outlying.mean(axis=0) > FAR_OFF):
-        if labels[k] not in exchanged:
-            number = int(postures.outlying[:, k].sum())
-            out.append(f"Marker '{labels[k]}' is far from where the others have it in {number} of {N} frames.")
-    model = postures.marked.model
-    for j in sorted({int(model.dof_jntid[d]) for d in postures.marked.dofs}):
-        if number := beyond_range(postures, j):
-            out.append(f"Joint '{joint_name(model, j)}' is beyond its range in {number} of {N} frames.")
-    return [*out, *angles.recording.notes]
+    fit, model = angles.postures, angles.postures.marked.model
+    joints = sorted({int(model.dof_jntid[d]) for d in fit.marked.dofs})
+    more = {"beyond": {joint_name(model, j): beyond_range(fit, j) for j in joints}, "far_off": FAR_OFF}
+    more |= {"outlying": dict(zip(fit.marked.labels, fit.outlying.sum(axis=0).tolist(), strict=True))}
+    more |= {"noise": f"{MM * fit.sigma:.2f} mm" if np.isfinite(fit.sigma) else "unknown, markers are too few"}
+    return sentences("angles.txt", angles=angles, fit=fit, **more)
 
 
 def document(angles: Angles, model: Path, markers: Path, provenance: dict[str, Any]) -> Document:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,10 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
 from ident.display.brief import listed
-from ident.display.plots import add_legend, label_above
+from ident.display.plots import Figure, add_legend, label_above
 from ident.geometry.inertia import with_bodies
 from ident.judgement.verdict import Outcome as Verdict
 from ident.tolerances import INTERVAL
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OUTPUTS = (*RESULTS, "batch.json")
 """Patterns of the files that it writes."""
@@ -90,7 +87,7 @@ def parameters_table(outcomes: Sequence[LogOutcome], bodies: tuple[str, ...]) ->
     )
 
 
-def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> "Figure":
+def chart(outcomes: Sequence[LogOutcome], agreed: LogAgreement, bodies: tuple[str, ...]) -> Figure:
     """The parameters that logs differ in most, over the rows of the logs, with intervals from the logs' noise."""
     names, apart = [agreed.names[k] for k in agreed.most[:PANELS]], agreed.differ
     numbers = np.array([k for k, each in enumerate(outcomes, start=1) if not each.error])

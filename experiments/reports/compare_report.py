@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,8 @@ from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import paper_style
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
-from ident.display.plots import add_legend, row_panels
+from ident.display.plots import Figure, add_legend, row_panels
 from ident.tolerances import INTERVAL
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 OUTPUTS = (*RESULTS, "comparison.json")
 """Patterns of the files that it writes."""
@@ -125,7 +122,7 @@ def agreement(difference: Difference) -> str:
     return f"{names}, if their logs are independent: {difference.comparison} {setup}{but}"
 
 
-def figure(difference: Difference) -> "Figure":
+def figure(difference: Difference) -> Figure:
     """Differences in units of their standard deviation from noise, with intervals from noise and from the set-up."""
     std = np.sqrt(np.diag(difference.comparison.covariance))
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std

@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from experiments.document import symbols, tabular
 from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import of_deviations
-from ident.display.plots import add_legend, few_ticks, label_above
+from experiments.document.writer import sentences
+from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies
 from ident.recordings.recording import STATES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ALIKE = 0.1
 """Relative difference of durations from which deviations are compared for an equal one as well."""
@@ -68,7 +66,7 @@ def table_limits(design: Design) -> tabular.Table:
     return tabular.Table("Limits", ("joint", "quantity", "before", "after", "limit"), tuple(rows))
 
 
-def figure(design: Design) -> "Figure":
+def figure(design: Design) -> Figure:
     """Position, velocity and acceleration of each moving joint, before and after, with their limits."""
     limits, before, after = design.limits, design.before, design.after
     bounds = (
@@ -100,42 +98,13 @@ def figure(design: Design) -> "Figure":
 
 def lines(design: Design) -> list[str]:
     """Sentences for the terminal and the page, besides the tables."""
-    before, after = design.before.mean_deviation, design.after.mean_deviation
-    first, last = (each.quality["condition_number"] for each in (design.before, design.after))
-    smaller = "" if design.start == RANDOM_START else f", {_change(after / before)}"
-    long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
-    seconds = [design.time[1] * count for count in (long, short)]
-    equal = _change(after / before * np.sqrt(short / long))
-    return [
-        f"{len(design.names)} base parameters: {with_bodies(design.names, design.bodies)}.",
-        *([f"{len(design.drives)} drives: {', '.join(design.drives)}."] if design.drives else []),
-        f"Predicted standard deviations (SI units), geometric mean before, {design.start}: {before:.2e}; after: "
-        f"{after:.2e}{smaller}.",
-        *(
-            [f"Before lasts {seconds[0]:.3g} s, after {seconds[1]:.3g} s; of one duration they differ by {equal}."]
-            if smaller and abs(short / long - 1) > ALIKE
-            else []
-            if smaller
-            else ["--log LOG compares the design with your own recording."]
-        ),
-        *_beyond(design),
-        f"Condition number before: {first:.3g}; after: {last:.3g}.",
-        f"Collisions: {design.collisions}.",
-    ]
-
-
-def _beyond(design: Design) -> list[str]:
-    """A sentence on the joints that moved faster before than the design may."""
     motion, limits = design.before.motion, design.limits
-    fast = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
-    fast |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
-    names = ", ".join(name for name, beyond in zip(design.joints, fast, strict=True) if beyond)
-    return [f"Before, {names} went faster than --velocity or --acceleration let the design go."] if names else []
-
-
-def _change(ratio: float) -> str:
-    """A ratio as a change in %."""
-    return f"{100 * (ratio - 1):+.0f} %"
+    beyond = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
+    beyond |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
+    long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
+    more = {"names": with_bodies(design.names, design.bodies), "compared": design.start != RANDOM_START}
+    more |= {"fast": [name for name, fast in zip(design.joints, beyond, strict=True) if fast], "alike": ALIKE}
+    return sentences("excite.txt", design=design, long=long, short=short, **more)
 
 
 def document(design: Design, model: str, provenance: dict[str, Any]) -> Document:

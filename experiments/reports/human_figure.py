@@ -1,16 +1,11 @@
 """Figure of the study of a person: errors of segments, and precision over contacts, motions and seconds."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from experiments.data.person import PersonStudy
 from experiments.document.styles import empty_figure
+from ident.display.plots import Axes, Figure
 from ident.tolerances import INTERVAL
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 COLORS = {"prior": "0.55", "estimate": "C0"}
 
@@ -22,7 +17,7 @@ SHARES = (0.15, 0.3, 0.6, 1.0)
 """Fractions of each recording's length at which the precision is evaluated."""
 
 
-def figure(study: PersonStudy, feet_alone: PersonStudy) -> "Figure":
+def figure(study: PersonStudy, feet_alone: PersonStudy) -> Figure:
     """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
     with empty_figure(7.2) as drawing:
         above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
@@ -32,7 +27,7 @@ def figure(study: PersonStudy, feet_alone: PersonStudy) -> "Figure":
     return drawing
 
 
-def _segments(ax: "Axes", study: PersonStudy) -> None:
+def _segments(ax: Axes, study: PersonStudy) -> None:
     """Draws the error of each first moment's vector relative to its size, of prior and estimate."""
     phi, std = study.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (study.true, study.mechanism))
@@ -49,7 +44,7 @@ def _segments(ax: "Axes", study: PersonStudy) -> None:
     ax.set_xlim(left=0)
     ax.set_xlabel("Error of the first moment (%)", labelpad=2)
     ax.set_title("(a) First moments of segments")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=6, columnspacing=1)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=7, columnspacing=1)
 
 
 def growth(study: PersonStudy) -> np.ndarray:
@@ -60,7 +55,7 @@ def growth(study: PersonStudy) -> np.ndarray:
     return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
 
 
-def _growth(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> None:
+def _growth(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
     """Draws the standard deviations of segments over the number of recordings."""
     numbers = np.arange(len(study.activities) + 1)
     for each, style, contacts in ((study, "-", "plates and rail"), (feet_alone, "--", "plates")):
@@ -71,7 +66,7 @@ def _growth(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> None:
     ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=20, ha="right")
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title(f"(b) Recordings of {study.seconds:g} s each")
-    ax.legend(loc="lower left", fontsize=6, ncols=1)
+    ax.legend(loc="upper right", fontsize=7)
 
 
 def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -85,7 +80,7 @@ def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.n
     }
 
 
-def _predictions(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> None:
+def _predictions(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
     """Draws the standard deviation of the wrench of motions not recorded over the seconds recorded."""
     every = predicted_deviations(study)
     for name in study.activities:
@@ -100,4 +95,4 @@ def _predictions(ax: "Axes", study: PersonStudy, feet_alone: PersonStudy) -> Non
     ax.set_xlabel("Seconds recorded", labelpad=2)
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title("(c) Wrench of motions not recorded")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=4, fontsize=6, columnspacing=1)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=3, fontsize=7, columnspacing=1)

@@ -1,22 +1,18 @@
 """Figures of an identification for print."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from experiments.document import sheet, symbols
 from experiments.document.styles import paper_style
 from ident.display import plots
+from ident.display.plots import Figure
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import channel_unit
 from ident.tolerances import INTERVAL
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-def held_out_figure(result: Estimate) -> "Figure":
+def held_out_figure(result: Estimate) -> Figure:
     """Measured and predicted channels on the held-out part."""
     held = result.held_out
     with paper_style():
@@ -24,7 +20,7 @@ def held_out_figure(result: Estimate) -> "Figure":
         return plots.fit_figure(sheet.current(), _labels(result), held.curves, slow)
 
 
-def parameters_figure(result: Estimate) -> "Figure":
+def parameters_figure(result: Estimate) -> Figure:
     """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
     bodies, model = result.prepared.mechanism.bodies, result.fit.equations.from_model[: result.base.rank]
     names = [symbols.named_symbol(name, bodies) for name in result.base.names]
@@ -32,7 +28,7 @@ def parameters_figure(result: Estimate) -> "Figure":
         return plots.parameters_figure(sheet.current(), names, result.psi, INTERVAL * result.std_setup, model)
 
 
-def spectra_figure(result: Estimate) -> "Figure":
+def spectra_figure(result: Estimate) -> Figure:
     """Spectra of the measured channels and of their residuals on the held-out part, up to three times the cut-off."""
     held, cutoff, rate = result.held_out, result.prepared.cutoff, result.prepared.recording.rate
     highest = np.inf if cutoff is None else 3 * cutoff

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.errors import Following
-from experiments.document import rerun_file, tabular
+from experiments.document import rerun_file, tabular, writer
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_numbers
@@ -178,46 +178,11 @@ def full_table(result: Estimate) -> tabular.Table:
 
 def data_lines(result: Estimate) -> list[str]:
     """Lines on the data: samples, structure, excitation and checks."""
-    prepared, base, checks = result.prepared, result.base, result.checks
-    samples, numbers = len(prepared.samples), result.condition_numbers
-    singular = result.determined_values
-    published = (
-        f"Condition numbers as often published: {numbers['raw']:.3g} of the columns in SI units, "
-        f"{numbers['unit_norm']:.3g} of unit norm."
-    )
-    filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
-    if result.trajectory is not None:
-        fit = result.trajectory.fit
-        noise = "correlated" if result.trajectory.coloured else "white"
-        filtered = (
-            f"trajectory by splines with knots {min(result.trajectory.steps):.2g} s apart, {noise} noise "
-            f"in the weights, {fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
-        )
-    held = result.held_out
-    judged = "which the fit is judged by" if held.fitted else f"{len(held.time)} held out"
-    lines = [
-        f"{samples} samples at {prepared.recording.rate:.4g} Hz: {result.part.stop - result.part.start} fitted, "
-        f"{judged}.",
-        f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
-        f"Excitation: condition number {result.determined_condition:.3g} of the unit-norm columns, each channel "
-        "divided by its signal.",
-        f"Fit: {filtered}.",
-        f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
-        f"Singular values of these columns: {singular[0]:.2g} to {singular[-1]:.2g}. "
-        f"{result.undetermined_sentence or published}",
-    ]
-    if (weight := checks.weight) is not None:
-        lines.append(
-            f"Weight: {weight.measured:.2f} kg measured, {weight.model:.2f} kg in the model, "
-            f"drift {weight.drift:+.2f} kg."
-        )
-    for name, check in checks.frames.items():
-        lines.append(f"Wrench '{name}' against the model's prediction: relative error {check.error:.2f}.")
-    lines.append(f"Residuals: correlated over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
-    for what, gained in separating_sensors(prepared.mechanism, prepared.sensors).items():
-        if gained:
-            lines.append(f"Also identifiable {what}: {with_bodies(gained, prepared.mechanism.bodies)}.")
-    return [*lines, *prepared.notes]
+    log = result.prepared
+    gained = separating_sensors(log.mechanism, log.sensors)
+    separating = {what: with_bodies(names, log.mechanism.bodies) for what, names in gained.items()}
+    more = {"values": result.determined_values, "weight": result.checks.weight, "separating": separating}
+    return writer.sentences("identify_data.txt", result=result, log=log, **more)
 
 
 ROWS, FIRST, LINE, NAME = 11, 5, 112, 30
@@ -226,12 +191,15 @@ ROWS, FIRST, LINE, NAME = 11, 5, 112, 30
 
 def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
-    cards = made.findings
-    lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS)]
-    for card in cards[:FIRST]:
-        lines.append(line_of(shorten(f"{card.title}. {card.text}", LINE, placeholder=" …"), card.doubt))
-    more = f"{len(cards) - FIRST} more findings and " if len(cards) > FIRST else ""
-    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
+    number = len(made.findings) - FIRST
+    lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS), *first_lines(made.findings)]
+    return "\n".join([*lines, f"--verbose prints {f'{number} more findings and ' if number > 0 else ''}all numbers."])
+
+
+def first_lines(cards: Sequence[Card]) -> list[str]:
+    """The first findings, a line each."""
+    texts = (shorten(f"{card.title}. {card.text}", LINE, placeholder=" …") for card in cards[:FIRST])
+    return [line_of(text, card.doubt) for text, card in zip(texts, cards, strict=False)]
 
 
 def verbose(made: Document, result: Estimate) -> str:
@@ -327,8 +295,8 @@ def document(
         },
         figures={
             "figure_held_out": Plot(partial(held_out_figure, result), held_out_caption(result)),
-            "figure_parameters": Plot(partial(parameters_figure, result), parameters_caption(result)),
             "figure_spectra": Plot(partial(spectra_figure, result), SPECTRA),
+            "figure_parameters": Plot(partial(parameters_figure, result), parameters_caption(result)),
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
@@ -373,16 +341,9 @@ def following_lines(following: Following | None) -> list[str]:
     """Sentence on how well the updated model follows recorded coordinates, if it was simulated."""
     if following is None:
         return []
-    if np.isnan(following.after).any():
-        return ["Simulated with the recorded commands, the updated model diverges."]
-    seconds, number = f"{following.seconds:.3g} s", len(following.joints)
-    start = f"Simulated for {seconds} with the recorded commands, the updated model, with the estimated lag, follows"
-    if np.isnan(following.before).any():
-        return [f"{start} the joints, and the model as it came diverges."]
-    return [
-        f"{start} {following.better} of {number} joints better than the model as it came; its error is "
-        f"{np.median(following.ratio):.2f} of the other's (median)."
-    ]
+    diverges = {"before": np.isnan(following.before).any(), "after": np.isnan(following.after).any()}
+    median = np.median(following.ratio)
+    return writer.sentences("identify_following.txt", made=following, diverges=diverges, median=median)
 
 
 def _write_updated(result: Estimate, geometry: bool, path: Path) -> None:

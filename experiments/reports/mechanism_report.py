@@ -1,7 +1,7 @@
 """Report on the double pendulum itself: Figure 1 and Tables I and II."""
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +10,8 @@ from experiments.data.outcomes import Drawing
 from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure
+from ident.display.plots import Axes, Figure
 from ident.mechanism.tree import Tree
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 FRAME_COLORS = ("C1", "C2", "C0")
 
@@ -46,7 +43,7 @@ def _numbers(values: np.ndarray) -> str:
     return "(" + ", ".join(f"{value + 0.0:g}" for value in values) + ")"
 
 
-def figure_1(drawing: Drawing) -> "Figure":
+def figure_1(drawing: Drawing) -> Figure:
     """Figure 1: the mechanism on the left, its frames on the right."""
     with empty_figure(2.8) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
@@ -74,7 +71,7 @@ def _flat(points: np.ndarray) -> np.ndarray:
     return np.stack([y - 0.45 * x, z - 0.3 * x], axis=-1)
 
 
-def _draw_links(ax: "Axes", drawing: Drawing) -> None:
+def _draw_links(ax: Axes, drawing: Drawing) -> None:
     """Draws pedestal, links, joints and centres of mass from the front."""
     foot = drawing.base * [1, 1, 0]
     shoulder, elbow = drawing.poses[1, :3, 3], drawing.poses[2, :3, 3]
@@ -89,7 +86,7 @@ def _draw_links(ax: "Axes", drawing: Drawing) -> None:
     ax.plot(*_flat(drawing.masses).T, "o", color="C4", ms=4, mec="black", mew=0.4, label="centre of mass")
 
 
-def _label_mechanism(ax: "Axes", drawing: Drawing) -> None:
+def _label_mechanism(ax: Axes, drawing: Drawing) -> None:
     """Draws the symbols of masses, lengths and angles."""
     base, elbow = drawing.base, drawing.poses[2, :3, 3]
     _frame(ax, np.eye(4))
@@ -109,11 +106,11 @@ def _label_mechanism(ax: "Axes", drawing: Drawing) -> None:
         ax.text(label[0], label[1], rf"$\theta_{k}$", ha="center", va="center")
 
 
-def _note(ax: "Axes", point: np.ndarray, text: str, shift: tuple[int, int]) -> None:
+def _note(ax: Axes, point: np.ndarray, text: str, shift: tuple[int, int]) -> None:
     ax.annotate(text, tuple(_flat(point)), xytext=shift, textcoords="offset points", va="center")
 
 
-def _frame(ax: "Axes", T: np.ndarray) -> None:
+def _frame(ax: Axes, T: np.ndarray) -> None:
     """Draws the axes of a frame: x vermilion, y green, z blue."""
     origin = T[:3, 3]
     for axis, color in enumerate(FRAME_COLORS):

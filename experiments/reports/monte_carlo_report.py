@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,8 @@ from experiments.document.styles import empty_figure
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
-from ident.display.plots import add_legend
+from ident.display.plots import Axes, Figure, add_legend
 from ident.display.text import decimals_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MEANING = (
     "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
@@ -81,7 +77,7 @@ def _beside(distribution: Distribution) -> bool:
     return bool(np.isfinite(distribution.published).any())
 
 
-def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = ()) -> "Figure":
+def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = ()) -> Figure:
     """Chart of all parameters, a panel for each model: interval, mean, prediction and the paper's error."""
     wide = len(distributions) > 2
     with empty_figure(3.2, wide=wide) as figure:
@@ -96,7 +92,7 @@ def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (
     return figure
 
 
-def _draw(ax: "Axes", d: Distribution) -> None:
+def _draw(ax: Axes, d: Distribution) -> None:
     """Draws one model's panel."""
     rows, spread, (low, high) = np.arange(len(d.names)), 1.96 * d.predicted_std, d.interval
     ax.axvline(0, color="0.6", lw=0.5)

@@ -6,13 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from experiments.document import tabular
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import Decimals, of_deviations, of_numbers
+from experiments.document.tabular import of_deviations, of_numbers
 from experiments.document.terminal import wrapped
+from experiments.document.writer import environment
 from experiments.reports import identify_page, identify_report
 from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.preparation import length
@@ -28,39 +27,6 @@ OUTPUTS = (*RESULTS, "payload.json", "payload.txt", "model.xml", "model.urdf")
 """Patterns of the files that it writes."""
 
 
-def urdf(values: np.ndarray) -> str:
-    """URDF's `<inertial>` of `RigidBody.values`."""
-    entries = [f'{name.lower()}="{_text(values[k])}"' for k, name in enumerate(QUANTITIES) if k > 3]
-    return (
-        f'<inertial>\n  <origin xyz="{_text(*values[1:4])}" rpy="0 0 0"/>\n  <mass value="{_text(values[0])}"/>\n'
-        f"  <inertia {' '.join(entries)}/>\n</inertial>"
-    )
-
-
-def mjcf(values: np.ndarray) -> str:
-    """MJCF's `<inertial>` of `RigidBody.values`."""
-    mass, center, inertia = _text(values[0]), _text(*values[1:4]), _text(*values[4:])
-    return f'<inertial mass="{mass}" pos="{center}" fullinertia="{inertia}"/>'
-
-
-def controllers(values: np.ndarray) -> str:
-    """Calls for robot controllers: mass, centre of mass and inertia about it, in the flange's frame.
-
-    Franka's `setLoad` takes the matrix column by column, UR's `set_target_payload` the entries xx, yy, zz, xy, xz, yz.
-    """
-    mass, center, inertia = _text(values[0]), _listed(values[1:4]), _listed(values[4:])
-    matrix = _listed(symmetric(values[4:]).ravel())
-    return f"setLoad({mass}, {center}, {matrix})\nset_target_payload({mass}, {center}, {inertia})"
-
-
-def _intervals(body: RigidBody) -> str:
-    """Half-widths of the 95 % intervals."""
-    reach = INTERVAL * body.std_setup
-    names = ("mass", "centre", "inertia")
-    parts = zip(names, (reach[:1], reach[1:4], reach[4:]), strict=True)
-    return "95 %: " + "; ".join(f"{name} ± {' '.join(f'{x:.2g}' for x in some)}" for name, some in parts)
-
-
 def _sensor_unit(each: SensorParameter) -> str:
     """Unit of a sensor's parameter."""
     return offset_unit(each.name) if each.setup is None else each.setup.row.unit.si
@@ -71,14 +37,6 @@ def _in_words(each: SensorParameter) -> str:
     if each.setup is None:
         return each.name.replace("offset(", "offset of ").removesuffix(")")
     return each.setup.text(each.setup.row.label)
-
-
-def _text(*numbers: float) -> str:
-    return " ".join(f"{x:.6g}" for x in numbers)
-
-
-def _listed(numbers: np.ndarray) -> str:
-    return f"[{', '.join(map(_text, numbers))}]"
 
 
 @dataclass(frozen=True)
@@ -100,36 +58,26 @@ class PayloadReport:
 
     def forms(self) -> dict[str, str]:
         """The numbers with their intervals as text for other programs, by program."""
-        own, at_flange, body = self.payload.in_frame(), self.at_flange, self.payload.body
-        comment = f"<!-- {_intervals(own)} -->"
-        return {
-            f"URDF, link '{body}'": f"{comment}\n{urdf(own.values)}",
-            f"MJCF, body '{body}'": f"{comment}\n{mjcf(own.values)}",
-            f"Robot controllers, frame of '{self.flange}'": (
-                f"# {_intervals(at_flange)}\n{controllers(at_flange.values)}"
-            ),
-        }
+        return dict(each.split("\n", 1) for each in self.forms_text().strip().split("\n\n"))
 
     def forms_text(self) -> str:
         """The forms as one text."""
-        return "\n".join(f"{title}\n{text}\n" for title, text in self.forms().items())
+        own, at_flange = self.payload.in_frame(), self.at_flange
+        matrix = symmetric(at_flange.values[4:]).ravel()
+        names = {"body": self.payload.body, "flange": self.flange, "names": QUANTITIES[4:], "matrix": matrix}
+        template = environment().get_template("payload.txt")
+        return template.render(own=own, at_flange=at_flange, interval=INTERVAL, **names).rstrip() + "\n"
 
-    def table(self) -> tabular.Table:
-        """Mass, centre of mass and inertia with their intervals, beside the model's."""
+    def table(self, *, brief: bool = False) -> tabular.Table:
+        """Mass, centre of mass and inertia with their intervals, beside the model's; briefly without deviations."""
         body, model = self.payload.in_frame(), self.payload.model
-        columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
-        columns["model"] = [None] * 10 if model is None else model.tolist()
-        columns["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
-        title = f"{self.payload.title}, in the frame of '{self.payload.body}'"
-        return tabular.Table(
-            title, *tabular.columns(**columns), decimals=6, digits=_digits(body), deviations=DEVIATIONS
-        )
+        more: dict[str, Any] = {"model": [None] * 10 if model is None else model.tolist()}
+        more["note"] = ["" if each else "not determined by this motion" for each in body.identifiable]
+        return _table(f"{self.payload.title}, in the frame of '{self.payload.body}'", body, more, brief=brief)
 
     def flange_table(self) -> tabular.Table:
         """The same in the flange's frame."""
-        columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(self.at_flange)}
-        title, digits = f"The same in the frame of '{self.flange}'", _digits(self.at_flange)
-        return tabular.Table(title, *tabular.columns(**columns), decimals=6, digits=digits, deviations=DEVIATIONS)
+        return _table(f"The same in the frame of '{self.flange}'", self.at_flange, {})
 
     def sensor_table(self, *, every: bool = True) -> tabular.Table:
         """Offsets, delay, gains and frame of the sensor, or those alone that are taken out."""
@@ -166,8 +114,14 @@ class PayloadReport:
             "estimate": payload.estimate.to_dict(),
         }
 
-    def text(self) -> str:
-        """Text for the terminal."""
+    def screen(self, cards: Sequence[Card]) -> str:
+        """Text for the terminal on 24 lines: verdict, mass, centre and inertia, and the first findings."""
+        first = [Headline.of(self.payload.verdict()).line, "", self.table(brief=True).text()]
+        where = "payload.txt has these for URDF, MJCF and robot controllers; --verbose prints all numbers."
+        return "\n".join([*first, *identify_report.first_lines(cards), where])
+
+    def verbose(self) -> str:
+        """Longer text for the terminal."""
         payload = self.payload
         taken_out = any(each.taken_out for each in payload.sensor_parameters)
         tables = [self.table().text(), *([self.sensor_table(every=False).text()] if taken_out else [])]
@@ -191,12 +145,13 @@ class PayloadReport:
             updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
         caption = f"Measured and predicted channels on the {payload.estimate.held_out.part} part."
+        cards = [*map(Card.of, payload.findings)]
         return Document(
             f"Payload of {model.name if model else payload.body}, identified from {', '.join(map(name_of, logs))}",
             headline=Headline.of(payload.verdict()),
             verdict=str(payload.verdict()),
             pictures=[*identify_page.prediction(payload.estimate)],
-            findings=[*map(Card.of, payload.findings)],
+            findings=cards,
             lines=self.lines(),
             heading="The recording",
             tables={
@@ -209,22 +164,17 @@ class PayloadReport:
             numbers={"payload": self.to_dict(), "provenance": provenance},
             blocks=self.forms(),
             files=files,
-            screen=self.text(),
+            screen=self.screen(cards),
+            verbose=self.verbose(),
         )
 
 
-def _columns(body: RigidBody) -> dict[str, list[float]]:
-    """Estimates, standard deviations and 95 % intervals."""
-    reach = INTERVAL * body.std_setup
-    numbers = body.values, body.std, body.std_setup, body.values - reach, body.values + reach
-    names = ("estimate", "std", "std_setup", "from_95", "to_95")
-    return {name: x.tolist() for name, x in zip(names, numbers, strict=True)}
-
-
-DEVIATIONS = {"estimate": "std_setup"}
-"""Columns of standard deviations by those of the estimates."""
-
-
-def _digits(body: RigidBody) -> dict[str, Decimals]:
-    """Decimals of columns that have no standard deviations beside them."""
-    return dict.fromkeys(("from_95", "to_95"), of_numbers(body.std_setup)) | {"std": of_deviations(body.std)}
+def _table(title: str, body: RigidBody, more: dict[str, Any], *, brief: bool = False) -> tabular.Table:
+    """Estimates and 95 % intervals, without `brief` also standard deviations, and more columns."""
+    std, reach = body.std_setup, INTERVAL * body.std_setup
+    deviations = {} if brief else {"std": body.std.tolist(), "std_setup": std.tolist()}
+    ends = {"from_95": (body.values - reach).tolist(), "to_95": (body.values + reach).tolist()}
+    estimate = {"quantity": QUANTITIES, "unit": UNITS, "estimate": body.values.tolist()}
+    digits = dict.fromkeys(("estimate", *ends), of_numbers(std)) | {"std": of_deviations(body.std)}
+    digits["std_setup"] = of_deviations(std)
+    return tabular.Table(title, *tabular.columns(**estimate, **deviations, **ends, **more), decimals=6, digits=digits)

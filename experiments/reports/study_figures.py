@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from experiments.data.key_numbers import wrench_error
 from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures
 from experiments.document.sheet import INKS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ident.display.plots import Figure
 
 TRUE_WIDTH = 1.6
 """Line width of the truth in points: it lies below the others and shows on both sides."""
@@ -31,7 +28,7 @@ LOWEST = 0.001
 """Smallest error shown, relative to a panel's largest."""
 
 
-def figure(study: SimulatedStudy, name: str) -> "Figure":
+def figure(study: SimulatedStudy, name: str) -> Figure:
     """A figure of the study by file name."""
     entry = study.file.figures[name]
     if entry["kind"] == "contacts":
@@ -40,7 +37,7 @@ def figure(study: SimulatedStudy, name: str) -> "Figure":
     return kinds[entry["kind"]](study, entry.get("curves", {}))
 
 
-def wrenches(study: SimulatedStudy, curves: Mapping[str, str]) -> "Figure":
+def wrenches(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
     """Wrenches over time: the true and the measured total, the ground's, and predictions of models."""
     colors, strokes = inks(curves.values()), cycle(STROKES)
     drawn = {}
@@ -79,7 +76,7 @@ def wrench(study: SimulatedStudy, what: str) -> np.ndarray:
     return totals[what]().values if what in totals else study.fit(what).predicted
 
 
-def wrench_errors(study: SimulatedStudy, curves: Mapping[str, str]) -> "Figure":
+def wrench_errors(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
     """Absolute errors of the recovered wrenches over samples, as dots, and their running RMS.
 
     Models with equal errors, due to joint noise, have alternating dots, and means that show between each other's
@@ -118,7 +115,7 @@ def running_rms(x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(sums[last] - sums[first], 0) / (last - first)[:, None])
 
 
-def residuals(study: SimulatedStudy, curves: Mapping[str, str]) -> "Figure":
+def residuals(study: SimulatedStudy, curves: Mapping[str, str]) -> Figure:
     """Measured total wrench less the models' predictions, over time."""
     shown = {label: study.total(model).values - study.fit(model).predicted for label, model in curves.items()}
     lines = other_lines(curves.values()) if len(curves) > 1 else [figures.Line("black")]
@@ -128,7 +125,7 @@ def residuals(study: SimulatedStudy, curves: Mapping[str, str]) -> "Figure":
     return figures.wrench_panels(study.recording.time, drawn, "Time (s)", symbol=r"\Delta {}", shaded=episodes(study))
 
 
-def contacts(study: SimulatedStudy) -> "Figure":
+def contacts(study: SimulatedStudy) -> Figure:
     """Contribution of each contact to the ground wrench, measured and moved to the base frame, over time."""
     taken = {
         name: study.problem.total(study.recording, {name}).values - study.measured.values for name in study.known.sites

@@ -1,6 +1,7 @@
 """Report on a simulated study: tables, figures, key numbers, and the terminal's text."""
 
 import dataclasses
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -12,6 +13,7 @@ from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.tabular import number
+from experiments.document.writer import sentences
 from experiments.reports import study_figures, study_tables
 from ident.mechanism.motion import Motion
 
@@ -24,56 +26,18 @@ OUTPUTS = (*RESULTS, RECORDING)
 
 def lines(study: SimulatedStudy) -> list[str]:
     """Sentences with the main numbers."""
-    shown = [*_conditions(study), *_errors(study), *(_axes(study) if study.recovers else [])]
-    if study.touching:
-        numbers = touches(study)
-        shown.append(
-            f"All contacts touch in {100 * numbers['fraction_all_touch']:.0f} % of the samples, "
-            f"none in {100 * numbers['fraction_none_touches']:.0f} %"
-        )
-    return shown
+    errors = {model.title: [*_errors(study, name)] for name, model in study.file.models.items()}
+    return sentences("study.txt", study=study, errors=errors, axes=axes, touches=touches)
 
 
-def _conditions(study: SimulatedStudy) -> list[str]:
-    file, shown = study.file, []
-    for name, model in file.models.items():
-        estimate = study.fit(name).estimate
-        published, shape = (file.published.get(what, {}).get(name) for what in ("condition_number", "shape"))
-        printed = f" (paper: {published}{' at {} × {}'.format(*shape) if shape else ''})" if published else ""
-        at = f"{estimate.rows} × {study.fit(name).base.rank}"
-        line = f"Condition number, {model.title}: {estimate.condition_number:.4g} at {at}{printed}"
-        if model.axes == "recovered" and model.parameters is None:
-            tilt = axes(study)["tilt_recovered_deg"]
-            line += f"; what tells these columns apart is the tilt alone, {tilt:.3g} deg as recovered"
-        shown.append(line)
-    return shown
-
-
-def _errors(study: SimulatedStudy) -> list[str]:
-    shown = []
-    for name, model in study.file.models.items():
-        errors = [
-            f"{np.abs(study.fit(name, each).error).max():.3f} {each}"
-            for each in model.estimators
-            if each != "trajectory"
-        ]
-        if "trajectory" in model.estimators:
-            largest = study.trajectory(name).largest_error
-            errors.append("trajectory not determined" if largest is None else f"{number(largest)} trajectory")
-        shown.append(f"Largest error, {model.title}: {', '.join(errors)}")
-    return shown
-
-
-def _axes(study: SimulatedStudy) -> list[str]:
-    numbers, groups = axes(study), len(study.recovered.groups)
-    decided = "all joints were given one direction" if groups == 1 else f"there are {groups} directions"
-    return [
-        f"Recovered axes: {numbers['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
-        f"{numbers['axis_std_deg']:.3f} deg",
-        f"Recovered joint by joint they are {numbers['axis_difference_alone_deg']:.3f} deg apart (rank "
-        f"{study.rank_apart}); a Wald test tells them from parallel with p = {numbers['axes_parallel_p_value']:.2f}, "
-        f"so {decided}",
-    ]
+def _errors(study: SimulatedStudy, name: str) -> Iterator[str]:
+    """Yields the largest error of each estimator of a model."""
+    for each in study.file.models[name].estimators:
+        if each != "trajectory":
+            yield f"{np.abs(study.fit(name, each).error).max():.3f} {each}"
+    if "trajectory" in study.file.models[name].estimators:
+        largest = study.trajectory(name).largest_error
+        yield "trajectory not determined" if largest is None else f"{number(largest)} trajectory"
 
 
 def replay(study: SimulatedStudy) -> Replay:

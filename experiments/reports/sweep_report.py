@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,11 +10,8 @@ from experiments.data.outcomes import Sweep
 from experiments.document import figures, symbols, tabular
 from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure
-from ident.display.plots import add_legend
+from ident.display.plots import Figure, add_legend
 from ident.errors import InputError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 CHARTED = {
     "misaligned": {
@@ -46,7 +43,7 @@ def table(sweep: Sweep, names: Sequence[str]) -> tabular.Table:
     return tabular.Table(title, columns, tuple(rows), decimals=4, deviations={"mean": "std"}, names=words)
 
 
-def chart(sweep: Sweep, titles: Mapping[str, str]) -> "Figure":
+def chart(sweep: Sweep, titles: Mapping[str, str]) -> Figure:
     """Chart of some numbers over the option, a panel for each: all seeds as dots, and their mean as a line."""
     numeric = not isinstance(sweep.values[0], str)
     x = np.array(sweep.values) if numeric else np.arange(len(sweep.values))

@@ -2,19 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation
 from experiments.document import symbols
 from experiments.document.styles import empty_figure
-from ident.display.plots import add_legend
+from ident.display.plots import Axes, Figure, add_legend
 from ident.tolerances import INTERVAL
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LOOKS = {MODEL: ("0.55", "D"), LEAST_SQUARES: ("C1", "s"), ESTIMATE: ("C0", "o")}
 """Colour and marker of each candidate."""
@@ -38,8 +34,8 @@ NOISE = "estimate, 95 % of the noise"
 HOLDS, MISSES = "estimate and its 95 % interval", "interval that misses the true value"
 """Entries of legends."""
 
-TICKS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Ticks of ratios."""
+TICKS = tuple(first * 10.0**power for power in range(-4, 3) for first in (1, 2, 5))
+"""Ticks of ratios, as far as they are on the abscissa."""
 
 LINEAR = 4.0
 """Difference in standard deviations up to which the abscissa is linear; it is logarithmic beyond."""
@@ -52,7 +48,7 @@ GROUPS = {
 """Colour, place in its row, and label of each kind of agreement."""
 
 
-def truth_figure(study: Study) -> "Figure":
+def truth_figure(study: Study) -> Figure:
     """True values between the ends of their 95 % intervals, as relative errors, a panel for each system.
 
     Parameters are those whose intervals exclude zero, the narrowest interval on top.
@@ -93,7 +89,7 @@ def row_label(name: str) -> str:
     return name.replace("_", " ") if " " in name else symbols.parameter_symbol(name)
 
 
-def held_out_figure(study: Study) -> "Figure":
+def held_out_figure(study: Study) -> Figure:
     """Held-out residuals over signal by candidate, a panel for each recording, in two columns."""
     columns = _columns(list(study))
     heights = [sum(ROW * len(each.channels) + HEAD for each in column) for column in columns]
@@ -105,6 +101,10 @@ def held_out_figure(study: Study) -> "Figure":
             for ax, each in zip(axes, column, strict=True):
                 _ratios(ax, each)
                 ax.set_xlim(lowest, highest)
+                shown = [x for x in TICKS if lowest <= x <= highest]
+                # More decades leave room for powers of ten alone.
+                shown = shown if len(shown) < 8 else [x for x in shown if f"{x:e}".startswith("1")]
+                ax.set_xticks(shown, [f"{x:g}" for x in shown])
             axes[-1].set_xlabel("Held-out residual over signal", labelpad=2)
         add_legend(drawing, "lower", columns=4)
     return drawing
@@ -127,7 +127,7 @@ def _range(study: Study) -> tuple[float, float]:
     return 0.8 * float(every.min()), 1.25 * float(every.max())
 
 
-def _ratios(ax: "Axes", validation: Validation) -> None:
+def _ratios(ax: Axes, validation: Validation) -> None:
     """Draws the ratios of a recording's channels."""
     rows = np.arange(len(validation.channels))
     ax.axvline(1, color="0.6", lw=0.6, zorder=0)
@@ -142,7 +142,6 @@ def _ratios(ax: "Axes", validation: Validation) -> None:
     ax.set_yticks(rows, [channel_label(channel) for channel in validation.channels])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_title(validation.entry.title, fontsize=8, pad=2)
-    ax.set_xticks(TICKS, [f"{x:g}" for x in TICKS])
     ax.minorticks_off()
     ax.tick_params(axis="y", labelsize=6)
 
@@ -154,7 +153,7 @@ def channel_label(channel: str) -> str:
     return channel.removesuffix("_joint").replace("_", " ")
 
 
-def published_figure(study: Study) -> "Figure":
+def published_figure(study: Study) -> Figure:
     """Estimates over published parameters with 95 % intervals of both, and z of each difference."""
     pairs = [(each, published) for each in study for published in each.entry.published]
     published = np.array([[each.value, abs(each.std)] for _, each in pairs])
@@ -185,7 +184,7 @@ def published_figure(study: Study) -> "Figure":
     return drawing
 
 
-def summary_figure(study: Study) -> "Figure":
+def summary_figure(study: Study) -> Figure:
     """Estimate's residuals over those of the best other candidate, and differences of trials, by recording."""
     shown = list(study)
     with empty_figure(FOOT + 0.25 + 0.2 * len(shown), wide=True) as drawing:
@@ -229,7 +228,7 @@ def agreement(validation: Validation) -> dict[str, np.ndarray]:
 
 
 def _strip(
-    ax: "Axes", rows: Mapping[str, np.ndarray], rng: np.random.Generator, *, shift: float = 0.0, color: str = "C0"
+    ax: Axes, rows: Mapping[str, np.ndarray], rng: np.random.Generator, *, shift: float = 0.0, color: str = "C0"
 ) -> None:
     """Draws the numbers of each row, by its name, as dots that are spread a little."""
     for row, (name, numbers) in enumerate(rows.items()):

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import ESTIMATE, WORSE, Goal, Study, Validation, inside, typical
+from experiments.data.validation import ESTIMATE, WORSE, Study, Validation, inside, typical
 from experiments.document.document import Document, Plot
+from experiments.document.writer import sentences
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
 from ident.tolerances import INTERVAL
@@ -84,13 +85,7 @@ def main_lines(study: Study) -> list[str]:
 
 def truth_lines(study: Study) -> list[str]:
     """Sentences on known parameters: of all of them, and of each system."""
-    every = {"Of ": (study.truth_z, study.truth_errors)} if len(study.truths) > 1 else {}
-    every |= {f"{each.title}: of ": (each.z, each.errors(each.values)) for each in study.truths.values()}
-    return [
-        f"{of}{len(z)} parameters that are known, {100 * inside(z):.3g} % lie in our 95 % intervals; the median error "
-        f"of the {len(errors)} that differ from zero in them is {100 * typical(errors):.1f} %."
-        for of, (z, errors) in every.items()
-    ]
+    return sentences("validation_truth.txt", study=study, inside=inside, typical=typical)
 
 
 def overview_lines(study: Study) -> list[str]:
@@ -128,30 +123,7 @@ def peer_lines(study: Study) -> list[str]:
 
 def worse_lines(study: Study) -> list[str]:
     """Sentences on where the estimate is worse: than other candidates, published parameters and reference results."""
-    lost = {each.entry.title: (len(each.losses), len(each.against_best)) for each in study if each.losses}
-    out = []
-    if lost:
-        counts = ", ".join(f"{title} ({k} of {of})" for title, (k, of) in lost.items())
-        out.append(
-            f"Another candidate predicts better by more than {100 * (WORSE - 1):.0f} % in "
-            f"{sum(k for k, _ in lost.values())} of {len(study.against_best)} channels: {counts}."
-        )
-    published = [each for each in study if each.entry.published]
-    if published:
-        total, outside = sum(len(v.entry.published) for v in published), sum(len(v.outside) for v in published)
-        names = [f"{each.entry.title} {name} (z {z:+.1f})" for each in published for name, z in each.outside.items()]
-        named = f": {', '.join(names)}" if names else ""
-        out.append(f"Of {total} published parameters {outside} are outside our 95 % intervals{named}.")
-    goals = [(each.entry.title, goal) for each in study for goal in each.goals]
-    if goals:
-        missed = [f"{title}, {goal.what} ({_shown(goal)})" for title, goal in goals if not goal.met]
-        named = f": {'; '.join(missed)}" if missed else ""
-        out.append(f"Of {len(goals)} reference results {len(missed)} are not reached{named}.")
-    return out
-
-
-def _shown(goal: Goal) -> str:
-    return f"{goal.reached:.3g}, reference at {'least' if goal.least else 'most'} {goal.wanted:g}"
+    return sentences("validation_worse.txt", study=study, worse=WORSE)
 
 
 def _identical(validation: Validation) -> str:

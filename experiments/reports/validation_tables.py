@@ -165,17 +165,11 @@ def table_worse(study: Study) -> tabular.Table:
 
 def table_outside(study: Study) -> tabular.Table:
     """Published parameters outside the 95 % intervals."""
-    rows = list[tuple[tabular.Cell, ...]]()
-    for each in study:
-        for published in each.entry.published:
-            if published.name in each.outside:
-                value, _, std = each.values[published.name]
-                rows.append(
-                    (each.entry.title, published.name, published.value, value, std, each.outside[published.name])
-                )
-    title = "Published parameters outside the 95 % intervals"
-    columns = ("recording", "parameter", "published", "estimate", "std_setup", "z")
-    return tabular.Table(title, columns, tuple(rows), decimals=4)
+    published, outside = table_published(study), {(each.entry.title, name) for each in study for name in each.outside}
+    kept = [published.columns.index(x) for x in ("recording", "parameter", "published", "estimate", "std_setup", "z")]
+    rows = tuple(tuple(row[k] for k in kept) for row in published.rows if row[:2] in outside)
+    columns = tuple(published.columns[k] for k in kept)
+    return tabular.Table("Published parameters outside the 95 % intervals", columns, rows, decimals=4)
 
 
 def table_missed(study: Study) -> tabular.Table:

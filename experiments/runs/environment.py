@@ -113,6 +113,11 @@ def default_variables() -> dict[str, str]:
     return threads | screen
 
 
+def one_thread_each() -> bool:
+    """True if variables limit linear algebra to one thread, so that threads of ours do not compete with its own."""
+    return {os.environ[name] for name in THREADS if name in os.environ} == {"1"}
+
+
 @contextmanager
 def seldom_collected() -> Iterator[None]:
     """Makes garbage collection rarer for the duration of a block."""

@@ -12,8 +12,11 @@ from ident.estimation.units import channel_unit
 from ident.files.table import vector_columns
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    # matplotlib is imported with the first figure.
+    Axes = Figure = Any
 
 
 class Sheet(NamedTuple):
@@ -72,7 +75,7 @@ RESOLUTION = 512
 
 def parameters_figure(
     sheet: Sheet, names: Sequence[str], values: np.ndarray, half: np.ndarray, model: np.ndarray
-) -> "Figure":
+) -> Figure:
     """Base parameters and their intervals' half-widths beside the model's, each over the largest of these (r,).
 
     If they are too many for the sheet, those with the narrowest relative intervals are drawn.
@@ -103,7 +106,7 @@ def fit_figure(
     labels: Sequence[str],
     curves: tuple[np.ndarray, np.ndarray, np.ndarray],
     slow: np.ndarray,
-) -> "Figure":
+) -> Figure:
     """Measured and predicted channels.
 
     Args:
@@ -132,7 +135,7 @@ def fit_figure(
 
 def spectra_figure(
     sheet: Sheet, labels: Sequence[str], rate: float, channels: Sequence[np.ndarray], highest: float = np.inf
-) -> "Figure":
+) -> Figure:
     """Amplitude spectra of measured channels and of their residuals (N, C), up to a frequency in Hz."""
     figure, axes = channel_panels(sheet, labels, "Frequency (Hz)")
     # Where nothing is explained the residual is what is measured, which shows on both sides.
@@ -167,7 +170,7 @@ def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarr
 
 def recording_figure(
     time: np.ndarray, channels: Mapping[str, np.ndarray], units: Mapping[str, str], wrenches: Sequence[str]
-) -> "Figure":
+) -> Figure:
     """Joint positions, commands and torques of a recording over time, and force and moment of each wrench."""
     panels = _panels_of(channels, units, wrenches)
     number = max(len(panels), 1)
@@ -204,7 +207,7 @@ def _panels_of(
     return panels
 
 
-def row_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple["Figure", list[tuple["Axes", np.ndarray]]]:
+def row_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[Axes, np.ndarray]]]:
     """A figure with a row for each label, one column wide or, with many rows, in panels across the page.
 
     Returns:
@@ -224,7 +227,7 @@ def row_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple["Figur
     return figure, panels
 
 
-def channel_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple["Figure", list["Axes"]]:
+def channel_panels(sheet: Sheet, labels: Sequence[str], xlabel: str) -> tuple[Figure, list[Axes]]:
     """A figure with a panel below each label, from top to bottom and then from left to right."""
     columns, width = (2, sheet.column) if len(labels) <= COLUMN_PANELS else (4, sheet.text)
     rows = -(-len(labels) // columns)
@@ -246,21 +249,22 @@ def channel_labels(equations: Equations, per: str = "") -> list[str]:
     return [f"{name} ({channel_unit(name, equations.mechanism.tree)}{per})" for name in equations.channels]
 
 
-def label_above(ax: "Axes", label: str) -> None:
+def label_above(ax: Axes, label: str) -> None:
     """Writes the label of an ordinate above it, where it can be read without turning the head."""
-    # A layout leaves room for the whole of a title, and for half the height of a turned label.
-    ax.set_title(label, loc="left", pad=3)
+    # A layout leaves room for the whole of a title, and for half the height of a turned label. With a stated place,
+    # no ticks are measured to find one.
+    ax.set_title(label, loc="left", pad=3, y=1.0)
     ax.set_ylabel(label, visible=False)
     ax.yaxis.set_label_coords(0, 0)
 
 
-def few_ticks(ax: "Axes") -> None:
+def few_ticks(ax: Axes) -> None:
     """Sets few ticks, at round numbers."""
     ax.locator_params(axis="x", nbins=5, steps=[1, 2, 5, 10])
     ax.locator_params(axis="y", nbins=4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3)
 
 
-def few_decades(ax: "Axes") -> None:
+def few_decades(ax: Axes) -> None:
     """Sets few ticks of logarithmic axes, as plain numbers, which are drawn faster than powers of ten."""
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "log":
@@ -270,7 +274,7 @@ def few_decades(ax: "Axes") -> None:
     ax.minorticks_off()
 
 
-def add_legend(figure: "Figure", place: str = "upper", columns: int | None = None) -> Any:
+def add_legend(figure: Figure, place: str = "upper", columns: int | None = None) -> Any:
     """Adds a legend above or below a figure, with the entries of all panels, each once."""
     pairs = (pair for ax in figure.axes for pair in zip(*ax.get_legend_handles_labels(), strict=True))
     entries = {label: handle for handle, label in pairs}
@@ -294,19 +298,19 @@ def visible_spans(spans: np.ndarray, shown: float) -> np.ndarray:
     return np.array([[run[0, 0], run[-1, 1]] for run in np.split(wide, apart)])
 
 
-_UNSHOWN: list["Figure"] = []
+_UNSHOWN: list[Figure] = []
 """Figures of the notebook's running cell that are not shown yet."""
 
 
-def _figure(sheet: Sheet, width: float, height: float) -> "Figure":
+def _figure(sheet: Sheet, width: float, height: float) -> Figure:
     """An empty figure; for a notebook one of pyplot's, so that notebooks know how to show it."""
-    from matplotlib.figure import Figure
+    from matplotlib import figure as drawn
 
     if not sheet.notebook:
-        return Figure(figsize=(width, height))
+        return drawn.Figure(figsize=(width, height))
     from matplotlib import pyplot
 
-    class CellFigure(Figure):
+    class CellFigure(drawn.Figure):
         """A figure that a notebook shows once at the end of its cell, whether or not it is the cell's last value."""
 
         def _ipython_display_(self) -> None:

@@ -26,9 +26,9 @@ from ident.model.axes import Axes, column_place
 from ident.model.regressor import drive_kinds
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.structure import Sensors
+from ident.recordings.faults import covered, runs
 from ident.recordings.followers import moving
 from ident.recordings.recording import Recording
-from ident.recordings.runs import covered, runs
 from ident.recordings.smoothing import low_pass, settling
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import suggested_mapping

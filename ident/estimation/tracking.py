@@ -18,8 +18,8 @@ from ident.estimation.setup import TRACKER
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
-from ident.recordings.runs import covered
 from ident.recordings.sampled import Sampled, side_by_side
 from ident.recordings.tracker import tracked_bodies
 

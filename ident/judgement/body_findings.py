@@ -8,13 +8,7 @@ import numpy as np
 from ident.estimation.excitation import separable
 from ident.geometry.inertia import body_of_parameter
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.consistency import ConsistentParameters

@@ -7,14 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 
 ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"
@@ -184,7 +177,4 @@ def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
     )
 
 
-FINDINGS.update(
-    worse_than_candidate=Row(_worse, doubt=True),
-    candidate_better=Row(_better, doubt=False),
-)
+FINDINGS.update(worse_than_candidate=Row(_worse, doubt=True), candidate_better=Row(_better, doubt=False))

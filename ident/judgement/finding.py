@@ -41,7 +41,8 @@ class Row:
     """Sentence and doubt of a code.
 
     Attributes:
-        template: Format string of the values, or a function of them where grammar depends on them.
+        template: Format string of the values, where names get commas between them, or a function of the values where
+            grammar depends on them.
         doubt: True if it speaks against the estimate; None if that depends on the values, and the judge decides.
     """
 
@@ -50,7 +51,9 @@ class Row:
 
     def rendered(self, values: Mapping[str, Any]) -> str:
         """The sentence with these values."""
-        return self.template.format(**values) if isinstance(self.template, str) else self.template(**values)
+        if not isinstance(self.template, str):
+            return self.template(**values)
+        return self.template.format(**{k: listed(x) if isinstance(x, list | tuple) else x for k, x in values.items()})
 
 
 FINDINGS: dict[str, Row] = {}

@@ -8,15 +8,7 @@ from scipy import linalg
 from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import ESTIMATE, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    number_of,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, number_of, percent
 from ident.parameters.prior import known_covariance
 from ident.tolerances import CONDITION_LIMIT
 
@@ -24,7 +16,8 @@ RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
 
 FAR_LESS = 30.0
-"""Standard deviation from the data over that of the prior from which the motion determines nothing."""
+"""Standard deviation from the data over that of the prior from which the motion determines nothing: .2 and .3 in a
+simulated arm and a real pendulum, 43 in a real UR10 whose torques leave one combination open, more for people."""
 
 FAR_APART = 4.0
 """Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt,

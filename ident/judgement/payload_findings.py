@@ -9,15 +9,7 @@ import numpy as np
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    bracketed,
-    doubts_first,
-    listed,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, doubts_first
 from ident.judgement.fit_findings import course_findings, halves_findings
 from ident.judgement.residual_findings import model_error_findings, quality_findings
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings, stuck_findings
@@ -197,13 +189,6 @@ def _unknown(identifiable: np.ndarray) -> list[str]:
     return [name for name, known in zip(INERTIAS, identifiable[4:], strict=True) if not known]
 
 
-def _inertias(quantities: Sequence[str]) -> str:
-    return (
-        f"The motion does not determine {listed(quantities)}: likely values stand in, of the model's body or of a ball "
-        "of the same mass. Turn the sensor faster to determine them."
-    )
-
-
 def _unexplained(ratios: Mapping[str, float]) -> str:
     return (
         f"Neither weight nor motion explain the forces, residual over signal in brackets: {bracketed(ratios, '.2f')}. "
@@ -227,7 +212,11 @@ FINDINGS.update(
         "The motion does not determine mass and centre of mass. Turn the sensor further, about more than one axis.",
         doubt=True,
     ),
-    payload_inertia_unknown=Row(_inertias, doubt=False),
+    payload_inertia_unknown=Row(
+        "The motion does not determine {quantities}: likely values stand in, of the model's body or of a ball "
+        "of the same mass. Turn the sensor faster to determine them.",
+        doubt=False,
+    ),
     load_not_shown=Row(
         "The recordings do not show the load's mass: {mass:.2g} ± {std:.1g} kg. Check which carry it, and on which "
         "body; turn that about several axes.",

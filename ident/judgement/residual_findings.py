@@ -5,14 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    bracketed,
-    listed,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed
 from ident.recordings.resolution import white_noise
 from ident.recordings.wrench import GROUND
 from ident.tolerances import LEFT, POOR, UNEXPLAINED
@@ -78,13 +71,6 @@ def _ratios(what: str, do: str = "", *, doubt: bool) -> Row:
     return Row(sentence, doubt)
 
 
-def _follow_motion(channels: Sequence[str]) -> str:
-    return (
-        f"Residuals of {listed(channels)} depend on the motion: the model lacks something of the mechanism. Check its "
-        "dimensions, joints and contacts."
-    )
-
-
 def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
     if all_channels:
         least, most = _times(min(factors.values())), _times(max(factors.values()))
@@ -110,6 +96,10 @@ FINDINGS.update(
     residual_above_signal=_ratios(_DEAD, " Look for a constant offset or a dead sensor.", doubt=True),
     unexplained_channels=_ratios("Not explained by this motion", doubt=False),
     poor_prediction=_ratios("Predicted poorly", doubt=False),
-    residual_follows_motion=Row(_follow_motion, doubt=True),
+    residual_follows_motion=Row(
+        "Residuals of {channels} depend on the motion: the model lacks something of the mechanism. Check its "
+        "dimensions, joints and contacts.",
+        doubt=True,
+    ),
     residual_above_fast_noise=Row(_beyond_fast_noise, doubt=False),
 )

@@ -9,15 +9,7 @@ import numpy as np
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    in_log,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, in_log, listed, percent
 from ident.recordings.resolution import UNIFORM
 
 MOST = 0.5
@@ -142,10 +134,6 @@ def _stuck(channels: Mapping[str, float], in_fitted: Sequence[str]) -> str:
     )
 
 
-def _constant(channels: Sequence[str]) -> str:
-    return f"Constant, though the motion would change it: {listed(channels)}. Check the sensor and its columns."
-
-
 def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str = "") -> str:
     checks = {"weight": "The weight", "contact": "A contact left out", "torques": "Joint torques"}
     reasons = {
@@ -162,6 +150,8 @@ FINDINGS.update(
     clipped_channel=Row(_clipped, doubt=False),
     coarse_steps=Row(_coarse, doubt=False),
     stuck_channels=Row(_stuck, doubt=True),
-    constant_channels=Row(_constant, doubt=True),
+    constant_channels=Row(
+        "Constant, though the motion would change it: {channels}. Check the sensor and its columns.", doubt=True
+    ),
     unchecked=Row(_unchecked, doubt=False),
 )

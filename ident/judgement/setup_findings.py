@@ -6,7 +6,7 @@ from typing import Any
 
 from ident.arguments import rpy_text
 from ident.judgement.evidence import Evidence, setup_sentence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
+from ident.judgement.finding import FINDINGS, Finding, Place, Row
 from ident.setup import SETUP
 
 
@@ -81,20 +81,6 @@ def _late(of: str, delay: float, std: float, stated: float, misfit: float) -> st
     )
 
 
-def _exact_torques(joints: Sequence[str]) -> str:
-    return (
-        f"Least squares take the scale of the torques of {listed(joints)} as exact, though it is stated as uncertain "
-        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it."
-    )
-
-
-def _exact_setup(kinds: Sequence[str]) -> str:
-    return (
-        f"Least squares take the set-up as exact, though it is stated as uncertain ({listed(kinds)}). The standard "
-        "deviations are without its errors; --estimator trajectory estimates them."
-    )
-
-
 FINDINGS.update(
     {
         f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False)
@@ -106,6 +92,14 @@ FINDINGS.update(
     gravity_direction=Row(_gravity, doubt=True),
     channels_late=Row(_late, doubt=True),
     setup_unexplained=Row(_unexplained, doubt=True),
-    torque_scale_taken_as_exact=Row(_exact_torques, doubt=True),
-    setup_taken_as_exact=Row(_exact_setup, doubt=False),
+    torque_scale_taken_as_exact=Row(
+        "Least squares take the scale of the torques of {joints} as exact, though it is stated as uncertain "
+        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it.",
+        doubt=True,
+    ),
+    setup_taken_as_exact=Row(
+        "Least squares take the set-up as exact, though it is stated as uncertain ({kinds}). The standard "
+        "deviations are without its errors; --estimator trajectory estimates them.",
+        doubt=False,
+    ),
 )

@@ -15,14 +15,7 @@ import numpy as np
 
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
 from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
 from ident.model.axes import column_place
 from ident.model.regressor import joint_torque_regressor

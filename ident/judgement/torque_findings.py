@@ -7,16 +7,7 @@ import numpy as np
 
 from ident.estimation.units import coefficient_unit
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    bracketed,
-    followed,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, followed, listed, percent
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
@@ -183,13 +174,6 @@ def _scales(estimate: TrajectoryEstimate, free: np.ndarray) -> Sequence[int]:
     return [k for k in free.tolist() if k in estimate.setup and estimate.setup[k].row.stated]
 
 
-def _opposite(joints: Sequence[str]) -> str:
-    return (
-        f"The torques of {listed(joints)} seem to have the opposite sign: with it they are far nearer to the model's "
-        "prediction. Turn the sign of their columns."
-    )
-
-
 def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
     or_load = "" if load is None else f" Or '{load}' carries a heavy load that the model lacks."
     return (
@@ -250,13 +234,14 @@ def _not_carried(body: str, explained: float) -> str:
 
 
 FINDINGS.update(
-    torque_sign=Row(_opposite, doubt=True),
+    torque_sign=Row(
+        "The torques of {joints} seem to have the opposite sign: with it they are far nearer to the model's "
+        "prediction. Turn the sign of their columns.",
+        doubt=True,
+    ),
     torque_scale=Row(_scaled, doubt=True),
     torque_scale_estimated=Row(_basis, doubt=False),
-    body_not_carried=Row(
-        _not_carried,
-        doubt=False,
-    ),
+    body_not_carried=Row(_not_carried, doubt=False),
     friction_not_fitted=Row(_friction, doubt=None),
     drive_at_bound=Row(_bound, doubt=False),
     breakaway_friction=Row(_near_reversals, doubt=False),

@@ -19,13 +19,7 @@ import numpy as np
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement.evidence import Evidence, Unmodelled
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, percent
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -219,6 +213,4 @@ def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
     )
 
 
-FINDINGS.update(
-    unmodelled=Row(_unmodelled, doubt=True),
-)
+FINDINGS.update(unmodelled=Row(_unmodelled, doubt=True))

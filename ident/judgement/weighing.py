@@ -13,14 +13,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.estimation.units import coefficient_unit
 from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.setup import SETUP
 from ident.tolerances import INTERVAL, KILONEWTONS, SIGNIFICANT
@@ -184,13 +177,6 @@ def _all(offsets: Mapping[str, Sequence[Any]]) -> str:
     return listed(_offset(channel, *offset) for channel, offset in offsets.items())
 
 
-def _inseparable(channels: Sequence[str]) -> str:
-    return (
-        f"This motion does not separate constant offsets of {listed(channels)} from masses and first moments, which "
-        "take them up. Tare these channels."
-    )
-
-
 FINDINGS.update(
     weight_differs=Row(
         "The wrenches weigh {measured:.2f} kg, the model {model:.2f} kg. Check unmeasured contacts and supports, "
@@ -203,8 +189,7 @@ FINDINGS.update(
         doubt=True,
     ),
     kilonewtons=Row(
-        "The force is at most {largest:.3g} N, but the mechanism weighs {weight:.4g} N: its unit may be kN.",
-        doubt=True,
+        "The force is at most {largest:.3g} N, but the mechanism weighs {weight:.4g} N: its unit may be kN.", doubt=True
     ),
     mass_by_setup=Row(
         "By the estimated set-up the mechanism has {mass:.2f} ± {std:.2g} kg. The wrenches weigh {weighed:.2f} kg, the "
@@ -215,5 +200,9 @@ FINDINGS.update(
     large_offsets=Row(_large, doubt=True),
     offsets_taken_out=Row(_taken_out, doubt=False),
     offsets_not_fitted=Row(_not_fitted, doubt=True),
-    inseparable_offsets=Row(_inseparable, doubt=False),
+    inseparable_offsets=Row(
+        "This motion does not separate constant offsets of {channels} from masses and first moments, which "
+        "take them up. Tare these channels.",
+        doubt=False,
+    ),
 )

@@ -7,14 +7,7 @@ import numpy as np
 from ident.arguments import rpy_text
 from ident.estimation.equations import channels_out_of_plane
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    Row,
-    listed,
-    percent,
-)
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
 
 THROUGH_A_POINT = 0.5
 """Least fraction of the residual moment that forces through one point explain for a contact to be suspected."""

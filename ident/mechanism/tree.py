@@ -57,11 +57,7 @@ class Tree:
 
     @classmethod
     def from_home_poses(
-        cls,
-        names: Sequence[str],
-        T_0i: np.ndarray,
-        xi: np.ndarray,
-        parents: Sequence[int] | None = None,
+        cls, names: Sequence[str], T_0i: np.ndarray, xi: np.ndarray, parents: Sequence[int] | None = None
     ) -> "Tree":
         """Tree from a table like Table II.
 

@@ -156,11 +156,7 @@ def drive_kinds(drive: Sequence[str]) -> tuple[str, ...]:
 
 
 def _regressor(
-    torques: bool,
-    mechanism: Mechanism,
-    motion: Motion,
-    columns: Sequence[int] | None,
-    out: np.ndarray | None = None,
+    torques: bool, mechanism: Mechanism, motion: Motion, columns: Sequence[int] | None, out: np.ndarray | None = None
 ) -> np.ndarray:
     """Rows of the base wrench or of the joint torques (N, rows, columns)."""
     tree, gravity = mechanism.tree, mechanism.gravity.astype(float)

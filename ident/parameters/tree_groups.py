@@ -6,12 +6,7 @@ import numpy as np
 from scipy import linalg
 
 from ident.mechanism.body import BASE
-from ident.parameters.independent_columns import (
-    bounded_norms,
-    coefficients,
-    first_independent,
-    numerical_rank,
-)
+from ident.parameters.independent_columns import bounded_norms, coefficients, first_independent, numerical_rank
 from ident.parameters.structure import Structure
 
 CLEAR = 1e-6, 1e-12

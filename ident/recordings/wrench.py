@@ -166,12 +166,7 @@ def pose_in_base(sensor: Sensor | Wrench, body: np.ndarray, base: np.ndarray | N
 
 @typed()
 def total_wrench(
-    tree: Tree,
-    q: np.ndarray,
-    ground: Wrench | None,
-    contacts: Sequence[Wrench],
-    *,
-    base: np.ndarray | None = None,
+    tree: Tree, q: np.ndarray, ground: Wrench | None, contacts: Sequence[Wrench], *, base: np.ndarray | None = None
 ) -> TotalWrench:
     """Total wrench, which the mechanism's motion and weight need: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E` (Eq. 17, 18).
 

@@ -15,8 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import linalg, sparse
 
-from ident.recordings.faults import GROSS
-from ident.recordings.runs import longest_step, running_median
+from ident.recordings.faults import GROSS, longest_step, running_median
 from ident.recordings.sampled import Sampled
 from ident.tolerances import NORMAL_MAD
 from ident.trajectory.algebra.sampling import Sampling

@@ -90,10 +90,7 @@ def check_couplings(
 
 
 def check_torques(
-    model: mujoco.MjModel,
-    members: Sequence[int],
-    ignore: Collection[str],
-    joints: Collection[str],
+    model: mujoco.MjModel, members: Sequence[int], ignore: Collection[str], joints: Collection[str]
 ) -> None:
     """Refuses couplings other than constraints of positions that act on joints whose torques are fitted.
 

@@ -96,11 +96,7 @@ def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
     sin, cos = (function(np.asarray(time, float)[:, None] * w) for function in (np.sin, np.cos))
     S, C = _orthogonal_complement(np.ones(harmonics)), _orthogonal_complement(k)
     return np.stack(
-        [
-            np.hstack([sin / w @ S, cos / w @ C]),
-            np.hstack([cos @ S, -sin @ C]),
-            np.hstack([-sin * w @ S, -cos * w @ C]),
-        ]
+        [np.hstack([sin / w @ S, cos / w @ C]), np.hstack([cos @ S, -sin @ C]), np.hstack([-sin * w @ S, -cos * w @ C])]
     )
 
 

@@ -24,7 +24,16 @@ def test_a_ring_is_around_the_best_candidate_of_each_channel(most, ticks):
     drawn = pictures.candidates(["Fx", "Fy"], ratios)
     dots, rings = (places(drawn, shape, "cx") for shape in ("mark0", "best"))
     decades = len(ticks) - 1
-    at = [76 + 276 * np.log10(ratio / 0.01) / decades for ratio in (0.1, 0.2)]
+    at = [100 + 252 * np.log10(ratio / 0.01) / decades for ratio in (0.1, 0.2)]
     np.testing.assert_allclose(dots[1:], at, atol=0.06)
-    np.testing.assert_allclose(rings, [76 + 276 * np.log10(5) / decades, at[1]], atol=0.06)
+    np.testing.assert_allclose(rings, [100 + 252 * np.log10(5) / decades, at[1]], atol=0.06)
     assert "<title>Fx: estimate 0.1, least squares 0.05," in drawn and all(f">{tick}<" in drawn for tick in ticks)
+
+
+def test_labels_of_names_that_begin_or_end_alike_differ():
+    """A shoulder's two joints were one label, as both were cut after ten letters."""
+    assert pictures.labels_of(["shoulder_pan_joint", "shoulder_lift_joint"]) == ["shoulder pan", "shoulder lift"]
+    assert pictures.labels_of(["left_upper_forearm", "left_lower_forearm"]) == ["left upper", "left lower"]
+    labels = pictures.labels_of(["right_upper_arm_roll", "right_upper_arm_pitch"])
+    assert len(set(labels)) == 2 and max(map(len, labels)) <= pictures.LETTERS + 1
+    assert pictures.labels_of(["knee_joint"]) == ["knee joint"] and pictures.labels_of(["Fx", "Fy"]) == ["Fx", "Fy"]

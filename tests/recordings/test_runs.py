@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from ident.recordings import runs as module
+from ident.recordings import faults as module
+from ident.recordings.faults import INTERPOLATED, covered, longest_step, running_median, runs, stretches
 from ident.recordings.recording import Recording
-from ident.recordings.runs import INTERPOLATED, covered, longest_step, running_median, runs, stretches
 from ident.recordings.sampled import Sampled
 
 

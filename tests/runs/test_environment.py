@@ -3,7 +3,7 @@ import os
 import pytest
 
 from experiments.cli import options, running
-from experiments.runs.environment import THREADS, environment
+from experiments.runs.environment import THREADS, environment, one_thread_each
 
 NAMES = (*THREADS, "MUJOCO_GL")
 
@@ -28,6 +28,17 @@ def variables_of(monkeypatch):
 
 def test_commands_take_one_thread_and_look_for_no_screen(variables_of):
     assert variables_of() == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "disable"}
+
+
+@pytest.mark.parametrize(
+    ("stated", "one"),
+    [({}, False), ({"OMP_NUM_THREADS": "1"}, True), ({"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "4"}, False)],
+)
+def test_linear_algebra_may_have_threads_of_its_own(monkeypatch, stated, one):
+    for name in THREADS:
+        monkeypatch.delenv(name, raising=False)
+    with environment(stated):
+        assert one_thread_each() == one
 
 
 def test_what_the_user_says_goes_before(variables_of):

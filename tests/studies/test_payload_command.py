@@ -40,7 +40,7 @@ def files(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
-    assert payload.main([*files, "--flange", "link7", "--name", "out", "--out", str(tmp_path)]) == 0
+    assert payload.main([*files, "--flange", "link7", "--name", "out", "--out", str(tmp_path), "--verbose"]) == 0
     printed, out = capsys.readouterr().out, tmp_path / "out"
     written = json.loads((out / "payload.json").read_text(encoding="utf-8"))
     values = written["frames"]["tool"]["values"]
@@ -74,6 +74,15 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     assert log["samples"] == 800
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "set_target_payload" in page and "&lt;inertial" in page
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_screen_has_the_verdict_the_numbers_and_where_the_rest_is(files, tmp_path, capsys):
+    assert payload.main([*files, "--name", "out", "--out", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 24 and max(map(len, lines)) <= 120 and lines[0].startswith("✓ Usable. ")
+    assert any(line.startswith("mass ") for line in lines) and any(line.startswith("Iyz ") for line in lines)
+    assert "setLoad" not in " ".join(lines) and "payload.txt has these for URDF" in " ".join(lines)
 
 
 def test_what_is_missing_is_named(files, tmp_path, capsys):

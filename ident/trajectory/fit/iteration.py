@@ -12,7 +12,7 @@ import pickle
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -195,7 +195,11 @@ class _Sent:
     """Measurement for other processes, which unpickle it once: its programs may be large. Threads use it directly."""
 
     def __init__(self, measurement: Predictor) -> None:
-        self._measurement, self._packed = measurement, pickle.dumps(measurement)
+        self._measurement = measurement
+
+    @cached_property
+    def _packed(self) -> bytes:
+        return pickle.dumps(self._measurement)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._measurement, name)

@@ -1,5 +1,6 @@
 """Convergence of the trajectory estimate's iteration, and of the estimate's last fit."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 
@@ -29,7 +30,7 @@ def estimate():
     return estimated()
 
 
-def refitted(settled, away=3.0):
+def refitted(settled, away=3.0, executor=None):
     """The estimate's fit from a point some standard deviations away."""
     known = estimate()
     fit = known.fit
@@ -44,7 +45,19 @@ def refitted(settled, away=3.0):
         selections=fit.selections,
         coloured=False,
         settled=settled,
+        executor=executor,
     )
+
+
+def test_threads_change_no_bit():
+    """They share the measurement, whose programs are not packed for other processes."""
+    alone = refitted(SETTLED)
+    with ThreadPoolExecutor(3) as executor, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(iteration.pickle, "dumps", None)
+        shared = refitted(SETTLED, executor=executor)
+    assert shared.trace == alone.trace
+    np.testing.assert_array_equal(shared.theta, alone.theta)
+    np.testing.assert_array_equal(shared.precision, alone.precision)
 
 
 def test_an_estimate_has_converged_and_counts_its_rounds():
