@@ -3,12 +3,10 @@
 import shutil
 import subprocess
 
-import matplotlib as mpl
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from experiments.document import figures, print_table, sheet, styles, tabular
+from experiments.document import print_table, sheet, tabular
 from experiments.document.print_table import PACKAGES
 
 BODIES = ("base", "left_thigh", "shank & foot")
@@ -47,18 +45,3 @@ def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several(columns):
     assert count > 2 and floats.count(r"\label") == 1
     assert floats.count("continued") == floats.count(r"\addtocounter{table}{-1}") == count - 1
     assert pages.count(r"\toprule") == (3 if columns == 1 else 2)
-
-
-@pytest.mark.parametrize("extension", ["svg", "png"])
-def test_what_a_user_has_of_matplotlib_leaves_the_papers_figures_as_they_are(extension):
-    def drawing():
-        with styles.paper_style():
-            figure = Figure(figsize=(1, 1))
-            figure.subplots().plot([0, 1])
-            return figures.drawn(figure, extension)
-
-    own = {"axes.facecolor": "black", "lines.linestyle": "--", "font.size": 30}
-    expected = drawing()
-    with mpl.rc_context(own):
-        assert drawing() == expected
-        assert mpl.rcParams["font.size"] == own["font.size"]
