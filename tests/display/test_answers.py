@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.util import find_spec
 from types import SimpleNamespace
@@ -68,6 +69,25 @@ def test_estimated_scales_of_torques_are_parameters():
     assert re.search(r"^scale\(bend\) +bend +[0-9.]+", estimate.summary(), re.MULTILINE)
     assert "drives and scales from" in repr(estimate) and len(repr(estimate).splitlines()) <= SHORT
     assert quick().to_dict()["scales"] == {}
+
+
+def test_a_parameter_has_its_unit_body_and_model_and_a_drive_is_not_negative():
+    estimate = quick()
+    friction, moment = estimate["Fc(bend)"], estimate["m3rx3"]
+    assert (friction.kind, friction.unit, friction.body) == ("drive", "N m", "bend")
+    assert (moment.kind, moment.unit, moment.body) == ("base", "kg m", "fore")
+    assert friction.model == pytest.approx(0.4) and moment.model == pytest.approx(1.5 * 0.15)
+    assert str(moment).startswith("m3rx3 = 0.22") and "kg m, 95 % interval" in str(moment)
+    assert replace(friction, estimate=0.01, std_setup=1.0).interval() == (0.0, pytest.approx(0.01 + 1.959964))
+    with pytest.raises(InputError, match=r"has no parameter 'm3rx4'; near that are .*m3rx3"):
+        estimate["m3rx4"]
+    for name in ("M3RX3", "fc(bent)"):
+        with pytest.raises(InputError, match=r"near that are .*(m3rx3|Fc\(bend\))"):
+            estimate[name]
+    with pytest.raises(InputError, match="has no parameter 3; near"):
+        estimate[3]
+    with pytest.raises(InputError, match=r"The estimate has no parameters of 'Fores'; near that are fore\."):
+        estimate.by_body["Fores"]
 
 
 @pytest.mark.parametrize("estimate", [quick, jointly])

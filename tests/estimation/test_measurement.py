@@ -61,7 +61,7 @@ def stated(measurement, states, wrenches, theta):
     return out
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_channels_at_the_stated_set_up_are_those_of_the_regressors(seed):
     rng = np.random.default_rng(seed)
     which = {0: range(6), 1: (0, 2, 4), 2: (5,)}[seed % 3]

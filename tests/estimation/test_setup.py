@@ -1,9 +1,8 @@
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.setup import across, setup_parameters
+from ident.estimation.setup import setup_parameters
 from ident.geometry.se3 import pose
 from ident.mechanism.body import BASE, Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
@@ -42,13 +41,3 @@ def test_joints_are_displaced_as_a_whole_where_something_shows_it():
     equations = Equations(mechanism, find_base_parameters(mechanism), torques=(0,), channels=("torque(hip)",))
     assert {*expected} - {*own()} == {"centre_z(knee)"}
     assert {*expected} == {*own(moving=True)}
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_tilts_are_about_axes_across(seed):
-    """The axis nearest to the direction is left out, so that the two tilts turn it by about their size."""
-    direction = np.random.default_rng(seed).normal(size=3)
-    axes = across(direction)
-    assert axes == sorted(set(range(3)) - {int(np.argmax(abs(direction)))})
-    turns = np.cross(np.eye(3)[axes], direction / np.linalg.norm(direction))
-    assert np.linalg.svd(turns)[1].min() > 0.5

@@ -137,10 +137,7 @@ def test_the_only_position_is_that_of_the_only_joint(tmp_path, names):
 
 WRIST = [
     ("FT{}", "MT{}"),
-    ("FT_{}", "FT_R{}"),
     ("F{}_ATI", "T{}_ATI"),
-    ("ft_f{}", "ft_t{}"),
-    ("f{}", "t{}"),
     ("Kraft_{}", "Drehmoment_{}"),
     ("tool.force.{}", "tool.torque.{}"),
 ]

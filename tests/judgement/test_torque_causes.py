@@ -70,15 +70,6 @@ def test_motion_that_the_torques_do_not_explain_is_a_doubt(torques, joints):
     assert all(finding.doubt for finding in findings) and (not joints or estimate.verdict().outcome.value == "not")
 
 
-def test_a_hand_s_log_is_a_doubt_of_the_trajectory_estimate_too():
-    estimate = ident.identify(arm(), recorded(lambda inertia, weight, q, dq: weight, seconds=6.0))
-    (finding,) = coded(estimate, "motion_not_by_torques")
-    assert "bend" in finding.place.joints and abs(finding.values["joints"]["bend"]["weight"] - 1) < 0.02
-    log = recorded(lambda inertia, weight, q, dq: weight, seconds=6.0)
-    (finding,) = coded(ident.identify(arm(), log, setup={"centre": 0.0}), "motion_not_by_torques")
-    assert "lift" in finding.place.joints and abs(finding.values["joints"]["lift"]["weight"] - 1) < 0.02
-
-
 def test_torques_of_a_loop_that_is_left_out_are_doubted_and_the_wrench_is_not():
     spec = mujoco.MjSpec.from_string(LOOP.format(CLOSE))
     mechanism = sim.mechanism(spec, base="base", ignore=["close"])

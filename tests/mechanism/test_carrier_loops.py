@@ -56,6 +56,7 @@ def test_a_carrier_with_loops_moves_as_one_whose_joints_are_all_logged():
         np.testing.assert_allclose(computed, expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_payload_is_weighed_beyond_a_loop():
     arm, (own, every), rng = read(PALLETIZER), motions(), np.random.default_rng(0)
     part = arm.beyond("hand")

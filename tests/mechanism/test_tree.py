@@ -108,16 +108,6 @@ def test_fixed_joints_stand_still():
         np.testing.assert_allclose(computed, expected, atol=1e-11 * abs(expected).max())
 
 
-def test_what_cannot_be_fixed_is_refused():
-    tree = double_pendulum()
-    for coordinates, message in {
-        "knee": "no joint 'knee' to fix; the joints are link1, link2",
-        "link1": r"'link1' is fixed at 1 finite coordinates, got \[1.0, 2.0\]",
-    }.items():
-        with pytest.raises(InputError, match=message):
-            tree.fixed({coordinates: [1, 2]})
-
-
 def test_a_mechanism_floats_where_the_joints_of_its_first_body_leave_it_free():
     pelvis, tree = (
         Body("pelvis", 2, np.eye(4), ball_twist(np.ones(3)), "turn"),

@@ -83,22 +83,6 @@ def test_a_dc_motor_has_its_friction_and_its_gains_in_the_drive():
 
 
 @pytest.mark.parametrize(
-    ("elbow", "message"),
-    [
-        ('damping="-.3"', "Joint 'elbow' needs a damping of at least 0, got -0.3."),
-        ('frictionloss="-1"', "Joint 'elbow' needs a Coulomb friction of at least 0, got -1."),
-        ('armature="-2"', "Joint 'elbow' needs a rotor inertia of at least 0, got -2."),
-        ('stiffness="-2"', "Joint 'elbow' needs a stiffness of at least 0, got -2."),
-    ],
-)
-def test_impossible_numbers_are_refused(elbow, message):
-    with pytest.raises(ModelError) as error:
-        arm(elbow)
-    assert str(error.value) == message
-    assert arm(elbow, drives=False).drives == {}
-
-
-@pytest.mark.parametrize(
     ("drives", "message"),
     [
         ({"knee": Drive()}, "drives names 'knee', which is none of shoulder, elbow."),

@@ -35,7 +35,7 @@ def test_coefficients_are_exact():
         assert abs(coefficients[round(exact, 9)] - exact) < 1e-15
 
 
-@pytest.mark.parametrize("seed", range(9))
+@pytest.mark.parametrize("seed", range(18))
 def test_structure_equals_the_regressor_at_random_states(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, int(rng.integers(2, 9)), massless=0.2)

@@ -54,7 +54,7 @@ def sensor():
 @pytest.mark.parametrize("poses", [10, 17])
 def test_ten_poses_give_mass_and_centre(poses, times):
     distances = []
-    for seed in range(4):
+    for seed in range(2):
         log = columns(poses, seed)
         log |= {} if times is None else {"time": np.arange(poses) * (60.0 if times == "minutes" else -1.0)}
         recording = read_log(log, arm(), MAPPING)

@@ -10,7 +10,6 @@ from experiments.studies.study_entries import packaged
 from ident.geometry import se3
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench
-from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -26,23 +25,6 @@ def contact(request):
 @pytest.fixture(scope="module")
 def recording(contact):
     return simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
-
-
-PLACES = {
-    "contact": ("link2", [0, 0, 0.4]),
-    "contact_pad": ("link2", [0, 0, 0.4]),
-    "contact_handle": ("link1", [0.06, 0, 0.425]),
-}
-
-
-def test_the_mechanism_ends_at_the_load_cells(contact):
-    model = scenes.load("double_pendulum", contact=contact).compile()
-    assert tree_from_model(model, "base").names == ("base", "link1", "link2")
-    np.testing.assert_array_equal(parameters_from_model(model, "base"), parameters_from_model(FREE, "base"))
-    for site in scenes.load_cells(contact).values():
-        body, pose = mechanism(model, "base").site(site)
-        assert body == PLACES[site][0]
-        np.testing.assert_allclose(pose[:3, 3], PLACES[site][1])
 
 
 def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact, recording):

@@ -23,7 +23,7 @@ def states(model, driven, desired):
     return full
 
 
-@pytest.fixture(params=range(20))
+@pytest.fixture(params=range(8))
 def driven_states(request):
     """Some hinges and slides of a random model in any order, and a motion of these in MuJoCo's coordinates."""
     rng = np.random.default_rng(request.param)

@@ -92,7 +92,7 @@ def test_threads_and_company_make_no_difference(scene):
     spec = scenes.load("double_pendulum", **scene)
     seeds = [7, 0, 5, 0, *range(100, 100 + TOGETHER)]
     alone = [simulate(spec, DOUBLE_PENDULUM, samples=60, seed=seed) for seed in seeds]
-    for threads in (1, 2, 3):
+    for threads in (1, 3):
         together = simulate_many(spec, DOUBLE_PENDULUM, seeds=seeds, samples=60, threads=threads)
         for one, other in zip(together, alone, strict=True):
             assert_same(one, other)

@@ -89,6 +89,7 @@ def test_a_dependent_joint_is_no_excitation(tmp_path, capsys, text, joints, mess
     assert message in " ".join(said.split())
 
 
+@pytest.mark.slow
 def test_ranges_are_those_in_which_loops_close():
     tree = read(MODELS["slider"][0]).closed(("rod", "piston"), ("crank",)).tree
     low, high = reachable(tree, {"piston": (-0.05, 0.05)}, np.zeros(1), np.array([-3.0]), np.array([3.0]))

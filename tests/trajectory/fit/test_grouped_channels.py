@@ -75,7 +75,7 @@ KINDS = (
 
 
 @pytest.mark.parametrize("kinds", KINDS)
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_groups_give_what_all_channels_at_once_give(seed, kinds, monkeypatch):
     m, piece, c, theta, noise = problem(seed, **kinds)
     root = np.triu(np.random.default_rng(seed).normal(size=(len(theta), len(theta))))
