@@ -6,10 +6,9 @@ from dataclasses import replace
 from experiments import human, mechanism, study
 from experiments.cli import options, running
 
-SECONDS = 3
-"""Length of recordings of a person: long enough to predict all channels of unseen motions at least three times better
-than the prior, with and without a rail to hold (`docs/human.md`), and short enough to take a minute or two.
-"""
+PERSON = ["--seconds", "3"]
+"""Options of the simulated person: recordings long enough to predict all channels of unseen motions at least three
+times better than the prior, with and without a rail (`docs/human.md`), and short enough to take a minute or two."""
 
 STUDIES = ("misaligned", "multicontact", "several_contacts")
 """Simulated studies."""
@@ -32,7 +31,8 @@ def run(args: argparse.Namespace) -> None:
         trials = replace(trials, workers=replace(trials.workers, resume=resume))
         documents[name] = study.report(packaged(name), own, trials)
         print()
-    documents["human"] = human.report(replace(out, folder=args.out / "human"), SECONDS, workers=args.workers)
+    person = human.parser().parse_args([*PERSON, "--workers", str(args.workers)])
+    documents["human"] = human.report(person, replace(out, folder=args.out / "human"))
     print()
     write_index(args.out, documents, out.formats)
     print(f"Everything on one page: {args.out / 'index.html'}")
@@ -42,7 +42,6 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.command_parser("", __doc__)
     options.add_formats(out, options.PRINTED)
-    options.add_page(out)
     options.add_trials(out)
     return out
 

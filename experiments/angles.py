@@ -54,13 +54,7 @@ def _identify(args: argparse.Namespace, result: "Angles") -> str:
     from sim.models.mechanism import mechanism
 
     log = f"{args.out / 'angles.csv'}" + ("" if args.wrenches else "+PLATES.mot")
-    words = [
-        "multicontact",
-        "identify",
-        str(args.model),
-        log,
-        *(["--base", result.base] if result.base else []),
-    ]
+    words = ["multicontact", "identify", str(args.model), log, *(["--base", result.base] if result.base else [])]
     words += [word for fixed in args.fix for word in ("--fix", *fixed)]
     words += [word for name in result.postures.undetermined for word in ("--fix", name)]
     sideways = () if result.base else channels_out_of_plane(mechanism(args.model, fix=options.fixed(args.fix)))
@@ -84,8 +78,7 @@ def parser() -> argparse.ArgumentParser:
         "and which bodies scale alike",
     )
     out.add_argument(
-        "--base",
-        help="body that is the base, by default the one with the model's only free joint, or the world",
+        "--base", help="body that is the base, by default the one with the model's only free joint, or the world"
     )
     options.add_fixed(out)
     out.add_argument(

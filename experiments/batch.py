@@ -22,8 +22,7 @@ from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.data.batch import LogAgreement, LogOutcome
-    from experiments.runs.checkpoint import Checkpoint
-    from experiments.runs.workers import Workers
+    from experiments.runs.workers import Checkpoint, Workers
     from ident.mechanism.mechanism import Mechanism
 
 PROGRESS = "batch_outcomes.npz"
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.result_folder import check_inputs, writable
     from experiments.document.writer import write
     from experiments.reports import batch_report
-    from experiments.runs.checkpoint import Checkpoint
+    from experiments.runs.workers import Checkpoint
     from ident.files.atomic import alone
 
     tasks = tasks_of(args)
@@ -53,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     with writable(out.folder), alone(out.folder):
         kept = Checkpoint("logs", out.folder / PROGRESS, _identity(args, arm), partial(check_outcomes, tasks))
         outcomes = [LogOutcome(**each) for each in collected(tasks, kept, options.workers_of(args))]
-        origin, agreed = provenance({**kept.identity, **out.choices}), agreement_of(tasks, outcomes)
+        origin, agreed = provenance(kept.identity), agreement_of(tasks, outcomes)
         document = batch_report.document(args.model, outcomes, agreed, arm.bodies, origin)
         write(document, out, stale=batch_report.OUTPUTS)
     if failed := [each for each in outcomes if each.error]:
@@ -132,7 +131,7 @@ def agreement_of(tasks: Sequence[argparse.Namespace], outcomes: "Sequence[LogOut
         InputError: The results of a log are damaged.
     """
     from experiments.data.batch import agreement
-    from experiments.studies.result_files import covariance_of
+    from experiments.data.comparison import covariance_of
 
     fitted = [(own_model.folder(task), each) for task, each in zip(tasks, outcomes, strict=True) if not each.error]
     covariances = [covariance_of(folder, tuple(each.values)) for folder, each in fitted]
@@ -210,7 +209,7 @@ def outcome_of(task: argparse.Namespace) -> "LogOutcome":
     begun, name = time.process_time(), str(task.logs[0])
     try:
         folder = own_model.folder(task)
-        with contextlib.redirect_stderr(io.StringIO()), options.page_of(task):
+        with contextlib.redirect_stderr(io.StringIO()):
             result, document, out = identify.identified_from(task, folder)
             written(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(task))
     except (InputError, OSError, MemoryError) as error:
@@ -243,7 +242,7 @@ def outcome_of(task: argparse.Namespace) -> "LogOutcome":
 def _identity(args: argparse.Namespace, arm: "Mechanism") -> dict[str, Any]:
     """Options that all outcomes share, and the SHA-256 sums of the files and of the model, which may include others."""
     left_out = ("out", "workers", "resume", "logs", "held_out", "model", "columns")
-    given = {key: own_model.as_text(value) for key, value in vars(args).items() if key not in left_out}
+    given = {key: value for key, value in options.as_text(args).items() if key not in left_out}
     model = _file_entry(args.model) | {"as_read": own_model.model_sum(arm)}
     files = [_file_entry(file) for file in [*([args.columns] if args.columns else []), *args.logs, *args.held_out]]
     return {"options": given, "logs": list(map(str, args.logs)), "files": [model, *files]}

@@ -11,9 +11,9 @@ from ident.errors import InputError
 def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
     from experiments.document.terminal import wrapped
+    from experiments.guesses.belief import table, write_mapping
     from experiments.guesses.guess import believed
     from experiments.guesses.log_contents import TRIAL
-    from experiments.guesses.written import table, write_mapping
     from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_files import files_of
     from sim.models.mechanism import mechanism

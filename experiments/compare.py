@@ -8,16 +8,16 @@ from experiments.cli import options, running
 
 def run(args: argparse.Namespace) -> None:
     """Compares results, and writes and prints the differences."""
+    from experiments.data.comparison import read_results
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import compare_report
-    from experiments.studies.result_files import read_results
     from ident.errors import InputError
 
     compared, out = read_results(args.results), options.output_of(args)
     if args.out.resolve() in {folder.resolve() for folder in args.results}:
         raise InputError(f"The comparison needs a folder of its own, but '{args.out}' holds one of the results.")
-    origin = provenance({"results": list(map(str, args.results)), **out.choices})
+    origin = provenance({"results": list(map(str, args.results))})
     inputs = compare_report.inputs(args.results)
     write(compare_report.document(compared, origin), out, stale=compare_report.OUTPUTS, inputs=inputs)
 

@@ -13,16 +13,16 @@ def run(args: argparse.Namespace) -> None:
     from ident.files.limits import library
 
     with library("symbolic", "This"):
-        from experiments.symbols import derivation
+        from experiments.symbols import codegen
 
-    derived = derivation.derivation(args.mechanism, args.base, args.ignore)
+    derived = codegen.derivation(args.mechanism, args.base, args.ignore)
     out = args.out / derived.name
     with results_folder(out, inputs=[Path(args.mechanism)]) as folder:
-        for file, text in derivation.sources(derived).items():
+        for file, text in codegen.sources(derived).items():
             (folder / file).write_text(text, encoding="utf-8")
         choices = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
         write_json(folder / "provenance.json", provenance(choices))
-    print(derivation.text(derived))
+    print(codegen.text(derived))
     print(f"LaTeX, Python and C are in {out}.")
 
 

@@ -23,8 +23,8 @@ def run(args: argparse.Namespace) -> None:
     from experiments.reports import excite_report
     from experiments.studies.designed_excitation import Bounds, designed, problem_of
 
-    kinds = {key: getattr(args, key) for key in ("base", "joints", "sensors", "noise", "ignore", "packages")}
-    kinds |= {"drive": options.drives(args.drive), "fix": options.fixed(args.fix), "base_rpy_deg": args.base_rpy}
+    kinds = {**options.of_model(args), "drive": options.drives(args.drive)}
+    kinds |= {key: getattr(args, key) for key in ("joints", "sensors", "noise")}
     search = {key: getattr(args, key) for key in ("seconds", "harmonics", "criterion", "starts", "iterations", "seed")}
     search |= {key: getattr(args, key) for key in ("floor", "log", "columns")}
     search |= {"bounds": Bounds(args.position, args.margin, args.velocity, args.acceleration)}
@@ -43,8 +43,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("model", help=f"an MJCF or URDF file, or a scene: {', '.join(scenes.NAMES)}")
     out.add_argument("--seconds", type=_positive, help=f"duration; {SECONDS:g} or the paper's if not given")
     out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
-    out.add_argument("--base", help="body that is the base; the scene's or the world if not given")
-    options.add_base_rpy(out)
+    options.add_mechanism(out)
     out.add_argument(
         "--position", nargs=2, type=_number, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
     )
@@ -79,9 +78,6 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--floor", type=_number, metavar="Z", help=floor)
     out.add_argument("--log", type=Path, help="your own recording, to compare the designed motion with")
     out.add_argument("--columns", type=Path, help="TOML file that says which columns of the log hold what")
-    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
-    options.add_packages(out)
-    options.add_fixed(out)
     return out
 
 

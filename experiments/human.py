@@ -2,9 +2,8 @@
 
 import argparse
 import os
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from experiments.cli import options, running
 from ident.errors import InputError
@@ -14,52 +13,35 @@ if TYPE_CHECKING:
     from experiments.document.writer import Output
 
 
-GIVEN = "seed", "activities", "rate", "source", "noise", "rail", "persons", "workers", "resume"
-"""Options of the study besides the length of recordings."""
-
-
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    given = {name: getattr(args, name) for name in GIVEN}
-    report(options.output_of(args), args.seconds, **given)
+    report(args, options.output_of(args))
 
 
-def report(
-    out: "Output",
-    seconds: int,
-    *,
-    seed: int = 0,
-    activities: Sequence[str] | None = None,
-    rate: int = 50,
-    source: str = "angles",
-    noise: float | None = None,
-    rail: bool = True,
-    persons: int = 1,
-    workers: int = 1,
-    resume: bool = False,
-) -> "Document":
-    """Runs the study, writes and prints its results, and returns its document; arguments are the command's options."""
+def report(args: argparse.Namespace, out: "Output") -> "Document":
+    """Runs the study that the command's options state, writes and prints its results, and returns its document."""
     from experiments.cli.own_model import progress
     from experiments.document.provenance import provenance
     from experiments.document.result_folder import writable
     from experiments.document.writer import write
     from experiments.reports import human_report
-    from experiments.runs.workers import Workers
     from experiments.studies import human
 
-    if persons == 1 and (resume or not rail):
+    if args.persons == 1 and (args.resume or not args.rail):
         raise InputError("--no-rail and --resume belong to --persons; one person is studied with the rail and without.")
-    laboratory = replace(human.laboratory(source, float(rate), noise), rail=rail)
-    shared: dict[str, Any] = {"seed": seed, "laboratory": laboratory, "activities": activities}
-    choices: dict[str, Any] = {"seed": seed, "seconds": seconds, "activities": activities, "rate": rate}
-    choices |= {"source": source, "noise": None if laboratory.markers else laboratory.angle_deg}
-    origin = provenance({**choices, "rail": rail, "persons": persons, "formats": out.formats, **out.choices})
+    laboratory = replace(human.laboratory(args.source, float(args.rate), args.noise), rail=args.rail)
+    shared = {"seed": args.seed, "laboratory": laboratory, "activities": args.activities}
+    choices = {
+        key: getattr(args, key) for key in ("seed", "seconds", "activities", "rate", "source", "rail", "persons")
+    }
+    choices |= {"noise": None if laboratory.markers else laboratory.angle_deg, "formats": out.formats}
+    origin, seconds = provenance(choices), float(args.seconds)
     with writable(out.folder):
-        if persons > 1:
-            counts = human.counts(persons, float(seconds), out.folder, Workers(workers, resume=resume), **shared)
+        if args.persons > 1:
+            counts = human.counts(args.persons, seconds, out.folder, options.workers_of(args), **shared)
             document = human_report.count(counts, laboratory, origin)
         else:
-            both = human.with_and_without_rail(float(seconds), workers=workers, report=progress, **shared)
+            both = human.with_and_without_rail(seconds, workers=args.workers, report=progress, **shared)
             document = human_report.document(*both, origin)
     return write(document, out, stale=human_report.OUTPUTS)
 

@@ -98,8 +98,8 @@ def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[E
     elif args.workers or work >= PAYS:
         from experiments.runs.workers import worker_pool
 
-        with worker_pool(number) as pool:
-            yield pool.executor
+        with worker_pool(number) as executor:
+            yield executor
     elif work >= THREADED and one_thread_each():
         with ThreadPoolExecutor(number) as threads:
             yield threads
@@ -128,16 +128,14 @@ def parser() -> argparse.ArgumentParser:
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(
-        "logs",
-        type=Path,
-        nargs="+",
-        metavar="log",
-        help=f"{options.LOGS}; several share their parameters",
+        "logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; several share their parameters"
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     out.add_argument("--verbose", action="store_true", help="print more than a screen: remarks, notes and bodies")
     add_options(out)
-    options.add_rerun(out)
+    out.add_argument(
+        "--rerun", action="store_true", help="write the replay for Rerun's viewer too, replay.rrd (extra 'rerun')"
+    )
     otherwise = " of the trajectory estimate; by default one for each processor if recordings are long, else threads"
     options.add_local_workers(out, default=None, otherwise=otherwise)
     return out
@@ -146,7 +144,10 @@ def parser() -> argparse.ArgumentParser:
 def add_options(out: argparse.ArgumentParser) -> None:
     """Adds the options of an identification."""
     options.add_mechanism(out)
-    options.add_fit(out, several=True)
+    out.add_argument(
+        "--held-out", type=Path, nargs="+", default=[], help="another log to judge by, which is not fitted"
+    )
+    options.add_reading(out)
     out.add_argument(
         "--cutoff",
         help="of least squares: cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if any",
@@ -181,11 +182,7 @@ def add_options(out: argparse.ArgumentParser) -> None:
     out.add_argument(
         "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
     )
-    out.add_argument(
-        "--write-geometry",
-        action="store_true",
-        help="write where joints lie into the updated model, too",
-    )
+    out.add_argument("--write-geometry", action="store_true", help="write where joints lie into the updated model, too")
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")

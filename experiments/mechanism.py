@@ -23,7 +23,7 @@ def report(out: "Output") -> "Document":
     from experiments.reports import mechanism_report
     from experiments.studies.mechanism import difference_of_tables, drawing
 
-    drawn, origin = drawing(), provenance({"formats": out.formats, **out.choices}, {"scene": SCENE})
+    drawn, origin = drawing(), provenance({"formats": out.formats}, {"scene": SCENE})
     return write(mechanism_report.document(drawn, difference_of_tables(drawn.tree), origin), out)
 
 

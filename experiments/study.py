@@ -2,7 +2,7 @@
 
 import argparse
 import hashlib
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,13 +51,12 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     """
     from experiments.data.fitting import ESTIMATORS
     from experiments.document.provenance import provenance
-    from experiments.document.result_folder import results_folder
-    from experiments.document.writer import end, write_page, write_parts, written
+    from experiments.document.writer import end, write_page, written
     from experiments.reports import monte_carlo_report, study_report
-    from experiments.studies.simulated import distributions, draw_of, simulated
+    from experiments.studies.simulated import distributions, draw_of, simulated, swept
 
     study, inputs = simulated(file), [] if source is None else [source]
-    origin = provenance({**file.options, "formats": out.formats, **out.choices}, study.recording.provenance)
+    origin = provenance({**file.options, "formats": out.formats}, study.recording.provenance)
     origin["estimators"] = ESTIMATORS
     draw = draw_of(study, trials, out.folder)
     if source is not None:
@@ -67,14 +66,26 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     print(document.text())
     if trials.trials:
         drawn = distributions(study, draw, trials, out.folder)
-        more = monte_carlo_report.document(drawn, study, trials.redraw, provenance(draw.identity))
-        with results_folder(out.folder) as folder:
-            write_parts(more, replace(out, folder=folder))
-        print(more.text())
-        document |= more
+        document |= added(monte_carlo_report.document(drawn, study, trials.redraw, provenance(draw.identity)), out)
+    if file.sweep:
+        of_sweep = provenance({**draw.identity, **asdict(file.sweep)})
+        runs = swept(draw, trials, out.folder)
+        document |= added(monte_carlo_report.sweep_document(runs, file.title, file.sweep.numbers, of_sweep), out)
+    if trials.trials or file.sweep:
         write_page(document, out.folder, out.formats)
     end(document, out)
     return document
+
+
+def added(more: "Document", out: "Output") -> "Document":
+    """Writes the tables, figures and numbers of a document into a folder of results, prints it, and returns it."""
+    from experiments.document.result_folder import results_folder
+    from experiments.document.writer import write_parts
+
+    with results_folder(out.folder) as folder:
+        write_parts(more, replace(out, folder=folder))
+    print(more.text())
+    return more
 
 
 def parser() -> argparse.ArgumentParser:

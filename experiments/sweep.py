@@ -1,28 +1,38 @@
-"""A study over the values of one of its options and several seeds: a table, a chart, and all its numbers."""
+"""The former way to `[sweep]` of a study file, for one more version: a study over the values of one of its options."""
 
 import argparse
+import sys
 
+from experiments import study
 from experiments.cli import options, running
+
+FORMER = (
+    "`sweep` is a table [sweep] of a study file now, for `study FILE`, and goes with the next version; see "
+    "docs/study_files.md."
+)
+"""What is printed before the study."""
 
 
 def run(args: argparse.Namespace) -> None:
-    """Runs the sweep and writes and prints its results."""
-    from experiments.document.provenance import provenance
-    from experiments.document.result_folder import writable
-    from experiments.document.writer import write
-    from experiments.reports import sweep_report
-    from experiments.studies.study_entries import packaged
-    from experiments.studies.sweep import swept, values_of
+    """Says what to use instead, and runs the study with its sweep."""
+    from experiments.studies.simulated import Trials
+    from experiments.studies.study_entries import packaged, with_sweep
 
+    print(FORMER, file=sys.stderr)
     option, *texts = args.over
-    values = values_of(args.study, option, texts)
+    sweep = {"option": option, "values": [*map(_value, texts)], "seeds": args.seeds, "numbers": args.numbers}
     out = options.output_of(args, args.out / args.study / option)
-    with writable(out.folder):
-        workers = options.workers_of(args)
-        result = swept(args.study, option, values, args.seeds, folder=out.folder, workers=workers)
-    choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
-    origin, title = provenance({**choices, **out.choices}), packaged(args.study).title
-    write(sweep_report.document(result, args.study, title, args.numbers, origin), out, stale=())
+    study.report(with_sweep(packaged(args.study), sweep), out, Trials(0, 0, "all", options.workers_of(args)))
+
+
+def _value(text: str) -> int | float | str:
+    """A value of an option as a study file would have it."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
 def parser() -> argparse.ArgumentParser:
@@ -33,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
         "--over", nargs="+", required=True, metavar=("OPTION", "VALUE"), help="option of the study, and its values"
     )
     out.add_argument("--seeds", type=options.whole_number(1, 10_000), default=1, help="runs of each value")
-    out.add_argument("--numbers", nargs="+", metavar="NAME", help="numbers of the study's summary that the chart shows")
+    out.add_argument("--numbers", nargs="+", default=[], metavar="NAME", help="numbers of the summary in the chart")
     options.add_workers(out)
     return out
 

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     with writable(args.out):
         workers = Workers(args.workers or os.cpu_count() or 1, resume=args.resume)
         results = study(entries, places, args.out, workers, peers=args.peers)
-    origin = provenance({"names": args.names, "peers": args.peers, "formats": args.formats, **out.choices})
+    origin = provenance({"names": args.names, "peers": args.peers, "formats": args.formats})
     write(validation_report.document(results, origin), out)
 
 

@@ -66,7 +66,8 @@ def _payload(folder):
 
 def _stream(folder):
     simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=200).save(folder / "log.npz")
-    return stream.main([str(PENDULUM), str(folder / "log.npz"), "--base", "base", "--out", str(folder / "out")])
+    given = [str(PENDULUM), str(folder / "log.npz"), "--base", "base"]
+    return stream.main([*given, "--cutoff", "8", "--name", "out", "--out", str(folder), *PNG])
 
 
 def _angles(folder):

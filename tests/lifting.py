@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 import sim
-from experiments.studies.person_markers import from_markers
+from experiments.studies.person_recordings import from_markers
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor

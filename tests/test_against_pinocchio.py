@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mechanisms import random_states, random_tree
 
-from docs.tools.peers import Pinocchio
+from docs.tools.mechanisms import Pinocchio
 from ident.geometry.inertia import PINOCCHIO, parameter_transform
 from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor

@@ -9,7 +9,7 @@ from mechanisms import double_pendulum, tilted_axis
 import scenes
 from experiments.data import paper
 from experiments.data.fitting import fit
-from experiments.data.key_numbers import summary
+from experiments.data.simulated import summary
 from experiments.studies.simulated import study as study_of
 from ident.geometry.inertia import pseudo_inertia
 from ident.parameters.base_parameters import find_base_parameters

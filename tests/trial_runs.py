@@ -18,7 +18,7 @@ from fuzz.here import Here
 from experiments import multicontact
 from experiments.data.simulated import StudyProblem
 from experiments.runs import workers
-from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import Checkpoint
 from experiments.studies import simulated
 from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged

@@ -13,5 +13,4 @@ def truth(mechanism, recording, base):
 
 def use_truth(patched):
     """Replaces the studies' trajectory estimates by the truth while a monkeypatch lasts."""
-    for name in ("trajectory_fit", "trajectory_fit_if_determined"):
-        patched.setattr(simulated, name, truth)
+    patched.setattr(simulated, "trajectory_fit", truth)

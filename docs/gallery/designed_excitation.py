@@ -5,7 +5,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments.studies import designed_excitation, excitation
+from experiments.studies import criteria, designed_excitation
 
 problem = designed_excitation.problem_of("double_pendulum")
 bounds = designed_excitation.Bounds()
@@ -20,7 +20,7 @@ def deviations(states):
 
 
 rest, seconds = np.zeros(len(problem.joints)), float(design.time[-1])
-motions = excitation.start_motions(design.limits, rest, seconds, 4, 20, seed=1)
+motions = criteria.start_motions(design.limits, rest, seconds, 4, 20, seed=1)
 random = np.array([deviations(motion.states(design.time)) for motion in motions])
 best = deviations(design.after.motion.states)
 print(f"geometric mean over the random motions': {np.exp(np.log(best / random).mean()):.2f}")

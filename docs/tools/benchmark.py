@@ -22,9 +22,18 @@ import numpy as np
 from tqdm import tqdm
 
 import scenes
-from docs.tools.linearisation import ways as linearisations
-from docs.tools.mechanisms import PENDULUM, Subject, chain, double_pendulum, mechanisms, subject
-from docs.tools.peers import PINOCCHIO_NAME, Pinocchio
+from docs.tools.mechanisms import (
+    PENDULUM,
+    PINOCCHIO_NAME,
+    Pinocchio,
+    Subject,
+    bare_loop,
+    chain,
+    double_pendulum,
+    linearisations,
+    mechanisms,
+    subject,
+)
 from experiments.data import paper
 from experiments.data.paper import SCENE
 from experiments.document.provenance import provenance
@@ -245,8 +254,6 @@ def of_trials(effort: Effort) -> Iterator[Row]:
 
 def of_simulations(effort: Effort) -> Iterator[Row]:
     """Recorded simulations beside a bare loop of MuJoCo steps with prepared controls, which reads nothing."""
-    from docs.tools.steps import bare_loop
-
     spec, together = scenes.load(SCENE), 8
     loop = bare_loop(spec, effort.samples)
     one = partial(simulate, spec, DOUBLE_PENDULUM, samples=effort.samples)

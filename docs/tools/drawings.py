@@ -1,23 +1,34 @@
-"""Figures of the documentation: what the trajectory estimate does, and how fast the regressor is."""
+"""Figures, animation and example's log of README and of the documentation."""
 
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
+from matplotlib.animation import PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 
 import scenes
 from docs.tools.benchmark import AGAIN, ALL_COLUMNS, CHAIN, REGRESSOR
 from docs.tools.mechanisms import PENDULUM
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
-from docs.tools.noise.recordings import noisy_recording
+from docs.tools.noise.estimators import low_passed
+from docs.tools.noise.recordings import noisy_recording, sinusoids
+from experiments.data.simulated import SimulatedStudy
 from experiments.document import figures, styles
 from experiments.reports.identify_page import first_screen
-from experiments.studies.competitors import USUAL, low_passed
+from experiments.studies.human import USUAL
 from ident import read_log
+from ident.files.atomic import replacing
 from ident.identification import identify
+from ident.recordings.recording import Recording
 from sim import mechanism
+from sim.simulation.simulate import simulate
 
 CONDITION = "person_half_degree"
 """A person who bows on a force plate, with angles measured to half a degree."""
@@ -86,3 +97,146 @@ def figure_benchmark(results: dict[str, Any]) -> Figure:
             ax.set(xlabel=label, ylabel="Time a sample (µs)")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
+
+
+CONTACT = "handle"
+"""The contact in the animation: a hand at the end of the second link."""
+
+FRAMES_PER_SECOND = 10
+WINDOW = (1.7, 7.7)
+"""Times in the animation, s."""
+
+METRES_PER_NEWTON = 1 / 500
+CHANNEL = 3
+"""τ_x, the moment about the joints' axes."""
+
+GROUND, HAND, TOTAL, ESTIMATE = "C1", "C2", "black", "C0"
+
+
+def moving_figure(result: SimulatedStudy) -> tuple[Figure, Callable[[int], None]]:
+    """The mechanism from the side with its force arrows, beside the moment at the base over time.
+
+    Args:
+        result: The study with `CONTACT` alone.
+
+    Returns:
+        The figure, and a function that draws one sample into it.
+    """
+    figure = Figure(figsize=(6.4, 3.0), layout=ConstrainedLayoutEngine(h_pad=0.08))
+    side, curves = figure.subplots(1, 2, width_ratios=(1, 1.3))
+    cursor = _draw_curves(curves, result)
+    points, forces = _points(result), _forces(result)
+
+    def drawn(sample: int) -> None:
+        _draw_side(side, points[sample], forces[sample])
+        cursor.set_xdata([result.recording.time[sample]] * 2)
+
+    return figure, drawn
+
+
+def save_animation(result: SimulatedStudy, path: Path) -> None:
+    """Writes the animation as a GIF."""
+    first, last = np.searchsorted(result.recording.time, WINDOW)
+    writer = PillowWriter(FRAMES_PER_SECOND)
+    with styles.paper_style(), replacing(path) as temporary:
+        figure, drawn = moving_figure(result)
+        with writer.saving(figure, temporary, dpi=100):
+            for sample in range(int(first), int(last), round(result.recording.rate / FRAMES_PER_SECOND)):
+                drawn(sample)
+                writer.grab_frame()
+                # The layout is solved once, or the frames would jitter.
+                figure.set_layout_engine("none")
+
+
+def _points(result: SimulatedStudy) -> np.ndarray:
+    """Both joints and the load cell in Y and Z of the base frame, m (N, 3, 2)."""
+    tree = result.known.tree
+    q, *_ = result.recording.noise_free.joint_states(tree.joints)
+    poses = tree.poses(q)
+    body, pose = result.known.sites[CONTACT]
+    links = [tree.names.index(name) for name in ("link1", body)]
+    cell = poses[:, links[1]] @ pose
+    return np.stack([poses[:, links[0]], poses[:, links[1]], cell], axis=1)[..., 1:3, 3]
+
+
+def _forces(result: SimulatedStudy) -> np.ndarray:
+    """Forces of ground and hand on the mechanism, in Y and Z of the base frame, N (N, 2, 2)."""
+    ground = result.recording.wrench("ground").values
+    # By Eq. 17 the total is the ground's wrench less the one that the link exerts on the hand.
+    return np.stack([ground, result.measured.values - ground], axis=1)[..., 1:3]
+
+
+def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
+    """Draws one frame: the mechanism and an arrow for each force."""
+    ax.clear()
+    ax.set(xlim=(-0.75, 0.95), ylim=(-0.62, 1.15), aspect="equal")
+    ax.set_axis_off()
+    ax.plot([0, 0], [-0.45, -0.06], color="0.6", lw=8, solid_capstyle="butt")
+    ax.plot(*points[:2].T, color="C0", lw=6, solid_capstyle="round")
+    ax.plot(*points[1:].T, color="C4", lw=5, solid_capstyle="round")
+    ax.plot(*points.T, "o", color="0.15", ms=6)
+    for name, start, force, color, height in (
+        ("ground", points[0], forces[0], GROUND, -0.6),
+        ("hand", points[2], forces[1], HAND, -0.48),
+    ):
+        arrow = {"arrowstyle": "-|>,head_width=0.3", "color": color, "lw": 2.2, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", start + METRES_PER_NEWTON * force, start, arrowprops=arrow, annotation_clip=False)
+        ax.text(0.2, height, f"{name}: {np.hypot(*force):.0f} N", color=color, fontsize=9)
+
+
+def _draw_curves(ax: Axes, result: SimulatedStudy) -> Line2D:
+    """Draws the moment about X over time, from the ground, with the hand, and predicted; returns the cursor."""
+    time, (symbol, unit) = result.recording.time, figures.SYMBOLS[CHANNEL]
+    for label, wrench, line in (
+        ("ground", result.recording.wrench("ground").values, figures.Line(GROUND, 1.0)),
+        ("ground and hand", result.measured.values, figures.Line(TOTAL, 2.2)),
+        (r"predicted, $Y\psi$", result.fit("contact").predicted, figures.Line(ESTIMATE, 1.2, "--")),
+    ):
+        ax.plot(time, wrench[:, CHANNEL], color=line.color, lw=line.width, ls=line.style, label=label)
+    ax.set(xlim=WINDOW, xlabel="Time (s)", ylabel=f"${symbol}$ ({unit})")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3, handlelength=1.4, columnspacing=1.0, fontsize=7)
+    return ax.axvline(WINDOW[0], color="0.5", lw=1)
+
+
+LOAD, PLACE = 0.5, (0.06, 0.12, 0.0)
+"""Mass, kg, and centre in the tool's frame, m, of the load: a ball with a radius of 30 mm."""
+
+RADIUS = 0.03
+
+SAMPLES, SEED = 1200, 2
+"""12 s at 100 Hz."""
+
+DECIMALS = {"position": 5, "force": 2, "torque": 3}
+"""Decimals of the log by quantity, several of them within the noise."""
+
+
+def loaded_arm() -> mujoco.MjSpec:
+    """The scene `arm` with the load welded to its tool."""
+    spec = scenes.load("arm")
+    inertia = [0.4 * LOAD * RADIUS**2] * 3
+    ball = spec.body("tool").add_body(name="load", pos=PLACE)
+    ball.mass, ball.ipos, ball.inertia, ball.explicitinertial = LOAD, [0, 0, 0], inertia, True
+    return spec
+
+
+def loaded_recording() -> Recording:
+    """The arm's motion along sums of sinusoids, with all sensors of the scene."""
+    motion = sinusoids(np.random.default_rng(SEED), 4, SAMPLES / 100)
+    return simulate(loaded_arm(), motion, samples=SAMPLES, seed=SEED)
+
+
+def save_log(path: Path) -> None:
+    """Writes angles, torques and the wrench of the plate as a CSV file, as a robot's controller would."""
+    log = loaded_recording()
+    columns, formats = {"time": log.time}, ["%.2f"]
+    for name, values in log.measured.items():
+        kind = name.rpartition("_")[2]
+        if kind in DECIMALS:
+            parts = (
+                {name: values} if values.ndim == 1 else {f"{name}.{a}": x for a, x in zip("xyz", values.T, strict=True)}
+            )
+            columns |= parts
+            formats += [f"%.{DECIMALS[kind]}f"] * len(parts)
+    with replacing(path) as temporary:
+        rows = np.column_stack(list(columns.values()))
+        np.savetxt(temporary, rows, formats, delimiter=",", header=",".join(columns), comments="", encoding="utf-8")

@@ -1,24 +1,37 @@
-"""Mechanisms of the benchmark, and random samples of their motion."""
+"""What the benchmark measures: mechanisms, a linearisation and a loop of MuJoCo steps; and Pinocchio's regressor."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
 
+import mujoco
 import numpy as np
 
 import scenes
 from experiments.data.paper import SCENE
 from ident.estimation.equations import Equations
+from ident.estimation.measurement import Measurement
 from ident.estimation.samples import Samples
+from ident.files.limits import library
+from ident.geometry import se3
+from ident.geometry.inertia import PINOCCHIO
 from ident.geometry.se3 import pose, rotation
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import CHUNK, base_wrench_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
+from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.fit.piece import Noise, Piece, Predictor
+from ident.trajectory.fit.piece_equations import Linearised, linearised
 from sim.models.mujoco_model import tree_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.rollout import steps_per_sample
+from sim.simulation.servos import servos
+from sim.simulation.simulate import LEAD_IN, RATE
 
 PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
 """Names of the mechanisms whose axes are along the axes of their frames."""
@@ -58,11 +71,6 @@ class Subject(Mechanism):
             part = samples[start : start + CHUNK]
             part.measured[:] += self.regressor(part, self.parameters.kept) @ psi
         return samples
-
-    def pieces(self, number: int, size: int) -> Iterator[Samples]:
-        """Random samples, generated piece by piece."""
-        for seed, start in enumerate(range(0, number, size)):
-            yield self.samples(min(size, number - start), seed)
 
     def regressor(
         self, samples: Samples, columns: Sequence[int] | None = None, out: np.ndarray | None = None
@@ -136,3 +144,184 @@ def _base() -> Body:
 
 def _hinged(index: int, parent: int, home: np.ndarray, axis: np.ndarray) -> Body:
     return Body(f"link{index}", parent, home, np.concatenate([np.zeros(3), axis]), f"joint{index}")
+
+
+STEP, PER_KNOT = 0.01, 5
+"""Time between samples, s, and samples between knots."""
+
+DRIVES = "rotor", "viscous", "coulomb"
+"""Kinds of the drives' columns."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Dense:
+    """Measurement whose channels are taken to depend on all coordinates and parameters."""
+
+    measurement: Measurement
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.measurement, name)
+
+    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masks of ones."""
+        of_states, of_theta = self.measurement.dependence(columns)
+        return np.ones_like(of_states), np.ones_like(of_theta)
+
+
+def linearisations(samples: int) -> tuple[Callable[[], Linearised], Callable[[], Linearised]]:
+    """Linearisation of a recording with the structure of the tree, and without it."""
+    measurement = torques_of(humanoid())
+    rng = np.random.default_rng(0)
+    n, channels, p = measurement.coordinates, len(measurement.equations.channels), len(measurement.names)
+    time = STEP * np.arange(samples)
+    spline = Spline.over(time[0], time[-1], STEP * PER_KNOT)
+    coefficients, theta, wrenches = rng.normal(size=(spline.size, n)), rng.normal(size=p), np.zeros((samples, 2, 0))
+    noise = Noise(
+        states=np.full((3, n), 0.01),
+        channels=np.full(channels, 5.0),
+        jerk=np.full(n, 1e-3),
+        states_rho=np.full((3, n), 0.5),
+        channels_rho=np.full(channels, 0.5),
+        floor_states=np.zeros((3, n)),
+        floor_channels=np.zeros(channels),
+    )
+    x = spline.evaluate(coefficients, time)[:3]
+    measured = measurement.values(x, wrenches, theta).T + 5 * rng.normal(size=(samples, channels))
+    piece = Piece(spline, time, (x[0] + 0.01 * rng.normal(size=(samples, n)), None, None), time, measured, wrenches)
+
+    def way(predictor: Predictor) -> Callable[[], Linearised]:
+        root = 0.1 * np.eye(p)
+        return partial(linearised, predictor, piece, coefficients, theta=theta, noise=noise, root=root)
+
+    return way(measurement), way(_Dense(measurement))
+
+
+def torques_of(tree: Tree) -> Measurement:
+    """Measurement of the torques of all joints of a tree on a base at rest, with drives and offsets."""
+    mechanism = Mechanism(tree, STANDARD_GRAVITY, np.random.default_rng(1).normal(size=10 * len(tree.inertial)))
+    joints = tree.freedoms
+    parameters = find_base_parameters(mechanism, sensors=Sensors(base_wrench=False, joint_torques=True))
+    equations = Equations(
+        mechanism,
+        parameters,
+        torques=tuple(range(len(joints))),
+        channels=tuple(f"torque({joint})" for joint in joints),
+        drives=drive_names(tree, DRIVES),
+        offsets=tuple(range(len(joints))),
+    )
+    return Measurement(equations, np.eye(4), (), {}, ())
+
+
+def bare_loop(spec: mujoco.MjSpec, samples: int) -> Callable[[], None]:
+    """Loop over the steps of a recording with its controls, which reads nothing."""
+    model = spec.compile()
+    driven = servos(model, len(DOUBLE_PENDULUM.offset))
+    steps = round(LEAD_IN / model.opt.timestep) + steps_per_sample(model, RATE) * (samples - 1)
+    time = np.arange(steps) * model.opt.timestep - LEAD_IN
+    desired = Motion(*replace(DOUBLE_PENDULUM, noise=0.0).trajectory(time))
+    controls = driven.commands(time, desired)
+
+    def loop() -> None:
+        data = mujoco.MjData(model)
+        data.qpos[driven.qpos], data.qvel[driven.dof] = desired.q[0], desired.dq[0]
+        for control in controls:
+            data.ctrl[:] = control
+            mujoco.mj_step(model, data)
+
+    return loop
+
+
+PINOCCHIO_NAME = "Pinocchio"
+"""Name in the tables."""
+
+States = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Positions, velocities and accelerations, one row for each sample."""
+
+
+class Pinocchio:
+    """The tree on a free-flyer in Pinocchio.
+
+    Joints turn about their own origins: a joint's frame is on its axis.
+
+    Attributes:
+        model: The tree as a Pinocchio model.
+        joint: Index of the joint that carries each body.
+        in_joint: Pose of each body in that joint's frame.
+    """
+
+    def __init__(self, tree: Tree, gravity: np.ndarray) -> None:
+        """Builds the model of a tree; gravity is in its base frame, m/s² (3,).
+
+        Raises:
+            InputError: Pinocchio is not installed.
+        """
+        with library("peers", "This"):
+            import pinocchio as pin
+        self.tree, self.model, self._pin = tree, pin.Model(), pin
+        self.model.gravity.linear = gravity
+        root = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+        self.joint, self.in_joint = {BASE: root}, {BASE: np.eye(4)}
+        for i, body in enumerate(tree.bodies):
+            parent, home = self.joint[body.parent], self.in_joint[body.parent] @ body.home
+            if not body.moves:
+                self.joint[i], self.in_joint[i] = parent, home
+                continue
+            kind, center = _joint(pin, body)
+            T = home @ se3.pose(np.eye(3), center)
+            self.joint[i] = self.model.addJoint(parent, kind, pin.SE3(T[:3, :3], T[:3, 3]), f"joint{i}")
+            self.in_joint[i] = se3.pose(np.eye(3), -center)
+        self._neutral = pin.neutral(self.model)
+
+    def states(self, states: States, base: BaseMotion | None) -> States:
+        """Our states (N, ·) in Pinocchio's order; the base rests if its motion is not given.
+
+        Pinocchio's quaternions are `x, y, z, w`, and its joints may be in another order.
+        """
+        own = self.tree.body_coordinates(states[0]), *map(self.tree.body_velocities, states[1:])
+        samples = len(states[0])
+        q, (v, a) = np.tile(self._neutral, (samples, 1)), np.zeros((2, samples, self.model.nv))
+        if base is not None:
+            q[:, :7] = [self._pin.SE3ToXYZQUAT(self._pin.SE3(T)) for T in base.T]
+            v[:, :6], a[:, :6] = base.V, base.dV
+        for i, (x, dx, ddx) in enumerate(zip(*own, strict=True)):
+            body, at = self.tree.bodies[i], self.model.joints[self.joint[i]]
+            if body.moves:
+                x = np.roll(x, -1, axis=1) / np.linalg.norm(x, axis=1)[:, None] if body.is_ball else x
+                q[:, at.idx_q : at.idx_q + at.nq] = x
+                v[:, at.idx_v : at.idx_v + at.nv], a[:, at.idx_v : at.idx_v + at.nv] = dx, ddx
+        return q, v, a
+
+    @property
+    def rows(self) -> list[int]:
+        """Indices of our velocities among Pinocchio's."""
+        joints = [self.model.joints[self.joint[i]] for i in self.tree.moving]
+        return [row for at in joints for row in range(at.idx_v, at.idx_v + at.nv)]
+
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Regressors (N, 6, 10 b) in Pinocchio's order of columns: the free-flyer's rows of the torque regressor."""
+        # Iterating over rows is faster than indexing them.
+        model, data, regressor = self.model, self.model.createData(), self._pin.computeJointTorqueRegressor
+        out = np.empty((len(q), 6, 10 * (model.njoints - 1)))
+        for own, x, dx, ddx in zip(out, q, v, a, strict=True):
+            own[:] = regressor(model, data, x, dx, ddx)[:6]
+        return out
+
+    def columns(self, columns: Sequence[int]) -> list[int]:
+        """Indices of our columns among Pinocchio's, for bodies whose frames are their joints'."""
+        order = [PINOCCHIO.index(k) for k in range(10)]
+        bodies = [self.joint[i] - 1 for i in self.tree.inertial]
+        return [10 * bodies[k // 10] + order[k % 10] for k in columns]
+
+
+def _joint(pin: Any, body: Body) -> tuple[Any, np.ndarray]:
+    """Pinocchio's fastest joint for a body, and the joint's center in the body's frame (3,)."""
+    v, w = body.twist[:3], body.twist[3:]
+    if body.is_ball:
+        return pin.JointModelSpherical(), np.array([v[2, 1], v[0, 2], v[1, 0]])
+    if not w.any():
+        return pin.JointModelPrismaticUnaligned(v), np.zeros(3)
+    # Joints about an axis of their frame are faster.
+    for axis, aligned in zip(np.eye(3), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ), strict=True):
+        if np.array_equal(w, axis):
+            return aligned(), np.cross(w, v)
+    return pin.JointModelRevoluteUnaligned(w), np.cross(w, v)

@@ -9,10 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from docs.tools import arm_log, benchmark, moving_picture, validation
+from docs.tools import benchmark, drawings, validation
 from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture
-from experiments.data.key_numbers import summary
-from experiments.data.simulated import SimulatedStudy
+from experiments.data.simulated import SimulatedStudy, summary
 from experiments.document import figures, result_folder, tabular
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
@@ -105,9 +104,9 @@ def write(root: Path) -> None:
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
         figures.save(figure_estimator(), folder, "estimator", ["svg"])
         (folder / "result.svg").write_text(result_picture(), encoding="utf-8")
-        moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
+        drawings.save_animation(study("multicontact", contact=drawings.CONTACT), folder / "mechanism.gif")
         result_folder.write_json(folder / BENCHMARK, measured)
-    arm_log.save(root / "scenes" / "arm.csv")
+    drawings.save_log(root / "scenes" / "arm.csv")
 
 
 def write_validation(root: Path, numbers: dict[str, Any]) -> None:

@@ -6,50 +6,19 @@ import importlib.metadata
 import os
 import re
 from collections.abc import Sequence
+from importlib import import_module
 from typing import NoReturn
 
 import experiments.__main__
-from experiments import (
-    angles,
-    batch,
-    columns,
-    compare,
-    derive,
-    excite,
-    human,
-    identify,
-    mechanism,
-    misaligned,
-    multicontact,
-    payload,
-    stream,
-    study,
-    sweep,
-    validate,
-)
 from experiments.cli import running
 from experiments.runs.environment import end_at_once
 from ident.arguments import near
 
-COMMANDS = {
-    "paper": experiments.__main__,
-    "mechanism": mechanism,
-    "misaligned": misaligned,
-    "multicontact": multicontact,
-    "study": study,
-    "human": human,
-    "sweep": sweep,
-    "angles": angles,
-    "columns": columns,
-    "identify": identify,
-    "batch": batch,
-    "compare": compare,
-    "payload": payload,
-    "stream": stream,
-    "excite": excite,
-    "derive": derive,
-    "validate": validate,
-}
+NAMES = (
+    *("mechanism", "misaligned", "multicontact", "study", "human", "sweep", "angles", "columns", "identify"),
+    *("batch", "compare", "payload", "stream", "excite", "derive", "validate"),
+)
+COMMANDS = {"paper": experiments.__main__} | {name: import_module(f"experiments.{name}") for name in NAMES}
 """Modules of the subcommands."""
 
 

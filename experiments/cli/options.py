@@ -1,8 +1,7 @@
 """Command-line options that the commands share."""
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,28 +72,8 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
 def output_parser(name: str, description: str | None, formats: Sequence[str] = ("svg",)) -> argparse.ArgumentParser:
     """Parser of a command that writes tables and figures; arguments as for `command_parser` and `add_formats`."""
     parser = command_parser(name, description)
-    add_page(parser)
     add_formats(parser, formats)
     return parser
-
-
-def add_page(parser: argparse.ArgumentParser) -> None:
-    """Adds the columns of the page."""
-    parser.add_argument(
-        "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
-    )
-
-
-@contextmanager
-def page_of(args: argparse.Namespace) -> Iterator[None]:
-    """Sizes tables and figures for the page that `add_page` asks for, for the duration of a block."""
-    if "page_columns" not in args:
-        yield
-        return
-    from experiments.document.sheet import page
-
-    with page(args.page_columns):
-        yield
 
 
 def output_of(args: argparse.Namespace, folder: Path | None = None) -> "Output":
@@ -189,24 +168,9 @@ def add_local_workers(group: argparse._ActionsContainer, *, default: int | None,
     group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=text)
 
 
-def add_rerun(parser: argparse.ArgumentParser) -> None:
-    """Adds the choice of a file of the page's replay for Rerun's viewer."""
-    parser.add_argument(
-        "--rerun", action="store_true", help="write the replay for Rerun's viewer too, replay.rrd (extra 'rerun')"
-    )
-
-
 def add_mechanism(parser: argparse._ActionsContainer) -> None:
     """Adds the options of a user's model; `of_model` returns them."""
-    parser.add_argument("--base", help="body that is the base, by default the world")
-    add_base_rpy(parser)
-    parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
-    add_packages(parser)
-    add_fixed(parser)
-
-
-def add_base_rpy(parser: argparse._ActionsContainer) -> None:
-    """Adds the orientation of the base."""
+    parser.add_argument("--base", help="body that is the base; if not given the world, or that of a scene")
     parser.add_argument(
         "--base-rpy",
         type=float,
@@ -214,16 +178,7 @@ def add_base_rpy(parser: argparse._ActionsContainer) -> None:
         metavar=("ROLL", "PITCH", "YAW"),
         help="orientation of the base in the world in degrees, as 180 0 0 upside down; by default as in the model",
     )
-
-
-def of_model(args: argparse.Namespace) -> dict[str, Any]:
-    """Arguments of `sim.mechanism` by the options of `add_mechanism`."""
-    same = {"base": args.base, "ignore": tuple(args.ignore), "packages": args.packages}
-    return same | {"fix": fixed(args.fix), "base_rpy_deg": args.base_rpy}
-
-
-def add_packages(parser: argparse._ActionsContainer) -> None:
-    """Adds the folders in which meshes are searched."""
+    parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     parser.add_argument(
         "--packages",
         type=Path,
@@ -233,6 +188,13 @@ def add_packages(parser: argparse._ActionsContainer) -> None:
         help="folders of ROS packages, for meshes of a URDF file at package://; the file's own folder, those above it "
         "and ROS_PACKAGE_PATH are searched as well",
     )
+    add_fixed(parser)
+
+
+def of_model(args: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of `sim.mechanism` by the options of `add_mechanism`."""
+    same = {"base": args.base, "ignore": tuple(args.ignore), "packages": args.packages}
+    return same | {"fix": fixed(args.fix), "base_rpy_deg": args.base_rpy}
 
 
 def add_fixed(parser: argparse._ActionsContainer) -> None:
@@ -278,19 +240,6 @@ def drives(given: Sequence[str]) -> tuple[str, ...] | None:
     return None if list(given) == ["auto"] else tuple(kind for kind in given if kind != "none")
 
 
-def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Adds how a user's recordings are read, fitted and judged; `size_limit` returns `--max-size` in bytes.
-
-    Args:
-        parser: The parser to add to.
-        several: True if several logs can be held out.
-    """
-    held_out = parser.add_argument("--held-out", type=Path, help="another log to judge by, which is not fitted")
-    if several:
-        held_out.nargs, held_out.default = "+", []
-    add_reading(parser)
-
-
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Adds how a user's recordings are read, and the choice to fit offsets."""
     parser.add_argument(
@@ -313,9 +262,13 @@ def add_size(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def as_text(args: argparse.Namespace) -> dict[str, Any]:
-    """All options by name, paths as text."""
-    return {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+def as_text(value: Any) -> Any:
+    """An option as JSON, or all of them by name."""
+    if isinstance(value, argparse.Namespace):
+        return {name: as_text(each) for name, each in vars(value).items()}
+    if isinstance(value, list):
+        return [as_text(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def size_limit(args: argparse.Namespace) -> int:

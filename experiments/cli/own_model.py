@@ -9,6 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from experiments.cli.options import as_text
 from ident.errors import InputError
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def provenance(args: argparse.Namespace, logs: Sequence["Part[slice]"]) -> dict[
     ]
     judges = [file_entry(path) for path in _judges(args)]
     files = {"model": args.model and file_entry(args.model), "logs": fitted, "held_out": judges}
-    given = {key: as_text(value) for key, value in vars(args).items() if key != "workers"}
+    given = {key: value for key, value in as_text(args).items() if key != "workers"}
     return origin(given, files | ({"columns": file_entry(args.columns)} if args.columns else {}))
 
 
@@ -123,13 +124,6 @@ def model_sum(mechanism: "Mechanism") -> str:
         return {each.name: getattr(value, each.name) for each in fields(value) if each.name != "source"}
 
     return hashlib.sha256(json.dumps(mechanism, default=plain).encode()).hexdigest()
-
-
-def as_text(value: Any) -> Any:
-    """An option as JSON."""
-    if isinstance(value, list):
-        return [as_text(each) for each in value]
-    return str(value) if isinstance(value, Path) else value
 
 
 def fraction(text: str) -> float:

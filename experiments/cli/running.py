@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import ident
-from experiments.cli.options import page_of
 from experiments.runs.environment import (
     ENDING,
     GRACE,
@@ -63,7 +62,7 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     interrupted = f"{parser.prog}: interrupted; every file is whole."
     with variables, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
-            with _without_log(), _its_consequences(asked), page_of(options):
+            with _without_log(), _its_consequences(asked):
                 study(options)
         except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Results of single studies: angles of a trial, a drawn mechanism, a design, a sweep, and one pass over recordings."""
+"""Results of single studies: angles of a trial, a drawn mechanism, a design, and a sweep."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,13 +7,9 @@ from typing import Any
 import numpy as np
 
 from ident.files.markers import Markers
-from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding
-from ident.judgement.verdict import Verdict
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
-from ident.regression.ordinary import Fit
 from sim.markers.lengths import Scaling
 from sim.markers.trial_fit import Postures
 from sim.markers.trial_recording import Swap
@@ -128,8 +124,8 @@ class Design:
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
-    """Results of a study for each value and seed.
+class Swept:
+    """Results of a study for each value and seed of a sweep.
 
     Attributes:
         option: Name of the option.
@@ -151,25 +147,3 @@ class Sweep:
     def numbers(self, name: str) -> np.ndarray:
         """A number for each seed and value (seeds, values); NaN if a summary lacks it."""
         return np.array([run.get(name, np.nan) for run in self.runs], dtype=float).reshape(-1, len(self.values))
-
-
-@dataclass(frozen=True, eq=False)
-class Streamed:
-    """An estimate from one pass over recordings.
-
-    Attributes:
-        estimate: The estimate.
-        evidence: Evidence of the pass.
-        findings: Findings on it, the doubts first.
-        notes: Sentences on the files.
-    """
-
-    estimate: Fit
-    evidence: Evidence
-    findings: Sequence[Finding]
-    notes: Sequence[str]
-
-    @property
-    def verdict(self) -> Verdict:
-        """Verdict on the estimate."""
-        return Verdict.of(self.evidence, self.findings)

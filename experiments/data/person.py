@@ -45,7 +45,7 @@ class Laboratory:
         rail: True if there is a rail to hold.
         markers: True if angles and the pelvis's pose are fitted to markers, instead of having noise of their own.
         marker: Standard deviation of the markers' positions, m.
-        skin: Standard deviation of the skin's motion, m; see `experiments.studies.person_markers`.
+        skin: Standard deviation of the skin's motion, m; see `experiments.studies.person_recordings`.
         setup: Uncertainty of its set-up, as `CAREFUL`, which its recordings state.
     """
 

@@ -8,7 +8,7 @@ from itertools import groupby, pairwise
 from math import ceil
 
 from experiments.document import symbols
-from experiments.document.sheet import HEIGHTS, WIDTHS, page_columns
+from experiments.document.sheet import SHEET
 from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
 from experiments.document.tabular import DAGGER, Table
 from ident.geometry.inertia import body_of_parameter
@@ -162,14 +162,14 @@ def tex(table: Table, label: str = "") -> str:
     """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
     table = table.filled()
     columns, caption, notes = _columns(table), _caption(table.caption or table.title), _notes(table)
-    narrow, wide = (72.27 * width for width in WIDTHS[page_columns()])
+    narrow, wide = 72.27 * SHEET.column, 72.27 * SHEET.text
     needed = sum(column.width(NORMAL) for column in columns)
-    star = "*" if page_columns() == 2 and needed > narrow else ""
+    star = "*" if needed > narrow else ""
     room = wide if star else narrow
     size = NORMAL if needed <= room else SMALL
     floats: list[str] = []
     for part in _parts(columns, 1 + (len(table.headings()) > len(table.columns)), size, room):
-        for page in _pages(part, size, room, 72.27 * HEIGHTS[page_columns()]):
+        for page in _pages(part, size, room, 72.27 * SHEET.height):
             rows = [replace(column, cells=column.cells[page]) for column in part]
             continued = r" \emph{(continued)}" if floats else ""
             name = f"\\label{{tab:{label}}}" if label and not floats else ""
@@ -216,7 +216,7 @@ def _pages(columns: Sequence[Column], size: Size, room: float, height: float) ->
 
 def figure(name: str, caption: str, width: float) -> str:
     """A float with a figure from a file of that name, in its drawn width, inches."""
-    star = "*" if page_columns() == 2 and width > 1.05 * WIDTHS[2][0] else ""
+    star = "*" if width > 1.05 * SHEET.column else ""
     return (
         f"% \\usepackage{{graphicx,siunitx}}\n\\begin{{figure{star}}}\n\\centering\n\\includegraphics{{{name}}}\n"
         f"\\caption{{{_caption(caption)}}}\\label{{fig:{name}}}\n\\end{{figure{star}}}\n"

@@ -7,7 +7,7 @@ from functools import cache
 from importlib.resources import as_file, files
 from typing import Any
 
-from experiments.document.sheet import WIDTHS, page_columns
+from experiments.document.sheet import SHEET
 from ident.display.plots import Figure
 
 
@@ -18,7 +18,7 @@ def paper_style() -> Iterator[None]:
 
     with mpl.rc_context(_papers()), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)  # of names, drawn as boxes
-        mpl.rcParams["figure.figsize"] = [WIDTHS[page_columns()][0], mpl.rcParams["figure.figsize"][1]]
+        mpl.rcParams["figure.figsize"] = [SHEET.column, mpl.rcParams["figure.figsize"][1]]
         yield
 
 
@@ -28,7 +28,7 @@ def empty_figure(height: float, *, wide: bool = False) -> Iterator[Figure]:
     with paper_style():
         from matplotlib.figure import Figure
 
-        yield Figure(figsize=(WIDTHS[page_columns()][wide], height))
+        yield Figure(figsize=(SHEET.text if wide else SHEET.column, height))
 
 
 @cache

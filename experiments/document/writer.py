@@ -12,7 +12,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from experiments.document import print_table, sheet, symbols
+from experiments.document import print_table, symbols
 from experiments.document.document import Document, Plot
 from experiments.document.result_folder import OUTPUTS, results_folder, write_json
 from experiments.document.symbols import pieces
@@ -94,12 +94,6 @@ class Output:
 
     folder: Path
     formats: Sequence[str]
-
-    @property
-    def choices(self) -> dict[str, Any]:
-        """Columns of the page if they are not the default, for the provenance."""
-        columns = sheet.page_columns()
-        return {} if columns == 2 else {"page_columns": columns}
 
 
 def write(

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, Quantity, TableEntry
+from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, Quantity, TableEntry, toml_text
 from experiments.guesses.model import ComparedModel, Left, beside, explained
 from experiments.guesses.series import ENOUGH, LITTLE
 from experiments.guesses.wrenches import set_axes, set_unit, size_ratio
-from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP, predicted_channels

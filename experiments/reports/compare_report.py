@@ -128,7 +128,7 @@ def figure(difference: Difference) -> Figure:
     z, wider = difference.comparison.z, INTERVAL * difference.std_setup / std
     with paper_style():
         labels = [symbols.named_symbol(name, difference.first.bodies) for name in difference.names]
-        drawn, panels = row_panels(sheet.current(), labels, "Difference in its standard deviations from noise")
+        drawn, panels = row_panels(sheet.SHEET, labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         for ax, rows in panels:

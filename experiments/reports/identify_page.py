@@ -8,7 +8,7 @@ import numpy as np
 from experiments.document import pictures
 from experiments.document.pictures import Interval
 from experiments.document.replay import Replay, every_nth
-from experiments.document.sheet import current
+from experiments.document.sheet import SHEET
 from experiments.document.symbols import in_words, regrouped_in_words
 from ident.estimate import Estimate
 from ident.estimation.units import channel_unit, unit_of
@@ -161,6 +161,6 @@ def held_out_caption(result: Estimate) -> str:
 def parameters_caption(result: Estimate) -> str:
     """Caption of the figure of parameters."""
     caption = "Base parameters with 95 % intervals that include the uncertainty of the set-up, and the model's values."
-    shown, rank = min(current().most_rows, result.base.rank), result.base.rank
+    shown, rank = min(SHEET.most_rows, result.base.rank), result.base.rank
     some = f" Shown are the {shown} of {rank} with the narrowest relative intervals; the table has all."
     return caption + some * (shown < rank)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import Following
+from experiments.data.fitting import Following
 from experiments.document import rerun_file, tabular, writer
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS

@@ -1,4 +1,4 @@
-"""Report on trials: distribution of the errors, and percentiles of the paper's single run."""
+"""Reports on many runs of a study: distribution of errors over trials, and numbers over the values of an option."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import TRAJECTORY, Distribution
-from experiments.data.fitting import ESTIMATORS
+from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
+from experiments.data.outcomes import Swept
 from experiments.data.paper import REDRAWN
 from experiments.data.simulated import SimulatedStudy
-from experiments.document import symbols, tabular
+from experiments.document import figures, symbols, tabular
 from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
@@ -18,6 +18,7 @@ from experiments.document.terminal import wrapped
 from experiments.reports import study_tables
 from ident.display.plots import Axes, Figure, add_legend
 from ident.display.text import decimals_of
+from ident.errors import InputError
 
 MEANING = (
     "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
@@ -191,3 +192,83 @@ def _numbers(distributions: Mapping[str, Distribution]) -> dict[str, Any]:
         for name, values in columns.items():
             numbers[f"{name}_{model}"] = dict(zip(d.names, values.tolist(), strict=True))
     return numbers
+
+
+CHARTED = ("condition_number", "largest_error", "axis_error_deg", "contact_peak_force_N")
+"""First parts of the names of a summary's numbers that the chart shows by default."""
+
+
+def sweep_table(sweep: Swept, names: Sequence[str]) -> tabular.Table:
+    """Means and standard deviations over the seeds, a row for each number and value."""
+    rows = [
+        (name, str(value), *_statistics(column))
+        for name in names
+        for value, column in zip(sweep.values, sweep.numbers(name).T, strict=True)
+    ]
+    columns = ("number", sweep.option, "runs", "mean", "std")
+    title = f"Numbers over {tabular.heading(sweep.option)}, their means and standard deviations over the seeds"
+    words = {name: tabular.heading(name) for name in names}
+    return tabular.Table(title, columns, tuple(rows), decimals=4, deviations={"mean": "std"}, names=words)
+
+
+def sweep_chart(sweep: Swept, titles: Mapping[str, str]) -> Figure:
+    """Chart of some numbers over the option, a panel for each: all seeds as dots, and their mean as a line."""
+    numeric = not isinstance(sweep.values[0], str)
+    x = np.array(sweep.values) if numeric else np.arange(len(sweep.values))
+    order = np.argsort(x)
+    with empty_figure(0.6 + 1.1 * len(titles)) as figure:
+        panels = figure.subplots(len(titles), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, (name, title) in zip(panels, titles.items(), strict=True):
+            numbers = sweep.numbers(name)
+            mean = np.array([_statistics(column)[1] for column in numbers.T], dtype=float)
+            ax.plot(x[order], mean[order], "o-" if numeric else "o", color="C0", ms=3, zorder=3, label="mean")
+            ax.plot(np.tile(x, len(numbers)), numbers.ravel(), "o", color="0.6", ms=1.5, label="seed")
+            if np.nanmin(numbers) > 0 and np.nanmax(numbers) > 100 * np.nanmin(numbers):
+                ax.set_yscale("log")
+            else:
+                figures.widen_flat(ax)
+            ax.set_title(title, pad=3)
+        if not numeric:
+            panels[-1].set_xticks(x, [symbols.label(str(value)) for value in sweep.values])
+            panels[-1].margins(x=0.2)
+        panels[-1].set_xlabel(_label(sweep.option))
+        add_legend(figure)
+    return figure
+
+
+def _statistics(x: np.ndarray) -> tuple[int, float | None, float | None]:
+    """Number of runs that have a number, its mean and its standard deviation; None if undefined."""
+    known = x[np.isfinite(x)]
+    mean = float(known.mean()) if len(known) else None
+    return len(known), mean, float(known.std(ddof=1)) if len(known) > 1 else None
+
+
+def _label(name: str) -> str:
+    """A name as a label: `axis_error_deg` becomes `Axis error (deg)`."""
+    text = tabular.heading(name)
+    return text[0].upper() + text[1:]
+
+
+def sweep_document(sweep: Swept, title: str, numbers: Sequence[str], provenance: dict[str, Any]) -> Document:
+    """Table, chart and numbers of a sweep.
+
+    Args:
+        sweep: The sweep.
+        title: Title of the study.
+        numbers: Names of the numbers that the chart shows; empty for those of `CHARTED`.
+        provenance: Provenance of the results.
+
+    Raises:
+        InputError: There is no number of one of these names.
+    """
+    charted = {name: _label(name) for name in numbers or sweep.names if numbers or name.startswith(CHARTED)}
+    for name in charted:
+        if name not in sweep.names:
+            raise InputError(f"sweep.numbers needs names of {', '.join(sweep.names)}, got '{name}'.")
+    caption = f"{title} over {tabular.heading(sweep.option)}: numbers of each seed, and their means."
+    return Document(
+        tables={"table_sweep": sweep_table(sweep, sweep.names)},
+        figures={"figure_sweep": Plot(partial(sweep_chart, sweep, charted), caption)},
+        numbers={"sweep": {"runs": sweep.runs, "provenance": provenance}},
+        screen=sweep_table(sweep, list(charted)).text(),
+    )

@@ -6,8 +6,7 @@ from itertools import cycle
 
 import numpy as np
 
-from experiments.data.key_numbers import wrench_error
-from experiments.data.simulated import SimulatedStudy
+from experiments.data.simulated import SimulatedStudy, wrench_error
 from experiments.document import figures
 from experiments.document.sheet import INKS
 from ident.display.plots import Figure
@@ -69,7 +68,7 @@ def page_inks(study: SimulatedStudy, curves: Iterable[str]) -> list[int]:
 
 
 def wrench(study: SimulatedStudy, what: str) -> np.ndarray:
-    """A wrench by its name in a study file: one of `study_displays.WRENCHES`, or a model's prediction (N, 6)."""
+    """A wrench by its name in a study file: one of `study_file.WRENCHES`, or a model's prediction (N, 6)."""
     if what == "ground":
         return study.recording.wrench("ground").values
     totals = {"true": lambda: study.true, "measured": lambda: study.measured}

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.key_numbers import CHANNELS, axes, summary, touches, trajectory_summary
-from experiments.data.simulated import SimulatedStudy
+from experiments.data.simulated import CHANNELS, SimulatedStudy, axes, summary, touches, trajectory_summary
 from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data import key_numbers
+from experiments.data import simulated
 from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
 from experiments.data.simulated import SimulatedStudy
 from experiments.document import tabular
@@ -111,7 +111,7 @@ def _head(quantity: str, model: str) -> str:
 
 
 def quantity(study: SimulatedStudy, model: str, name: str, parameters: Iterable[str]) -> Iterable[tabular.Cell]:
-    """A column of a table: one of `study_displays.QUANTITIES` of a model, NaN where nothing was published."""
+    """A column of a table: one of `study_file.QUANTITIES` of a model, NaN where nothing was published."""
     if name in PAPERS:
         return [float(_published_of(study, model, name).get(each, np.nan)) for each in parameters]
     if name == "regrouping":
@@ -147,7 +147,7 @@ def _notes(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> list[s
 
 def wrench_errors(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
     """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
-    errors = key_numbers.wrench_errors(study, entry["models"])
+    errors = simulated.wrench_errors(study, entry["models"])
     columns = ("channel", *next(iter(errors.values())))
     rows = tuple((channel, *numbers.values()) for channel, numbers in errors.items())
     title = f"{entry['caption']}, N and N m"
@@ -156,7 +156,7 @@ def wrench_errors(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Ta
 
 def contacts(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
     """Fraction and episodes of each contact, and its peak force."""
-    touching, known = key_numbers.touches(study), study.known
+    touching, known = simulated.touches(study), study.known
 
     def each(number: str) -> list[float]:
         return [touching[f"{site}_{number}"] for site in study.file.scene.contacts.values()]

@@ -1,36 +1,161 @@
-"""Worker pools for trials and sweeps: processes of this machine."""
+"""Runs of many jobs: processes of this machine, and outcomes saved as they come in, so that a run can be resumed."""
 
 import json
 import os
 import pickle
-from collections.abc import Callable, Iterator, Sequence
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from experiments.runs.checkpoint import Checkpoint
+import numpy as np
+from tqdm import tqdm
+
 from experiments.runs.environment import THREADS, environment, held_back, seldom_collected
+from ident.display.brief import listed
 from ident.errors import InputError
 from ident.estimation.pieces import in_order
+from ident.files import npz
+from ident.files.atomic import save_arrays
+from ident.files.limits import parsed_json
+
+SAVE_EVERY = 5.0
+"""Seconds between two saves."""
+
+SHOWN = 3
+"""Number of differing files that a message names."""
+
+LISTS = "files", "logs"
+"""Settings that are lists of files."""
 
 
 @dataclass(frozen=True, eq=False)
-class WorkerPool:
-    """Workers for the duration of a block.
+class Checkpoint:
+    """File with the outcomes of a run.
 
     Attributes:
-        executor: Executor for their tasks.
-        ahead: Number of tasks to submit ahead, so that no worker waits.
+        what: Name of the outcomes, e.g. "trials".
+        file: NPZ file with the outcomes, replaced atomically.
+        identity: Settings that all outcomes of one run share, in JSON types.
+        check: Raises an `InputError` if the outcomes of an earlier run are not as they have to be.
     """
 
-    executor: Executor
-    ahead: int
+    what: str
+    file: Path
+    identity: Mapping[str, Any]
+    check: Callable[[Sequence[Any]], object] | None = None
+
+    def done(self) -> list[str]:
+        """Outcomes of an interrupted run, as JSON.
+
+        Raises:
+            InputError: There are none, or they belong to another run.
+        """
+        try:
+            data = npz.arrays(self.file)
+            kept, outcomes = parsed_json(str(data["identity"])), bytes(data["outcomes"]).decode().splitlines()
+            parsed = [parsed_json(text) for text in outcomes]
+            wanted = json.loads(json.dumps(self.identity))
+            different = [named(key, kept.get(key), wanted[key]) for key in wanted if kept.get(key) != wanted[key]]
+            if self.check is not None and not different:
+                self.check(parsed)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise InputError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
+        if different:
+            raise InputError(
+                f"The {self.what} in {self.file} are of another run: {', '.join(different)} differ; leave out --resume."
+            )
+        return outcomes
+
+    def set_aside(self) -> None:
+        """Renames the file of an earlier run, if there is one."""
+        if self.file.exists():
+            self.file.replace(self.file.with_stem(f"{self.file.stem}_before"))
+
+    def keep(self) -> None:
+        """Saves that nothing is done, if nothing is saved, so that a run that a full disk has ended can be resumed.
+
+        Without room even for that, the file of an earlier run is put back.
+        """
+        if self.file.exists():
+            return
+        try:
+            self.save([])
+        except OSError:
+            with suppress(OSError):
+                self.file.with_stem(f"{self.file.stem}_before").replace(self.file)
+        else:
+            print(f"\nNone of the {self.what} is done; once there is room run again with --resume.", file=sys.stderr)
+
+    def collect(self, batches: Iterable[Sequence[str]], total: int, done: Sequence[str] = ()) -> list[str]:
+        """Collects outcomes and saves them every few seconds, at the end, and on any error.
+
+        Args:
+            batches: Outcomes in order, a few at a time, as JSON.
+            total: Number of outcomes to reach.
+            done: The first of them, from an interrupted run; without any, an earlier run's file is set aside.
+
+        Raises:
+            OSError: They could not be saved; the file has those of the last save.
+        """
+        if not done:
+            self.set_aside()
+        outcomes = list(done)
+        try:
+            try:
+                self._take(batches, outcomes, total)
+            finally:
+                if len(outcomes) > len(done):
+                    self.save(outcomes)
+        except BaseException:
+            if self.file.exists():
+                print(f"\nThe {self.what} done so far are in {self.file}; run again with --resume.", file=sys.stderr)
+            raise
+        return outcomes
+
+    def _take(self, batches: Iterable[Sequence[str]], outcomes: list[str], total: int) -> None:
+        saved = time.monotonic()
+        title = self.what.capitalize()
+        with tqdm(desc=title, total=total, initial=len(outcomes), file=sys.stderr) as bar:
+            for batch in batches:
+                outcomes.extend(batch)
+                bar.update(len(batch))
+                if time.monotonic() - saved > SAVE_EVERY:
+                    self.save(outcomes)
+                    saved = time.monotonic()
+
+    def save(self, outcomes: Sequence[str]) -> None:
+        """Writes the file."""
+        # As letters of four bytes each, texts of numbers would take ten times the room of these.
+        lines = np.frombuffer("\n".join(outcomes).encode(), np.uint8)
+        save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": lines})
+
+
+def named(key: str, kept: Any, wanted: Any) -> str:
+    """The name of a setting that differs from an earlier run's, with its files that differ if it is a list of such."""
+    if key not in LISTS:
+        return key
+    before = kept if isinstance(kept, list) else []
+    files = [name for each in wanted if each not in before for name in _names(each)]
+    files = files or [name for each in before if each not in wanted for name in _names(each)]
+    return f"{key} ({listed(files, SHOWN)})" if files else key
+
+
+def _names(entry: Any) -> list[str]:
+    """Names of the files in an entry: text, the sum of a file, or those of several."""
+    if isinstance(entry, str):
+        return [entry]
+    files = entry.get("files", [entry]) if isinstance(entry, dict) else []
+    return [str(each["file"]) for each in files if isinstance(each, dict) and "file" in each]
 
 
 @dataclass(frozen=True)
@@ -49,10 +174,6 @@ class Workers:
     def threads(self) -> int:
         """Number of threads for simulations in each worker, so that all together fit the machine."""
         return max(1, (os.cpu_count() or 1) // self.number)
-
-    def pool(self, tasks: int) -> AbstractContextManager[WorkerPool]:
-        """Pool for a number of tasks, as from `worker_pool`."""
-        return worker_pool(max(1, min(self.number, tasks)))
 
     def collected(
         self,
@@ -76,8 +197,10 @@ class Workers:
         again = [k for k, outcome in enumerate(done) if lost(tasks[k], json.loads(outcome))]
         left, together = list(tasks[len(done) :]), partial(_together if batch else _one_by_one, work)
         size = max(1, min(batch, 1 + len(left) // 16))
-        with self.pool(len(left) + len(again)) as pool:
-            results = partial(in_order, pool.executor, together, ahead=pool.ahead)
+        number = max(1, min(self.number, len(left) + len(again)))
+        with worker_pool(number) as executor:
+            # Two tasks for each, so that no worker waits.
+            results = partial(in_order, executor, together, ahead=2 * number)
             with closing(results([[tasks[k]] for k in again])) as batches:
                 for k, (outcome,) in zip(again, batches, strict=True):
                     done[k] = outcome
@@ -100,22 +223,14 @@ class DeadWorkerError(InputError):
 
 
 @contextmanager
-def worker_pool(workers: int) -> Iterator[WorkerPool]:
-    """Yields workers with one thread each for linear algebra, so that sums have the same order everywhere.
+def worker_pool(number: int) -> Iterator[Executor]:
+    """Yields so many local processes, which ignore Ctrl-C and requests to terminate: their parent handles these.
 
-    Args:
-        workers: Number of local processes.
+    Each has one thread for linear algebra, so that sums have the same order everywhere.
 
     Raises:
-        DeadWorkerError: A local worker died.
+        DeadWorkerError: A worker died.
     """
-    with _local(workers) as executor:
-        yield WorkerPool(executor, 2 * workers)
-
-
-@contextmanager
-def _local(number: int) -> Iterator[Executor]:
-    """Yields local processes that ignore Ctrl-C and requests to terminate, which their parent handles."""
     if os.name == "posix":
         # Started later, the tracker of shared resources would unblock signals.
         resource_tracker.ensure_running()

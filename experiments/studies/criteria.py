@@ -1,4 +1,4 @@
-"""Criteria of excitation: predicted standard deviations of a mechanism's base parameters, and functions of them.
+"""Criteria of excitation, predicted standard deviations and functions of them, and the search for the best motion.
 
 M = Σ Y_bᵀ C⁻¹ Y_b     information of a motion, C the covariance of the noise on a sample
 σ = √diag M⁻¹          standard deviations of ψ by least squares, weighted by C
@@ -7,15 +7,20 @@ P = B S Bᵀ             prior covariance of ψ, S that of φ, and ψ = B φ the
 Noise is white, and joint states are exact.
 """
 
+import sys
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
+from tqdm import tqdm
 
-from experiments.studies.driven_excitation import drive_deviations
-from experiments.studies.excitation import DesignProblem
-from ident.errors import ModelError
+from experiments.studies.excitation import DesignProblem, drive_deviations
+from ident.errors import InputError, ModelError
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import known_rows
-from sim.motion.excitation_design import Cost, States
+from sim.motion.collisions import Collisions
+from sim.motion.excitation_design import Cost, Limits, States, design, nearby_start, random_start, scaled_into
+from sim.motion.fourier import FourierTrajectory
 
 INVISIBLE = 1e-14
 """Eigenvalues of the information below this fraction of the largest are rounding errors."""
@@ -134,3 +139,86 @@ def _relative_deviation(M: np.ndarray, L: np.ndarray) -> tuple[float, np.ndarray
 
 def _ratio(singular_values: np.ndarray) -> float:
     return float(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny))
+
+
+def best(
+    value: Cost,
+    limits: Limits,
+    starts: Sequence[FourierTrajectory],
+    collisions: Collisions | None,
+    iterations: int,
+    seed: int,
+) -> FourierTrajectory:
+    """The best motion from several starts, and then from half as many near the best; prints progress to stderr.
+
+    Collisions are only avoided for a motion that is better with them than the best one without so far. While no motion
+    is found, the first start counts as the best.
+
+    Args:
+        value: Cost to minimize.
+        limits: Joint limits.
+        starts: Motions to start from.
+        collisions: Bodies that must not touch; None for no checks.
+        iterations: Largest number of iterations from each start.
+        seed: Seed of the starts near the best.
+
+    Raises:
+        InputError: All motions collide.
+    """
+    if collisions is not None:
+        check_starts(collisions, starts, limits)
+    rng, near = np.random.default_rng([seed, 1]), len(starts) // 2
+    lowest, chosen = np.inf, None
+    for k in tqdm(range(len(starts) + near), desc="Starts", file=sys.stderr):
+        start = starts[k] if k < len(starts) else nearby_start(chosen or starts[0], limits, rng)
+        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=lowest)
+        if trajectory is not None and (reached := _value_of(value, trajectory)) < lowest:
+            lowest, chosen = reached, trajectory
+    if chosen is None:
+        assert collisions is not None
+        raise InputError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
+    return chosen
+
+
+def _value_of(value: Cost, trajectory: FourierTrajectory) -> float:
+    return value(*trajectory.states(np.linspace(0, trajectory.duration, 401)))[0]
+
+
+def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:
+    """Names of the bodies that touch along the start with the fewest contacts."""
+    time = np.linspace(0, starts[0].duration, 401)
+    pairs = min((collisions.touching(scaled_into(s, limits).states(time)[0]) for s in starts), key=len)
+    return _closer(collisions, list(pairs))
+
+
+def check_starts(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> None:
+    """Checks before the search that no bodies touch in all postures.
+
+    Raises:
+        InputError: A pair touches in every posture of every start.
+    """
+    time = np.linspace(0, starts[0].duration, 101)
+    always: set[tuple[str, str]] | None = None
+    for start in starts:
+        for posture in scaled_into(start, limits).states(time)[0]:
+            pairs = set(collisions.touching(posture[None]))
+            always = pairs if always is None else always & pairs
+            if not always:
+                return
+    raise InputError(f"No motion is without collisions: in every posture {_closer(collisions, sorted(always or ()))}.")
+
+
+def _closer(collisions: Collisions, pairs: Sequence[tuple[str, str]]) -> str:
+    named = ", ".join(f"'{a}' and '{b}'" for a, b in pairs[:3]) or "bodies"
+    return (
+        f"{named} come closer than {collisions.clearance:g} m; to accept that, lower --clearance, exclude the pair in "
+        "the model, or choose --collisions ignore"
+    )
+
+
+def start_motions(
+    limits: Limits, rest: np.ndarray, duration: float, harmonics: int, count: int, seed: int
+) -> list[FourierTrajectory]:
+    """Random motions, the first one about the rest position (n,)."""
+    rng = np.random.default_rng(seed)
+    return [random_start(limits, duration, harmonics, rng, rest if k == 0 else None) for k in range(count)]

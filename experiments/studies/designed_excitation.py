@@ -111,33 +111,22 @@ def _ranges(problem: DesignProblem, bounds: Bounds) -> tuple[np.ndarray, np.ndar
 
 
 def problem_of(
-    model: str,
-    base: str | None = None,
-    joints: Sequence[str] | None = None,
-    *,
-    sensors: str = "wrench",
-    noise: tuple[float, float] | None = None,
-    ignore: Sequence[str] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
-    packages: Sequence[Path] = (),
-    drive: Sequence[str] | None = (),
-    base_rpy_deg: Sequence[float] | None = None,
+    model: str, joints: Sequence[str] | None = None, *, base: str | None = None, **more: Any
 ) -> DesignProblem:
     """Problem of exciting a model or a scene.
 
     Args:
         model: Model file, or name of a scene.
+        joints: As for `excitation.problem`.
         base: Body whose frame is {0}, by default the scene's or the world's.
-        joints: As for `excitation.problem`, also `sensors`, `noise`, `ignore` and `drive`.
-        fix: Joints that do not move, with their coordinates, as for `sim.mechanism`.
-        packages: Folders of ROS packages, for meshes.
-        base_rpy_deg: As for `sim.mechanism`.
+        more: Further arguments of `excitation.problem`, and of `sim.mechanism`.
     """
     scene = model in scenes.NAMES
     base = base or scenes.BASES.get(model) if scene else base
-    source = scenes.load(model) if scene else model
-    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages, base_rpy_deg=base_rpy_deg)
-    return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore, fix=fix, drive=drive)
+    stated = {key: more.pop(key) for key in ("packages", "base_rpy_deg") if key in more}
+    both = {key: more[key] for key in ("ignore", "fix") if key in more}
+    arm = mechanism(scenes.load(model) if scene else model, base, **stated, **both)
+    return excitation.problem(arm, joints, **{"sensors": "wrench", **more})
 
 
 def designed(
@@ -188,12 +177,12 @@ def designed(
     if collisions is not None and floor is not None and not collisions.checks_floor:
         raise InputError("--floor needs moving bodies with geoms that can collide; this model has none.")
     rest = np.array([problem.rest[joint] for joint in problem.joints])
-    motions = excitation.start_motions(limits, rest, float(time[-1]), harmonics, starts, seed)
+    motions = criteria.start_motions(limits, rest, float(time[-1]), harmonics, starts, seed)
     before = own or reference or Motion(*motions[0].states(time))
     if reference is not None:
         motions[0] = FourierTrajectory.closest(float(time[-1]), harmonics, time, reference.q)
     value = criteria.cost(problem, criterion, len(time))
-    trajectory = excitation.best(value, limits, motions, collisions, iterations, seed)
+    trajectory = criteria.best(value, limits, motions, collisions, iterations, seed)
     after, series = Motion(*trajectory.states(time)), _series(trajectory, problem.joints)
     known = None if problem.mechanism.prior is None else np.linalg.norm(criteria.known_root(problem), axis=0)
     return Design(

@@ -1,30 +1,33 @@
-"""Design of exciting motions: the problem, and the best motion from several starts."""
+"""The problem that an exciting motion is designed for: joints that move, measurements, and columns of drives."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from tqdm import tqdm
 
-from experiments.data.paper import NOISE
-from experiments.studies.driven_excitation import determined, drive_signals, drives_pulled_back
+from experiments.data.paper import ACCELERATION, NOISE, VELOCITY
 from ident.errors import InputError, ModelError
+from ident.estimation.equations import Equations
+from ident.estimation.excitation import separable
+from ident.estimation.loads import usual_drives
+from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
+from ident.model import regressor
+from ident.model.axes import Axes, column_place, stated_values
 from ident.model.pullback import pulled_back
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+from ident.parameters.prior import DRIVE_KNOWN
 from ident.parameters.structure import Sensors
+from ident.tolerances import STRIBECK
 from sim.models.couplings import check_torques
 from sim.models.mechanism import mujoco_origin
 from sim.models.mujoco_model import base_motion, gravity_of, mechanism_bodies, rest_coordinates
 from sim.models.names import joint_name
-from sim.motion.collisions import Collisions
-from sim.motion.excitation_design import Cost, Limits, States, design, nearby_start, random_start, scaled_into
-from sim.motion.fourier import FourierTrajectory
+from sim.motion.excitation_design import States
 from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
 
@@ -185,84 +188,86 @@ def _chosen(joints: Sequence[str], tree: Tree, names: Sequence[str] | None) -> S
     return [joint for joint in joints if names is None or joint in names]
 
 
-def best(
-    value: Cost,
-    limits: Limits,
-    starts: Sequence[FourierTrajectory],
-    collisions: Collisions | None,
-    iterations: int,
-    seed: int,
-) -> FourierTrajectory:
-    """The best motion from several starts, and then from half as many near the best; prints progress to stderr.
+SLIP = 0.03
+"""Velocity over which Coulomb friction changes its sign in a design, rad/s or m/s: a motion slower than that says
+little of it on a real joint, and its derivatives exist."""
 
-    Collisions are only avoided for a motion that is better with them than the best one without so far. While no motion
-    is found, the first start counts as the best.
+INSTANTS = 200
+"""Number of random states at which columns are compared."""
+
+USUAL = 0.1
+"""Friction, rotor and spring torques of a joint for which the model states none, over the torques of its links."""
+
+
+def determined(mechanism: Mechanism, parameters: BaseParameters, drive: Sequence[str] | None) -> tuple[str, ...]:
+    """Names of the drives' columns that some motion separates from the base parameters.
 
     Args:
-        value: Cost to minimize.
-        limits: Joint limits.
-        starts: Motions to start from.
-        collisions: Bodies that must not touch; None for no checks.
-        iterations: Largest number of iterations from each start.
-        seed: Seed of the starts near the best.
-
-    Raises:
-        InputError: All motions collide.
+        mechanism: The mechanism of the joints that move.
+        parameters: Its base parameters by torques.
+        drive: Kinds of drives; None for `usual_drives`.
     """
-    if collisions is not None:
-        check_starts(collisions, starts, limits)
-    rng, near = np.random.default_rng([seed, 1]), len(starts) // 2
-    lowest, chosen = np.inf, None
-    for k in tqdm(range(len(starts) + near), desc="Starts", file=sys.stderr):
-        start = starts[k] if k < len(starts) else nearby_start(chosen or starts[0], limits, rng)
-        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=lowest)
-        if trajectory is not None and (cost := _value_of(value, trajectory)) < lowest:
-            lowest, chosen = cost, trajectory
-    if chosen is None:
-        assert collisions is not None
-        raise InputError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
-    return chosen
+    felt = tuple(range(len(mechanism.tree.freedoms)))
+    names = usual_drives(mechanism, felt) if drive is None else drive_names(mechanism.tree, drive)
+    channels = mechanism.tree.freedoms
+    # Motions are not designed for drives of joints that loops move.
+    names = tuple(name for name in names if column_place(name)[1] in channels)
+    equations = Equations(mechanism, parameters, torques=felt, channels=channels, drives=names)
+    motion = _random_motion(mechanism)
+    return separable(equations, Samples(motion, np.zeros((INSTANTS, len(channels))))).drives
 
 
-def _value_of(value: Cost, trajectory: FourierTrajectory) -> float:
-    return value(*trajectory.states(np.linspace(0, trajectory.duration, 401)))[0]
-
-
-def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:
-    """Names of the bodies that touch along the start with the fewest contacts."""
-    time = np.linspace(0, starts[0].duration, 401)
-    pairs = min((collisions.touching(scaled_into(s, limits).states(time)[0]) for s in starts), key=len)
-    return _closer(collisions, list(pairs))
-
-
-def check_starts(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> None:
-    """Checks before the search that no bodies touch in all postures.
-
-    Raises:
-        InputError: A pair touches in every posture of every start.
-    """
-    time = np.linspace(0, starts[0].duration, 101)
-    always: set[tuple[str, str]] | None = None
-    for start in starts:
-        for posture in scaled_into(start, limits).states(time)[0]:
-            pairs = set(collisions.touching(posture[None]))
-            always = pairs if always is None else always & pairs
-            if not always:
-                return
-    raise InputError(f"No motion is without collisions: in every posture {_closer(collisions, sorted(always or ()))}.")
-
-
-def _closer(collisions: Collisions, pairs: Sequence[tuple[str, str]]) -> str:
-    named = ", ".join(f"'{a}' and '{b}'" for a, b in pairs[:3]) or "bodies"
-    return (
-        f"{named} come closer than {collisions.clearance:g} m; to accept that, lower --clearance, exclude the pair in "
-        "the model, or choose --collisions ignore"
+def drive_signals(mechanism: Mechanism, drives: Sequence[str], motion: Motion) -> np.ndarray:
+    """Columns of drives (N, n, d)."""
+    signals = regressor.drive_signals(
+        mechanism.tree, Axes.of(mechanism.tree), motion.states, SLIP, mechanism.springrefs
     )
+    out = np.zeros((*motion.dq.shape, len(drives)))
+    for column, (kind, k) in enumerate(_places(mechanism, drives)):
+        out[:, k, column] = signals[kind][:, k]
+    return out
 
 
-def start_motions(
-    limits: Limits, rest: np.ndarray, duration: float, harmonics: int, count: int, seed: int
-) -> list[FourierTrajectory]:
-    """Random motions, the first one about the rest position (n,)."""
-    rng = np.random.default_rng(seed)
-    return [random_start(limits, duration, harmonics, rng, rest if k == 0 else None) for k in range(count)]
+def drives_pulled_back(
+    mechanism: Mechanism, drives: Sequence[str], motion: Motion, adjoints: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives by a motion, from derivatives by the columns of drives (N, n, d)."""
+    q, dq, ddq = (np.zeros_like(x) for x in motion.states)
+    sign, relative = np.tanh(motion.dq / SLIP), motion.dq / STRIBECK
+    steep, low, one = (1 - sign**2) / SLIP, 1 / (1 + relative**2), np.ones_like(dq)
+    slopes = {
+        "rotor": (ddq, one),
+        "viscous": (dq, one),
+        "coulomb": (dq, steep),
+        "stribeck": (dq, steep * low - sign * 2 * relative / STRIBECK * low**2),
+        "spring": (q, one),
+    }
+    for column, (kind, k) in enumerate(_places(mechanism, drives)):
+        by, slope = slopes[kind]
+        by[:, k] += adjoints[:, k, column] * slope[:, k]
+    return q, dq, ddq
+
+
+def drive_deviations(mechanism: Mechanism, drives: Sequence[str]) -> np.ndarray:
+    """Prior standard deviations of drives: those of the model's values, else of usual ones (d,)."""
+    motion = _random_motion(mechanism)
+    torques = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity) @ mechanism.known
+    size, per = USUAL * np.sqrt((torques**2).mean(axis=0)), {"rotor": ACCELERATION, "viscous": VELOCITY}
+    usual = np.array([size[k] / per.get(kind, 1.0) for kind, k in _places(mechanism, drives)])
+    stated = DRIVE_KNOWN * stated_values(mechanism, drives)
+    return np.where(stated > 0, stated, usual)
+
+
+def _places(mechanism: Mechanism, drives: Sequence[str]) -> list[tuple[str, int]]:
+    """Kind, and index of the freedom, of each column."""
+    freedoms = mechanism.tree.freedoms
+    return [(kind, freedoms.index(freedom)) for kind, freedom in map(column_place, drives)]
+
+
+def _random_motion(mechanism: Mechanism) -> Motion:
+    rng, tree = np.random.default_rng(0), mechanism.tree
+    q, dq, ddq = rng.uniform(-1, 1, size=(3, INSTANTS, len(tree.freedoms)))
+    closed = tree.closure.drawn(rng, INSTANTS) if tree.closure else {}
+    for joint, x in closed.items():
+        q[:, [tree.joints.index(joint)]] = x
+    return Motion(q, dq, ddq)

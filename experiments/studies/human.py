@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 
 from experiments.data.person import Laboratory, PersonStudy
-from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.workers import Workers, worker_pool
-from experiments.studies.competitors import USUAL
-from experiments.studies.person_markers import drawn
-from experiments.studies.person_recordings import SENSORS, humanoid, mistaken, moved, recorded
+from experiments.runs.workers import Checkpoint, Workers, worker_pool
+from experiments.studies.person_recordings import SENSORS, drawn, humanoid, mistaken, moved, recorded
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.accumulator import accumulate
@@ -26,6 +23,9 @@ from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import BaseParameters
 from ident.trajectory.fit.iteration import Report
 from sim.motion.person import ACTIVITIES
+
+USUAL = 6.0
+"""Cut-off, Hz, that gait laboratories use for markers."""
 
 HELD_OUT = 1000
 """Offset of the seeds of recordings that are not fitted."""
@@ -133,7 +133,7 @@ def with_and_without_rail(
         more: Further arguments of `study`.
     """
     with ExitStack() as stack:
-        more["executor"] = stack.enter_context(worker_pool(workers)).executor if workers > 1 else None
+        more["executor"] = stack.enter_context(worker_pool(workers)) if workers > 1 else None
         held, free = (study(seconds, laboratory=replace(laboratory, rail=rail), **more) for rail in (True, False))
         return held, free
 

@@ -1,5 +1,6 @@
 """Simulation of a study's recording, its models by least squares, and trials with noise drawn anew."""
 
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -8,19 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.errors import TRAJECTORY, Distribution
-from experiments.data.fitting import TrajectoryTrial, Trial
-from experiments.data.simulated import SimulatedStudy, StudyProblem
+from experiments.data.fitting import TRAJECTORY, Distribution, TrajectoryTrial, Trial
+from experiments.data.outcomes import Swept
+from experiments.data.simulated import SimulatedStudy, StudyProblem, summary
 from experiments.data.study_file import StudyFile
-from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.workers import Workers
+from experiments.runs.workers import Checkpoint, Workers
 from experiments.studies.study_entries import packaged
 from ident.errors import InputError
 from ident.recordings.recording import Recording
 from sim.simulation.simulate import simulate, simulate_many, with_noise
 
-FILE, TRAJECTORY_FILE = "trials.npz", "trials_trajectory.npz"
-"""Files in the output folder with the outcomes of all trials, by least squares and by the trajectory estimate."""
+FILE, TRAJECTORY_FILE, SWEEP_FILE = "trials.npz", "trials_trajectory.npz", "runs.npz"
+"""Files in the output folder with all trials, by least squares and by trajectory estimates, and a sweep's runs."""
 
 BATCH = 8
 """Largest number of trials in a worker's task: half a second's work if all noise is drawn anew."""
@@ -141,9 +141,10 @@ def draw_of(study: SimulatedStudy, asked: Trials, folder: Path) -> Draw:
         raise InputError("--trials needs [trials] in the study file, with models by what the tables are to call them.")
     draw = Draw.of(study.file, asked.redraw, study.recording)
     if asked.workers.resume:
-        if not asked.trials:
+        if not asked.trials and not study.file.sweep:
             raise InputError("--resume needs --trials, the number of trials to reach.")
-        kept_in(folder, draw)[0].done()
+        if asked.trials:
+            kept_in(folder, draw)[0].done()
     return draw
 
 
@@ -170,6 +171,38 @@ def _distribution(study: SimulatedStudy, model: str, outcomes: np.ndarray) -> Di
     names, published = study.fit(model).base.names, study.file.published.get("error", {}).get(model, {})
     beside = np.array([published.get(name, np.nan) for name in names])
     return Distribution(names, outcomes[:, 0], outcomes[:, 1], beside)
+
+
+def swept(draw: Draw, asked: Trials, folder: Path) -> Swept:
+    """Runs a study with each value and seed of its sweep, or the remainder of an interrupted run.
+
+    Raises:
+        InputError: All runs raise errors, or a worker died.
+    """
+    file, sweep = draw.file, draw.file.sweep
+    assert sweep is not None
+    runs = [(value, seed) for seed in range(sweep.seeds) for value in sweep.values]
+    identity = {**draw.identity, "option": sweep.option, "values": sweep.values}
+    kept = Checkpoint("runs", folder / SWEEP_FILE, identity)
+    # A run with trials may have been interrupted before the sweep.
+    resume = asked.workers.resume and (kept.file.exists() or not asked.trials)
+    outcomes = replace(asked.workers, resume=resume).collected(partial(_run, file, sweep.option), runs, kept)
+    results = [{sweep.option: value, "seed": seed, **x} for (value, seed), x in zip(runs, outcomes, strict=True)]
+    refused = [run["refused"] for run in results if "refused" in run]
+    if len(refused) == len(results):
+        raise InputError(f"The sweep refuses every run: {refused[0]}")
+    for sentence in refused:
+        print(f"Refused: {sentence}", file=sys.stderr)
+    return Swept(sweep.option, sweep.values, results)
+
+
+def _run(file: StudyFile, option: str, run: tuple[str | float, int]) -> dict[str, Any]:
+    """Summary of a study with a value and a seed; run by workers."""
+    value, seed = run
+    try:
+        return summary(simulated(file.with_options(**{option: value}, seed=seed)))
+    except InputError as error:
+        return {"refused": f"{option} {value}, seed {seed}: {error}"}
 
 
 def simulated(file: StudyFile) -> SimulatedStudy:

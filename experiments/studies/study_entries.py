@@ -1,7 +1,7 @@
 """Reading of study files: each entry is checked, and unknown entries are errors."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,11 +9,16 @@ from typing import Annotated, Any
 import scenes
 from experiments.data import paper
 from experiments.data.fitting import ESTIMATORS
-from experiments.data.study_file import ALL, AXES, Scene, StudyFile, StudyModel
-from experiments.studies.study_displays import (
+from experiments.data.study_file import (
+    ALL,
+    AXES,
     FIGURES,
     TABLES,
     WRENCHES,
+    Scene,
+    StudyFile,
+    StudyModel,
+    Sweep,
     parameter_tables,
     several,
     shown,
@@ -23,6 +28,7 @@ from ident.annotations import Needs, NotNegative
 from ident.errors import InputError
 from ident.files.limits import toml
 from ident.files.schema import check_keys, choice, made, table, value_of
+from ident.files.table import short
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 
 EXCITATIONS = {"double_pendulum": DOUBLE_PENDULUM, "bowing": BOWING}
@@ -100,7 +106,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     tried = table("trials.models", trials.get("models", {}))
     for name, model in tried.items():
         choice(f"trials.models.{name}", model, models)
-    return StudyFile(
+    study = StudyFile(
         title=value_of("title", entries.get("title", "A study"), str),
         scene=scene,
         excitation=_excitation(entries.get("excitation", "double_pendulum")),
@@ -113,6 +119,18 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
         figures=shown("figures", entries, FIGURES, models, scene, figures),
         **_recording(table("[recording]", entries.get("recording", {}))),
     )
+    return with_sweep(study, entries["sweep"]) if "sweep" in entries else study
+
+
+def with_sweep(study: StudyFile, entry: Any) -> StudyFile:
+    """The study with runs over the values of one of its options, which are of the default's type."""
+    sweep = made(Sweep, "sweep", entry)
+    kinds = {name: type(value) for name, value in study.options.items() if name != "seed"}
+    kind: Any = kinds[choice("sweep.option", sweep.option, kinds)]
+    values = value_of("sweep.values", list(sweep.values), tuple[kind, ...])
+    if not values or len(set(values)) < len(values):
+        raise InputError(f"sweep.values needs one value or more, all different, got {short(list(values))}.")
+    return replace(study, sweep=replace(sweep, values=values))
 
 
 def _with_tables(entries: Mapping[str, Any], models: Mapping[str, StudyModel]) -> Mapping[str, Any]:

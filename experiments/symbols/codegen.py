@@ -1,7 +1,9 @@
-"""A symbolic model as text: LaTeX, a Python function and a C function."""
+"""Symbolic model of a mechanism, its files in LaTeX, Python and C, and a table of its base parameters."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import sympy
@@ -9,8 +11,16 @@ from sympy.printing.c import C99CodePrinter
 from sympy.printing.pycode import PythonCodePrinter
 from sympy.simplify.fu import TR8
 
+from experiments.document import tabular
 from experiments.document.symbols import parameter_symbol
+from experiments.document.terminal import wrapped
+from experiments.symbols import symbolic
 from experiments.symbols.symbolic import SymbolicModel, decimals
+from ident.errors import InputError, ModelError
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.parameters.base_parameters import STANDARD_GRAVITY, separating_sensors
+from sim.models.mechanism import mechanism
 
 READABLE = 250
 """Largest number of operations, shared ones counted once, at which LaTeX is expanded in sines of sums of angles."""
@@ -36,29 +46,25 @@ def python_source(model: SymbolicModel, name: str) -> str:
     body += [f"{symbol} = {printer.doprint(x)}" for symbol, x in shared]
     body += [f"Y = np.zeros(({rows}, {columns}))"]
     body += [f"Y[{r}, {c}] = {printer.doprint(x)}" for r, c, x in entries]
-    return "\n".join(
-        [
-            f'"""Base-wrench regressor of {plain(name)}, derived symbolically.',
-            "",
-            *_description(model),
-            '"""',
-            "",
-            "from math import cos, sin",
-            "",
-            "import numpy as np",
-            "",
-            f"PARAMETERS = {model.regrouping.parameters!r}",
-            f"KEPT = {model.regrouping.kept!r}",
-            '"""Columns of the base parameters."""',
-            "",
-            "",
-            f"def base_wrench_regressor(q, dq, ddq, gravity{', *' if lengths else ''}{lengths}):",
-            f'    """Y with `[F; tau] = Y phi` in the base frame ({rows}, {columns})."""',
-            *(f"    {line}" for line in body),
-            "    return Y",
-            "",
-        ]
-    )
+    return f'''"""Base-wrench regressor of {plain(name)}, derived symbolically.
+
+{_description(model)}
+"""
+
+from math import cos, sin
+
+import numpy as np
+
+PARAMETERS = {model.regrouping.parameters!r}
+KEPT = {model.regrouping.kept!r}
+"""Columns of the base parameters."""
+
+
+def base_wrench_regressor(q, dq, ddq, gravity{", *" if lengths else ""}{lengths}):
+    """Y with `[F; tau] = Y phi` in the base frame ({rows}, {columns})."""
+{_indented(body)}
+    return Y
+'''
 
 
 def c_source(model: SymbolicModel, name: str) -> str:
@@ -76,22 +82,18 @@ def c_source(model: SymbolicModel, name: str) -> str:
     body += [f"Y[{r * columns + c}] = {printer.doprint(x)};" for r, c, x in entries]
     signature = ", ".join(f"const double {argument}[{max(1, len(x))}]" for argument, x in arguments.items())
     values = ", ".join(f"{symbol.name} = {value!r}" for symbol, value in model.lengths.items())
-    return "\n".join(
-        [
-            f"/* Base-wrench regressor of {plain(name)}, derived symbolically.",
-            "",
-            *_description(model),
-            *([f"Lengths, in this order, with the model's values in m: {values}."] if values else []),
-            f"Y is a row-major {rows} x {columns} matrix. */",
-            "#include <math.h>",
-            "",
-            f"void base_wrench_regressor({signature}, double Y[{rows * columns}])",
-            "{",
-            *(f"    {line}" for line in body),
-            "}",
-            "",
-        ]
-    )
+    stated = f"Lengths, in this order, with the model's values in m: {values}.\n" if values else ""
+    return f"""/* Base-wrench regressor of {plain(name)}, derived symbolically.
+
+{_description(model)}
+{stated}Y is a row-major {rows} x {columns} matrix. */
+#include <math.h>
+
+void base_wrench_regressor({signature}, double Y[{rows * columns}])
+{{
+{_indented(body)}
+}}
+"""
 
 
 def latex_source(model: SymbolicModel, name: str) -> str:
@@ -110,19 +112,16 @@ def latex_source(model: SymbolicModel, name: str) -> str:
     left = [parameter_symbol(key).strip("$") for key in model.regrouping.names]
     psi = [rf"\left({k}\right)_R &= {tex(x)}" for k, x in zip(left, model.base_expressions().values(), strict=True)]
     lines = [rf"{tex(symbol)} &= {tex(x)}" for symbol, x in shared]
-    return "\n".join(
-        [
-            f"% Dynamic identification model of {plain(name)}, derived symbolically. Needs amsmath.",
-            *(f"% {line}" for line in _description(model)),
-            "% Base parameters",
-            *_align(psi),
-            "% Common subexpressions",
-            *_align(lines),
-            "% Entries of the base parameters' columns that are not zero; rows are F_x, F_y, F_z, tau_x, tau_y, tau_z",
-            *_align([rf"Y_{{{r + 1},{c + 1}}} &= {tex(x)}" for r, c, x in entries]),
-            "",
-        ]
+    equations = [rf"Y_{{{r + 1},{c + 1}}} &= {tex(x)}" for r, c, x in entries]
+    head = f"Dynamic identification model of {plain(name)}, derived symbolically. Needs amsmath.\n{_description(model)}"
+    of_entries = (
+        "Entries of the base parameters' columns that are not zero; rows are F_x, F_y, F_z, tau_x, tau_y, tau_z"
     )
+    parts = (("Base parameters", psi), ("Common subexpressions", lines), (of_entries, equations))
+    text = [f"% {line}" for line in head.splitlines()]
+    for title, rows in parts:
+        text += [f"% {title}", *_align(rows)]
+    return "\n".join(text) + "\n"
 
 
 def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
@@ -131,14 +130,17 @@ def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
     return {name: list(symbols) for name, symbols in arguments}
 
 
-def _description(model: SymbolicModel) -> list[str]:
+def _description(model: SymbolicModel) -> str:
     """Order of joints and columns, and units, as plain text for a comment."""
     joints = ", ".join(map(plain, model.mechanism.tree.joints))
-    return [
-        f"Joints: {joints or 'none'}.",
-        "SI units, radians; a ball joint has a quaternion w, x, y, z. Gravity is its acceleration in the base frame.",
-        "Columns of Y for each body, about its frame's origin: m, m rx, m ry, m rz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz.",
-    ]
+    return f"""Joints: {joints or "none"}.
+SI units, radians; a ball joint has a quaternion w, x, y, z. Gravity is its acceleration in the base frame.
+Columns of Y for each body, about its frame's origin: m, m rx, m ry, m rz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
+
+
+def _indented(lines: Sequence[str]) -> str:
+    """The lines of a function's body."""
+    return "\n".join(f"    {line}" for line in lines)
 
 
 def _shared(Y: np.ndarray) -> tuple[Definitions, list[tuple[int, int, sympy.Expr]]]:
@@ -210,3 +212,88 @@ def _broken(row: str) -> str:
 def _width(tex: str) -> float:
     """Width of a piece of an equation, in letters; signs have room on both sides."""
     return len(re.sub(r"\\(?!sin|cos)[a-z]+|[{}_^ ]", "", tex)) + 1.5 * len(re.findall(r" [+-] ", tex))
+
+
+TABLES = ("table_1", "table_2")
+
+
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """A mechanism's symbolic model.
+
+    Attributes:
+        name: Name of the mechanism, for files and titles.
+        model: The model.
+        gained: Parameters that more sensors would make identifiable separately, by sensors.
+    """
+
+    name: str
+    model: symbolic.SymbolicModel
+    gained: Mapping[str, Sequence[str]]
+
+
+def derivation(given: str, base: str | None, ignore: Sequence[str]) -> Derivation:
+    """Symbolic model of a mechanism.
+
+    Args:
+        given: Model file, or one of `TABLES`.
+        base: Body whose frame is {0}, by default the world.
+        ignore: Equality constraints and tendons to leave out.
+
+    Raises:
+        InputError: The model cannot be read, or a table is given options.
+    """
+    name = plain(Path(given).stem)
+    if given not in TABLES:
+        tree, lengths = symbolic.exact_tree(_tree(given, base, ignore))
+    elif base is None and not ignore:
+        tree, lengths = getattr(symbolic, given)()
+    else:
+        raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{given}'.")
+    gained = separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY))
+    return Derivation(name if name.strip(". ") else "model", symbolic.derive(tree, lengths), gained)
+
+
+def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
+    """The mechanism of a model file, which must have mass."""
+    arm = mechanism(path, base, ignore=ignore)
+    if arm.prior is None:
+        raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")
+    return arm.tree
+
+
+DIGITS, DIGITS_OF_DECIMALS = 12, 6
+"""Digits of numbers in the table, with exact coefficients and with decimal ones."""
+
+
+def table(derived: Derivation) -> tabular.Table:
+    """Base parameters in symbols."""
+    model, digits = derived.model, DIGITS if derived.model.exact else DIGITS_OF_DECIMALS
+    rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())
+    title = f"Base parameters of {derived.name}: {model.regrouping.rank}"
+    return tabular.Table(title, ("parameter", "expression"), rows)
+
+
+def sources(derived: Derivation) -> dict[str, str]:
+    """Contents of the files by name."""
+    model, name = derived.model, derived.name
+    return {
+        "dim.tex": latex_source(model, name),
+        "regressor.py": python_source(model, name),
+        "regressor.c": c_source(model, name),
+        "base_parameters.csv": table(derived).csv(),
+    }
+
+
+def text(derived: Derivation) -> str:
+    """Text for the terminal."""
+    model = derived.model
+    lines = [table(derived).text()]
+    if not model.exact:
+        lines.append(f"The coefficients are decimals, because {model.reason}.")
+    lines.append(wrapped(f"Without effect on the wrench: {', '.join(model.regrouping.unseen) or 'nothing'}."))
+    if model.regrouping.remark:
+        lines.append(wrapped(model.regrouping.remark))
+    for sensors, gained in derived.gained.items():
+        lines.append(wrapped(f"Separately identifiable {sensors}: {', '.join(gained) or 'nothing'}."))
+    return "\n".join(lines)

@@ -46,7 +46,7 @@ class Constraints:
         closure = self._closure(tree, ())
         follow = self.followers(tree)
         kinds = {
-            body.joint: 3 if body.is_ball else -1 if body.joint in lacking else 2 * (body.joint in driven)
+            body.joint: -1 if body.joint in lacking else 3 if body.is_ball else 2 * (body.joint in driven)
             for body in closure.part.bodies
         }
         kinds |= {joint: 1 for joint, kind in kinds.items() if not kind and joint not in follow}
@@ -64,8 +64,8 @@ class Constraints:
         closure, names = self._closure(tree, dependent), " ".join(row.name for row in self.rows)
         if balls := [body.joint for body in closure.part.bodies if body.is_ball and body.joint in dependent]:
             raise ModelError(
-                f"Loops through the ball joint '{balls[0]}' are not closed. Put three hinges in its place, or leave "
-                f"constraints out with --ignore, of {names}."
+                f"Loops through the ball joint '{balls[0]}' are not closed. Put two hinges across its rod in its "
+                f"place, three for a weld, or leave constraints out with --ignore, of {names}."
             )
         return closure.in_posture()
 

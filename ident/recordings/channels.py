@@ -82,6 +82,9 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
         if sensor not in sensors and any(map(any, parts.values())):
             columns |= {key: Columns(names) for key, names in parts.items()}
             sensors[sensor] = place
+    for name in mapping.trackers:
+        for kind, ends in (("position", "xyz"), ("orientation", "wxyz")):
+            columns.setdefault(f"{TRACKED}{name}.{kind}", Columns(tuple(f"{name}_{kind}.{c}" for c in ends)))
     if not mapping.has_base and f"{BASE}.0" in table.cells:
         columns["base.pose"] = Columns(tuple(f"{BASE}.{k}" for k in range(16)))
     columns = {key: _with_unit_of_file(key, used, table, joints) for key, used in columns.items()}

@@ -65,7 +65,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     others["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
     others |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
     others["followers"] = {
-        joint: {"joint": lead.joint, "coefficients": list(lead.coefficients)}
+        joint: {"joint": lead.joint, "coefficients": list(lead.coefficients), "span": list(lead.span)}
         for joint, lead in fields["followers"].items()
     }
     others["trackers"] = {

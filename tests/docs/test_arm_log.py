@@ -9,8 +9,8 @@ import pytest
 import ident
 import scenes
 import sim
-from docs.tools import arm_log
-from docs.tools.noise.truth import drives, truth
+from docs.tools import drawings
+from docs.tools.noise.conditions import drives, truth
 from ident.geometry.inertia import parameters_from_com
 
 pytestmark = pytest.mark.slow
@@ -28,17 +28,17 @@ def loaded(arm):
     """φ of the arm's bodies, the tool's with the load (10 b,)."""
     phi = arm.known.reshape(-1, 10).copy()
     phi[-1] += parameters_from_com(
-        arm_log.LOAD, np.array(arm_log.PLACE), 0.4 * arm_log.LOAD * arm_log.RADIUS**2 * np.eye(3)
+        drawings.LOAD, np.array(drawings.PLACE), 0.4 * drawings.LOAD * drawings.RADIUS**2 * np.eye(3)
     )
     return phi.ravel()
 
 
 def test_the_log_is_made_anew(tmp_path):
     """To a few units of the last decimal, since simulations of other platforms differ in the last bits."""
-    arm_log.save(tmp_path / "arm.csv")
+    drawings.save_log(tmp_path / "arm.csv")
     shipped = (SCENES / "arm.csv").read_text(encoding="utf-8").splitlines()
     made = (tmp_path / "arm.csv").read_text(encoding="utf-8").splitlines()
-    assert shipped[0] == made[0] and len(shipped) == len(made) == 1 + arm_log.SAMPLES
+    assert shipped[0] == made[0] and len(shipped) == len(made) == 1 + drawings.SAMPLES
     a, b = (np.loadtxt(lines[1:], delimiter=",") for lines in (shipped, made))
     np.testing.assert_allclose(a, b, atol=0.021, rtol=0)
     np.testing.assert_allclose(a[:, 1:5], b[:, 1:5], atol=2.1e-5, rtol=0)
@@ -57,7 +57,7 @@ def test_its_estimate_is_usable_and_its_intervals_cover_the_truth():
 def test_the_load_is_in_the_updated_tool():
     arm, estimate = example()
     masses = dict(zip(arm.bodies, estimate.consistent().phi[::10], strict=True))
-    assert masses["tool"] == pytest.approx(0.8 + arm_log.LOAD, abs=0.05)
+    assert masses["tool"] == pytest.approx(0.8 + drawings.LOAD, abs=0.05)
     assert all(
         masses[name] == pytest.approx(m, rel=0.05) for name, m in zip(arm.bodies[:-1], arm.known[::10], strict=False)
     )

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from docs.tools import benchmark, peers
-from docs.tools.mechanisms import mechanisms
+from docs.tools import benchmark
+from docs.tools.mechanisms import Pinocchio, mechanisms
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 
@@ -22,7 +22,7 @@ def test_what_the_peer_takes_stands_beside_each_ratio(numpy, shown):
 def test_peers_have_the_same_regressor(mechanism):
     pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
     samples = mechanism.samples(20)
-    other = peers.Pinocchio(mechanism.tree, STANDARD_GRAVITY)
+    other = Pinocchio(mechanism.tree, STANDARD_GRAVITY)
     Y = other.regressor(*other.states(samples.motion.states, samples.motion.base))
     own = mechanism.regressor(samples)
     np.testing.assert_allclose(Y[..., other.columns(range(own.shape[2]))], own, rtol=0, atol=1e-12 * abs(own).max())

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from docs.tools.noise import __main__ as noise
-from docs.tools.noise import counts, estimators
+from docs.tools.noise import estimators
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, Condition
 from docs.tools.noise.estimators import ESTIMATORS, Case
 from docs.tools.noise.recordings import noisy_recording
-from experiments.studies import competitors
-from experiments.studies.noise_processes import autoregressive
+from experiments.studies.person_recordings import autoregressive
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 
@@ -44,14 +43,14 @@ def test_exact_states_give_the_truth_whatever_the_instruments():
     recording = noisy_recording(CONDITIONS["pendulum_x1"], 0, 0).noise_free
     who, motion = PENDULUM, states(PENDULUM, recording)
     for instruments in (None, who.commanded, Motion(*(x + 0.1 for x in motion.states))):
-        psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
+        psi, _ = estimators.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
         np.testing.assert_allclose(psi, who.true, atol=2e-3)
 
 
 def test_with_its_own_instruments_it_is_weighted_least_squares():
     recording = noisy_recording(CONDITIONS["pendulum_x3"], 0, 0)
     who, motion = PENDULUM, states(PENDULUM, recording)
-    psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=10)
+    psi, _ = estimators.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=10)
     Y = base_wrench_regressor(who.mechanism.tree, *motion.states, gravity=who.mechanism.gravity)
     weights = np.repeat([1 / recording.noise["ground_force"], 1 / recording.noise["ground_torque"]], 3)[:, None]
     rows = (Y[10:-10][..., list(who.parameters.kept)] * weights).reshape(-1, len(who.true))
@@ -79,9 +78,8 @@ def short(monkeypatch):
         "pendulum": {"ordinary": ESTIMATORS["pendulum"]["ordinary"], "trajectory": estimators.commanded_instruments},
         "person": {"usual_filter": estimators.usual_filter, "trajectory": estimators.usual_filter},
     }
-    for module in (noise, counts):
-        monkeypatch.setattr(module, "CONDITIONS", some)
-    monkeypatch.setattr(counts, "ESTIMATORS", cheap)
+    monkeypatch.setattr(noise, "CONDITIONS", some)
+    monkeypatch.setattr(noise, "ESTIMATORS", cheap)
 
 
 @pytest.mark.usefixtures("short", "here")

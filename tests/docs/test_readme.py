@@ -11,7 +11,7 @@ import pytest
 import experiments
 from docs.tools import benchmark
 from docs.tools import pages as blocks
-from experiments.data.key_numbers import summary
+from experiments.data.simulated import summary
 from experiments.reports import study_tables
 from experiments.studies.simulated import study as study_of
 

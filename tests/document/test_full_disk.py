@@ -14,7 +14,7 @@ from commands import refusal
 import scenes
 import sim
 from experiments import excite, mechanism
-from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import Checkpoint
 from ident.recordings.recording import Recording
 
 resource = pytest.importorskip("resource", reason="this system has no limits on files")

@@ -12,9 +12,8 @@ import pytest
 from commands import refusal
 
 import scenes
-from experiments import identify, stream
-from experiments.runs.checkpoint import Checkpoint
-from experiments.studies.stream_progress import Progress
+from experiments import identify
+from experiments.runs.workers import Checkpoint
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.mechanism.body import Body
@@ -76,7 +75,6 @@ READERS = {
     "recording": Recording.load,
     "pieces": lambda path: next(Recording.chunks(path, 7)),
     "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
-    "progress": lambda path: Progress(path, {}).resumed(None),
     "estimate": Estimate.load,
 }
 
@@ -117,8 +115,5 @@ def test_the_limit_is_raised_by_an_option(tmp_path, capsys):
     sentence = (
         "takes 10 MB in memory where at most 9 MB are expected of it; if it may be so large, say so (--max-size)."
     )
-    for main in (identify.main, stream.main):
-        assert sentence in refusal(main, [*given, "--max-size", "9"], capsys)
-        assert sentence[:20] not in refusal(main, given, capsys)
-    # Read in smaller pieces it takes less memory.
-    assert sentence[:20] not in refusal(stream.main, [*given, "--max-size", "9", "--piece", "1000"], capsys)
+    assert sentence in refusal(identify.main, [*given, "--max-size", "9"], capsys)
+    assert sentence[:20] not in refusal(identify.main, given, capsys)

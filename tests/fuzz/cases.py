@@ -18,7 +18,7 @@ from unittest import mock
 
 import numpy as np
 
-from experiments import angles, compare, excite, human, identify, payload, stream
+from experiments import angles, compare, excite, human, identify, payload
 from experiments.cli import running
 from experiments.document import figures
 from experiments.runs import workers
@@ -42,7 +42,7 @@ HANG = 30
 DRAWN = 40
 """One of so many cases draws its figures, which takes longer than all the rest."""
 
-COMMANDS = (identify, identify, stream, stream, compare, angles, payload, human, excite)
+COMMANDS = (identify, identify, compare, angles, payload, human, excite)
 """The commands, some more often than others."""
 
 ARGUMENTS = {
@@ -52,7 +52,6 @@ ARGUMENTS = {
     human: Maker.human,
     identify: Maker.identify,
     payload: Maker.payload,
-    stream: Maker.stream,
 }
 """Makers of the arguments of each."""
 

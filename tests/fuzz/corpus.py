@@ -62,9 +62,6 @@ OFTEN = ("csv", "npz", "pair", "mot")
 LOGS = (*OFTEN, *OFTEN, "sto", "trc", "mat", *(end for end, package in FORMATS.items() if find_spec(package)))
 """Suffixes of logs, some more often than others; a pair is angles in one file and forces in another."""
 
-STREAMED = tuple(ending for ending in LOGS if ending != "pair")
-"""Suffixes of recordings that are read piece by piece."""
-
 PAIR = "{}-angles.mot", "{}-forces.csv"
 """Names of the files of a pair."""
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .corpus import LOGS, MODELS, PAIR, STREAMED
+from .corpus import LOGS, MODELS, PAIR
 from .damage import NAMES, Rng, any_of, damaged
 from .other_files import MARKERS, RESULT_FILES, RESULTS
 
@@ -50,22 +50,6 @@ class Maker:
         always = ("--base", "--columns") if "columns" in self.wrong or name == "pad" else ("--base",)
         return [*files, *self.options(right, wrong, always)]
 
-    def stream(self) -> list[str]:
-        """Arguments of `stream`."""
-        name, number = any_of(self.rng, list(MODELS)), int(any_of(self.rng, (1, 1, 2)))
-        files = [self.file("model", any_of(self.rng, MODELS[name]))]
-        files += [self.file("log", f"{name}.{any_of(self.rng, STREAMED)}") for _ in range(number)]
-        right = {"--base": ["base"], "--contact": ["contact"], "--piece": ["7", "50", "100000"]}
-        wrong = {
-            "--base": ["link1", "link2", "$", ""],
-            "--columns": [self.file("columns", f"{name}.toml"), "absent.toml", files[0], "."],
-            "--contact": ["ground", "x", "$"],
-            "--without": ["contact", "x"],
-            "--ignore": ["grip", "$"],
-            "--piece": ["0", "x", "1"],
-        }
-        return [*files, *self.options(right, wrong, ("--base", *(["--contact"] if name == "pad" else [])))]
-
     def compare(self) -> list[str]:
         """Arguments of `compare`; errors in a log are in one of the files of results."""
         hit = any_of(self.rng, [(folder, name) for folder in RESULTS for name in RESULT_FILES])
@@ -74,7 +58,7 @@ class Maker:
             for name in RESULT_FILES:
                 self.file("log" if (folder, name) == hit else "", f"{folder}/{name}")
         folders = [str(self.folder / folder) for folder in RESULTS]
-        return [*folders, *self.options({"--page-columns": ["1"]}, {"--page-columns": ["3", "x"]})]
+        return [*folders, *self.options({"--formats": ["none"]}, {"--formats": ["3", "x"]})]
 
     def angles(self) -> list[str]:
         """Arguments of `angles`."""

@@ -1,4 +1,4 @@
-"""Valid files of commands other than `identify` and `stream`, to be damaged."""
+"""Valid files of commands other than `identify`, to be damaged."""
 
 import json
 from importlib.util import find_spec

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import ident
 import sim
+from experiments.guesses.belief import write_mapping
 from experiments.guesses.guess import believed
-from experiments.guesses.written import write_mapping
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree

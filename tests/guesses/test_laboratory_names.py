@@ -12,9 +12,8 @@ from guesses.robots import seven
 import ident
 import sim
 from experiments import columns as command
-from experiments.guesses.belief import SURE
+from experiments.guesses.belief import SURE, write_mapping
 from experiments.guesses.guess import believed
-from experiments.guesses.written import write_mapping
 from ident.estimation.loads import predicted_channels
 from ident.mechanism.motion import Motion
 from ident.payload.beyond_sensor import identify_payload

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from written_formats import write_csv
 
+from experiments.guesses.belief import toml_text
 from experiments.guesses.guess import believed
-from experiments.guesses.written import toml_text
 from ident.model.regressor import joint_torque_regressor
 from ident.recordings.columns.mapping import read_mapping
 

@@ -13,9 +13,8 @@ from guesses.test_laboratory_names import ARM, JOINTS, TAU, TIME, Q, belief_of, 
 import ident
 import scenes
 import sim
-from experiments.guesses.belief import DOUBTFUL
+from experiments.guesses.belief import DOUBTFUL, write_mapping
 from experiments.guesses.guess import believed
-from experiments.guesses.written import write_mapping
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 

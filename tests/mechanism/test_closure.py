@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, LEG, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
 
 import ident
 import sim
@@ -195,10 +195,17 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them(estimato
         (
             FOUR_BAR.replace('name="rod" axis="0 1 0"', 'name="rod" type="ball"'),
             log_of([SWING, SWING], ("crank", "rocker")),
-            "Loops through the ball joint 'rod' are not closed. Put three hinges in its place",
+            "Loops through the ball joint 'rod' are not closed. Put two hinges across its rod in its place",
+        ),
+        (
+            LEG.replace('name="rod_y" axis="0 1 0"', 'name="rod_y" type="ball"').replace(
+                '<joint name="rod_x" axis="1 0 0"/>', ""),
+            log_of([SWING, SWING, SWING], ("hip", "knee", "crank")),
+            "Loops through the ball joint 'rod_y' are not closed. Put two hinges across its rod in its place",
         ),
     ],
-    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "undetermined", "ball"],
+    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "undetermined", "ball",
+         "rod"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):

@@ -261,6 +261,39 @@ def test_a_point_constraint_closes_a_loop(tmp_path, version):
     assert read(tmp_path / "model.osim", fix={"crank": 0.3}).tree.joints == ()
 
 
+@pytest.mark.parametrize("version", [3, 4])
+def test_a_weld_closes_a_loop(tmp_path, version):
+    """A coupler in halves, one on the crank and one on the rocker, whose frames are turned by half a right angle."""
+    if version == 3:
+        ends = "".join(
+            f"<body_{k}>{name}</body_{k}><location_body_{k}>{x} 0 0</location_body_{k}>"
+            f"<orientation_body_{k}>0 0 0.7</orientation_body_{k}>"
+            for k, name, x in ((1, "rod", 0.2), (2, "half", -0.2))
+        )
+    else:
+        ends = "".join(f"<socket_frame{k}>{name}_end</socket_frame{k}>" for k, name in ((1, "rod"), (2, "half")))
+        ends += "".join(
+            f'<frames><PhysicalOffsetFrame name="{name}_end"><socket_parent>/bodyset/{name}</socket_parent>'
+            f"<translation>{x} 0 0</translation><orientation>0 0 0.7</orientation></PhysicalOffsetFrame></frames>"
+            for name, x in (("rod", 0.2), ("half", -0.2))
+        )
+    at = lambda *x: (np.array(x), np.zeros(3))  # noqa: E731
+    joints = [
+        Joint("PinJoint", "one", "ground", "crank", [coordinate("crank")]),
+        Joint("PinJoint", "two", "crank", "rod", [coordinate("rod")], at=at(0, 0.3, 0)),
+        Joint("PinJoint", "three", "ground", "rocker", [coordinate("rocker")], at=at(0.4, 0, 0)),
+        Joint("PinJoint", "four", "rocker", "half", [coordinate("half")], at=at(0, 0.3, 0)),
+    ]
+    names = "crank", "rod", "rocker", "half"
+    phi = dict(zip(names, random_phi(np.random.default_rng(0), 4).reshape(4, 10), strict=True))
+    weld = f'<WeldConstraint name="glue"><isEnforced>true</isEnforced>{ends}</WeldConstraint>'
+    arm = read(written(tmp_path, document(joints, phi, version=version, constraints=weld)))
+    x = np.linspace(-1, 1, 7)[:, None]
+    tree = arm.closed(("rod", "rocker", "half")).tree
+    assert tree.joints == ("crank",)
+    np.testing.assert_allclose(tree.dependent_states(x)[0], np.hstack([-x, x, -x]), atol=1e-9)
+
+
 def test_a_point_that_is_held_to_the_ground_is_named(tmp_path):
     path = written(tmp_path, linkage(4, second="ground"))
     with pytest.raises(ModelError, match=r'<PointConstraint name="pin"> reaches outside the .* --ignore pin'):

@@ -7,9 +7,9 @@ from test_column import read
 from test_log import mechanism
 
 from experiments.columns import main
+from experiments.guesses.belief import toml_text
 from experiments.guesses.guess import believed
 from experiments.guesses.log_contents import log_contents
-from experiments.guesses.written import toml_text
 from ident.errors import LogError
 from ident.recordings.log import read_log
 

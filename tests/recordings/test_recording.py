@@ -9,6 +9,7 @@ from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from ident.recordings.servo import Servo
+from ident.recordings.tracker import Tracker
 from ident.recordings.wrench import Sensor
 
 RNG = np.random.default_rng(0)
@@ -73,7 +74,7 @@ STATED = {
     "still": True,
     "scales": {"elbow": 0.1},
     "couplings": {"motor": {"shoulder": 1.0, "elbow": 0.5}},
-    "followers": {"wrist": Follower("elbow", (0.0, 2.0))},
+    "followers": {"wrist": Follower("elbow", (0.0, 2.0), (-1.0, 1.5))},
     "servos": {"shoulder": Servo(50.0, 1.0)},
 }
 
@@ -87,9 +88,11 @@ def test_a_saved_recording_is_read_as_a_log_with_what_it_states(tmp_path, suffix
     arm = Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]))
     x = np.linspace(0, 1, 50)
     measured = {"shoulder_position": x, "elbow_position": x**2, "elbow_torque": x, "shoulder_command": x + 0.01}
-    Recording(np.arange(50.0), measured, **STATED).save(tmp_path / f"r.{suffix}")
+    measured |= {"hand_position": np.zeros((50, 3)), "hand_orientation": np.tile(np.eye(4)[0], (50, 1))}
+    Recording(np.arange(50.0), measured, **STATED, trackers={"hand": Tracker("hand")}).save(tmp_path / f"r.{suffix}")
     log = read_log(tmp_path / f"r.{suffix}", arm)
     assert {name: getattr(log, name) for name in STATED} == STATED
+    assert log.trackers["hand"].body == "hand" and {*log.measured} == {*measured} and not log.unused
     mapping = {"setup": {"gain": 0.01, "delay": 0.0}, "base": {"rpy_deg": [0, 0, 0]}}
     stated = read_log(tmp_path / f"r.{suffix}", arm, mapping)
     assert stated.setup == {"gain": 0.01, "delay": 0.0} and stated.base_rpy_deg == (0, 0, 0) and stated.held

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import Checkpoint
 
 OUTCOMES = [json.dumps([k, k**2]) for k in range(6)]
 

@@ -9,7 +9,7 @@ import pytest
 
 import ident
 import sim
-from experiments.data.errors import Following
+from experiments.data.fitting import Following
 from experiments.reports.identify_report import following_lines, following_table
 from experiments.studies.identification import following
 from ident.errors import InputError

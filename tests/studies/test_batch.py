@@ -16,8 +16,9 @@ from fuzz.here import Here
 from experiments import batch, identify
 from experiments.data.batch import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
-from experiments.runs import checkpoint
-from experiments.runs.workers import DeadWorkerError, WorkerPool, Workers
+from experiments.runs import workers
+from experiments.runs.workers import DeadWorkerError
+from ident.estimation.pieces import in_order
 from ident.files.atomic import PARTIAL, unwritten
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -40,10 +41,11 @@ def here(monkeypatch):
     """Tasks of a batch run in this process, one after the other."""
 
     @contextmanager
-    def pool(self, tasks):
-        yield WorkerPool(Here(), 1)
+    def pool(number):
+        yield Here()
 
-    monkeypatch.setattr(Workers, "pool", pool)
+    monkeypatch.setattr(workers, "worker_pool", pool)
+    monkeypatch.setattr(workers, "in_order", lambda *given, ahead: in_order(*given, ahead=1))
 
 
 def logs():
@@ -184,7 +186,7 @@ def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsy
 
     with monkeypatch.context() as patched:
         patched.setattr(batch, "outcome_of", full)
-        patched.setattr(checkpoint, "save_arrays", unsaved)
+        patched.setattr(workers, "save_arrays", unsaved)
         assert batch.main(command) == 2
     assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
     assert batch.main([*command, "--resume"]) == 0

@@ -9,10 +9,9 @@ from commands import refusal
 from scipy import stats
 
 from experiments import compare
-from experiments.data.comparison import Difference
+from experiments.data.comparison import Difference, read_results
 from experiments.document import writer
 from experiments.reports import compare_report
-from experiments.studies.result_files import read_results
 
 NAMES = ("m1", "m2rz2", "Ixx2")
 COVARIANCE = np.diag([0.01, 0.04, 0.09]) + 0.005

@@ -23,7 +23,6 @@ from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 
 sympy = pytest.importorskip("sympy", reason="sympy is in the extra 'symbolic'")
-derivation = pytest.importorskip("experiments.symbols.derivation")
 codegen = pytest.importorskip("experiments.symbols.codegen")
 symbolic = pytest.importorskip("experiments.symbols.symbolic")
 
@@ -65,7 +64,7 @@ TREES = {name: name for name in GOLDEN} | {"random": 1}
 @cache
 def case(name):
     """A numeric tree and its symbolic model."""
-    if name in derivation.TABLES:
+    if name in codegen.TABLES:
         tree, lengths = getattr(symbolic, name)()
         return symbolic.with_values(tree, lengths), symbolic.derive(tree, lengths)
     tree = golden(name) if isinstance(TREES[name], str) else random(TREES[name])
@@ -105,7 +104,7 @@ def assert_is_the_regressor(tree, function):
         np.testing.assert_allclose(function(*state, gravity), expected[k], rtol=0, atol=1e-12 * abs(expected[k]).max())
 
 
-@pytest.mark.parametrize("table", derivation.TABLES)
+@pytest.mark.parametrize("table", codegen.TABLES)
 def test_base_parameters_of_the_double_pendulum(table):
     _, model = case(table)
     assert model.exact
@@ -128,14 +127,14 @@ def test_parallel_axes_leave_exactly_nothing_of_the_force_along_them():
     assert all(sympy.trigsimp(sympy.expand(x)) in (0, -model.mechanism.gravity[0]) for x in model.Y[0])
 
 
-@pytest.mark.parametrize("name", [*derivation.TABLES, *TREES])
+@pytest.mark.parametrize("name", [*codegen.TABLES, *TREES])
 def test_generated_python_is_the_regressor(name):
     tree, model = case(name)
     assert_is_the_regressor(tree, generated_python(model))
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", [*derivation.TABLES, *TREES])
+@pytest.mark.parametrize("name", [*codegen.TABLES, *TREES])
 def test_generated_c_is_the_regressor(name, tmp_path):
     tree, model = case(name)
     source, library = tmp_path / "regressor.c", tmp_path / "regressor.so"
@@ -230,7 +229,7 @@ def test_a_model_without_bodies_or_mass_is_refused(tmp_path, capsys):
 
 def test_the_missing_extra_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "sympy", None)
-    for module in ("derivation", "symbolic", "codegen"):
+    for module in ("symbolic", "codegen"):
         monkeypatch.delitem(sys.modules, f"experiments.symbols.{module}")
         monkeypatch.delattr(symbols, module)
     assert "package 'sympy', which the extra 'symbolic' brings" in refusal(derive.main, ["table_1"], capsys)

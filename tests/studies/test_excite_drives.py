@@ -7,7 +7,7 @@ from commands import refusal
 
 from experiments import excite
 from experiments.studies import criteria, excitation
-from experiments.studies.driven_excitation import SLIP, drive_signals
+from experiments.studies.excitation import SLIP, drive_signals
 from ident.mechanism.motion import Motion
 
 ALL = ("rotor", "viscous", "coulomb", "stribeck", "spring")

@@ -13,7 +13,7 @@ from truth import use_truth
 
 from experiments.__main__ import main as everything
 from experiments.data import paper
-from experiments.document.sheet import WIDTHS
+from experiments.document.sheet import SHEET
 from experiments.mechanism import main
 from experiments.reports import mechanism_report
 from experiments.runs import workers
@@ -58,11 +58,11 @@ def test_table_1_as_printed_is_the_double_pendulum():
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):
-    assert main(["--out", str(tmp_path), "--formats", "pdf", "--page-columns", "1"]) == 0
+    assert main(["--out", str(tmp_path), "--formats", "pdf"]) == 0
     assert "Tables I and II are the same mechanism" in capsys.readouterr().out
-    assert f"/MediaBox [ 0 0 {72 * WIDTHS[1][0]:g} ".encode() in (tmp_path / "figure_1.pdf").read_bytes()
+    assert f"/MediaBox [ 0 0 {72 * SHEET.column:g} ".encode() in (tmp_path / "figure_1.pdf").read_bytes()
     options = json.loads((tmp_path / "provenance.json").read_text())["options"]
-    assert options == {"formats": ["pdf"], "page_columns": 1}
+    assert options == {"formats": ["pdf"]}
 
 
 @pytest.fixture(scope="module")

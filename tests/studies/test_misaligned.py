@@ -13,7 +13,7 @@ from same_recording import assert_same_recording
 from experiments import misaligned
 from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
-from experiments.document.sheet import WIDTHS
+from experiments.document.sheet import SHEET
 from experiments.reports import study_figures
 from experiments.studies import simulated
 from experiments.studies.simulated import study as study_of
@@ -99,7 +99,7 @@ def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_
     def undetermined(*_):
         raise ExcitationError("The recording does not determine all parameters.", ())
 
-    monkeypatch.setattr("experiments.data.fitting.trajectory_fit", undetermined)
+    monkeypatch.setattr("experiments.data.simulated.trajectory_fit", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0
@@ -161,7 +161,7 @@ def test_the_paper_is_beside_its_own_settings_alone(options, beside, tmp_path, c
 
 def test_figures_show_what_their_captions_say(study):
     figure, magnitudes = (study_figures.figure(study, name) for name in ("figure_2", "figure_3"))
-    assert figure.get_figwidth() == WIDTHS[2][0]
+    assert figure.get_figwidth() == SHEET.column
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
         lines = {line.get_label(): line for line in ax.get_lines()}

@@ -9,7 +9,7 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import multicontact
 from experiments.data import paper
-from experiments.data.errors import Distribution
+from experiments.data.fitting import Distribution
 from experiments.data.simulated import StudyProblem
 from experiments.reports import monte_carlo_report
 from experiments.runs import workers

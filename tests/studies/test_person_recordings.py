@@ -11,8 +11,7 @@ import scenes
 from experiments import human
 from experiments.data.person import Laboratory
 from experiments.reports.human_report import measured
-from experiments.studies.person_markers import Faults, drawn
-from experiments.studies.person_recordings import BASE, SENSORS, humanoid, moved, recorded
+from experiments.studies.person_recordings import BASE, SENSORS, Faults, drawn, humanoid, moved, recorded
 from ident.recordings.wrench import transform_wrench
 from sim.models.mechanism import mechanism
 

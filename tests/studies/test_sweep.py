@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.data.key_numbers import summary
-from experiments.reports import sweep_report
+from experiments import study as own_study
+from experiments.data.simulated import summary
 from experiments.studies.simulated import study
-from experiments.sweep import main
+from experiments.sweep import FORMER, main
 
 
 def run(tmp_path, *more, over=("noise_scale", "0", "1"), seeds=2):
@@ -20,6 +20,38 @@ def run(tmp_path, *more, over=("noise_scale", "0", "1"), seeds=2):
 def rows(out, number):
     table = csv.DictReader((out / "table_sweep.csv").read_text().splitlines())
     return [row for row in table if row["number"] == number]
+
+
+OWN = """
+scene = { model = "double_pendulum" }
+recording = { samples = 100 }
+models = { one = {} }
+sweep = { option = "noise_scale", values = [0, 1], seeds = 2, numbers = ["rank_one"] }
+"""
+
+
+@pytest.mark.usefixtures("undrawn", "here")
+def test_a_study_file_states_a_sweep(tmp_path, capsys):
+    (tmp_path / "own.toml").write_text(OWN, encoding="utf-8")
+    given = [str(tmp_path / "own.toml"), "--formats", "none", "--out", str(tmp_path / "out")]
+    assert own_study.main(given) == 0
+    (tmp_path / "own.toml").write_text(OWN.replace("[0, 1]", "[0, 1, 2.5]"), encoding="utf-8")
+    assert own_study.main([*given, "--trials", "0"]) == 0
+    assert [row["noise_scale"] for row in rows(tmp_path / "out", "rank_one")] == ["0.0", "1.0", "2.5"]
+    assert (tmp_path / "out" / "summary.json").exists()
+    for wrong, message in (
+        ('option = "tilt_deg"', "sweep.option needs one of samples, noise_scale"),
+        ('option = "samples"', "sweep.values needs a whole number, got 2.5"),
+        ("seeds = 0", "sweep.seeds needs a whole number of at least 1, got 0"),
+        ("more = 1", "[sweep] has no entry 'more'"),
+    ):
+        text = (tmp_path / "own.toml").read_text(encoding="utf-8")
+        key = wrong.partition(" ")[0]
+        found = next(
+            (part for part in ('option = "noise_scale"', "seeds = 2") if part.startswith(key)), 'numbers = ["rank_one"]'
+        )
+        (tmp_path / "wrong.toml").write_text(text.replace(found, wrong), encoding="utf-8")
+        assert message in refusal(own_study.main, [str(tmp_path / "wrong.toml"), *given[1:]], capsys)
 
 
 @pytest.mark.slow
@@ -54,7 +86,7 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
 def test_several_contacts_are_a_value_like_one(tmp_path):
     out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
     expected = summary(study("multicontact", contact="pad handle"))
-    for number in sweep_report.CHARTED["multicontact"]:
+    for number in ("condition_number", "largest_error", "largest_error_ignoring", "contact_peak_force_N"):
         one, several = rows(out, number)
         assert (one["contact"], several["contact"]) == ("pad", "pad handle")
         assert float(several["mean"]) == pytest.approx(expected[number], rel=1e-9)
@@ -64,7 +96,8 @@ def test_several_contacts_are_a_value_like_one(tmp_path):
 def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, capsys):
     out = run(tmp_path, over=("noise_scale", "1", "-1"), seeds=1)
     sentence = "noise_scale -1.0, seed 0: The noise scale must be from 0 to 1000, got -1.0."
-    assert f"Refused: {sentence}\n" in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert f"Refused: {sentence}\n" in printed and FORMER in printed
     assert json.loads((out / "sweep.json").read_text())["runs"][1]["refused"] == sentence
     one, refused = rows(out, "rank")
     assert (one["runs"], one["mean"]) == ("1", "13.0")
@@ -76,12 +109,15 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     ("command", "message"),
     [
         (["pendulum", "--over", "samples", "100"], "invalid choice: 'pendulum'"),
-        (["multicontact", "--over", "tilt_deg", "5"], "one of samples, contact, noise_scale, got 'tilt_deg'"),
-        (["multicontact", "--over", "samples", "100", "many"], "--over samples needs values of type int"),
-        (["multicontact", "--over", "samples"], "needs one or more finite values, all different, got ''"),
-        (["multicontact", "--over", "noise_scale", "1", "1.0"], "all different, got '1 1.0'"),
+        (["multicontact", "--over", "tilt_deg", "5"], "needs one of samples, contact, noise_scale; got tilt_deg"),
+        (["multicontact", "--over", "samples", "100", "many"], "sweep.values needs a whole number, got many"),
+        (["multicontact", "--over", "samples"], "needs one value or more, all different, got []"),
+        (["multicontact", "--over", "noise_scale", "1", "1.0"], "all different, got [1.0, 1.0]"),
         (["multicontact", "--over", "samples", "0"], "refuses every run: samples 0, seed 0: A recording needs"),
-        (["multicontact", "--over", "samples", "100", "--numbers", "x"], "--numbers needs names of condition_number"),
+        (
+            ["multicontact", "--over", "samples", "100", "--numbers", "x"],
+            "sweep.numbers needs names of condition_number",
+        ),
         (["multicontact", "--over", "samples", "100", "--resume"], "--resume needs the runs of an earlier run"),
     ],
 )

@@ -9,9 +9,8 @@ from scipy.signal import savgol_filter
 
 import ident
 import scenes
-from docs.tools.noise.conditions import CONDITIONS
+from docs.tools.noise.conditions import CONDITIONS, drives
 from docs.tools.noise.recordings import SUBJECTS, noisy_recording
-from docs.tools.noise.truth import drives
 from ident.tolerances import STRIBECK
 
 pytestmark = pytest.mark.slow

@@ -6,9 +6,8 @@ from coded import coded
 
 import ident
 import scenes
-from docs.tools.noise.conditions import CONDITIONS
+from docs.tools.noise.conditions import CONDITIONS, drives, truth
 from docs.tools.noise.recordings import SUBJECTS, noisy_recording, true_bodies
-from docs.tools.noise.truth import drives, truth
 from ident.trajectory.reversals import _law
 
 

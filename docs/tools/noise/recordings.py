@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 import scenes
-from docs.tools.noise.conditions import SLOWING, SUBJECTS, Condition
-from docs.tools.noise.truth import drawn_bodies, drives
-from experiments.studies.noise_processes import DRIFTS, autoregressive, quantised, student
+from docs.tools.noise.conditions import SLOWING, SUBJECTS, Condition, drawn_bodies, drives
+from experiments.studies.person_recordings import autoregressive
 from ident.geometry.se3 import inverse
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor, drive_columns, joint_torque_regressor
@@ -254,3 +253,38 @@ def _of_bodies(recording: Recording, subject: str, motion: Motion, phi: np.ndarr
     loads = {name: x for name, x in _loads(subject, motion, phi).items() if name in recording.true}
     true = {**recording.true, **loads}
     return replace(recording, measured=true, true=true)
+
+
+def flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """Noise whose power falls as 1/f, each column of mean zero and variance one (N, …)."""
+    samples = shape[0]
+    spectrum = np.fft.rfft(rng.normal(size=shape), axis=0)
+    falls = np.arange(len(spectrum), dtype=float).reshape(-1, *[1] * (len(shape) - 1)) ** 0.5
+    # The constant part is zero.
+    falls[0] = np.inf
+    return _standard(np.fft.irfft(spectrum / falls, n=samples, axis=0))
+
+
+def random_walk(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """Sums of white noise, each column of mean zero and variance one (N, …)."""
+    return _standard(np.cumsum(rng.normal(size=shape), axis=0))
+
+
+DRIFTS = {"flicker": flicker, "walk": random_walk}
+"""Drifting noise, by its name in conditions."""
+
+
+def student(rng: np.random.Generator, shape: tuple[int, ...], freedom: float) -> np.ndarray:
+    """White noise of variance one from Student's t with more than two degrees of freedom."""
+    return rng.standard_t(freedom, size=shape) * np.sqrt((freedom - 2) / freedom)
+
+
+def quantised(x: np.ndarray, step: float) -> np.ndarray:
+    """Readings as multiples of a step, unchanged if it is zero."""
+    return step * np.round(x / step) if step else x
+
+
+def _standard(x: np.ndarray) -> np.ndarray:
+    """Columns with mean zero and variance one."""
+    x = x - x.mean(axis=0)
+    return np.asarray(x / x.std(axis=0))

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.data.validation import Entry, Study, Truth, Validation, Values
-from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.workers import Workers
+from experiments.runs.workers import Checkpoint, Workers
 from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import Log, estimates, trial_name, trials_of
 from ident.errors import InputError

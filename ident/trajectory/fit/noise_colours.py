@@ -210,7 +210,7 @@ class _Absorbed(NamedTuple):
         N, _, q = explained.shape
         window, pull = taper(N)[:, None, None], stream.weights(explained) * stream.std[:, None]
         signals = window * explained * (stream.clear / stream.std)[..., None], window * pull, pull
-        rows, tapered, pulls = (np.fft.rfft(x, axis=0) / np.sqrt(N) for x in signals)
+        rows, tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
         sums = np.zeros((len(bands.kinds), q, q))
@@ -218,7 +218,9 @@ class _Absorbed(NamedTuple):
             own = np.flatnonzero(bands.band == band)
             pull = stacked(_parts(pulls[own] * np.sqrt(twice[own])[:, None, None]))
             sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.T @ pull)
-        taken = bands.matrix @ (bands.kinds[..., None] * (rows.conj() * tapered).real.sum(axis=2))
+        # Real and imaginary parts are adjacent in memory.
+        across = np.einsum("fsq,fsq->fs", rows.view(float), tapered.view(float))
+        taken = bands.matrix @ (bands.kinds[..., None] * across)
         return cls(rows, bands, taken, sums)
 
     def effect(self, of_theta: np.ndarray) -> np.ndarray:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.errors import ModelError
-from ident.geometry import se3
 from ident.mechanism.constraint import Coincidence
 from ident.mechanism.tree import Tree
 from sim.models.notes import note
-from sim.models.opensim.elements import Frames, flag, label, named, number, numbers, objects, text
+from sim.models.opensim.elements import Frames, flag, label, named, number, numbers, objects, offset, socket, text
 from sim.models.opensim.functions import IDENTITY, Curve, curve, function_of
 
 UNLIMITED = 1e3
@@ -21,8 +20,9 @@ USUAL = (-np.pi, np.pi)
 """Range over which functions are fitted if neither the coordinate nor a table has one."""
 
 
-POINT = "PointConstraint"
-"""Tag of constraints that close loops."""
+WELD = "WeldConstraint"
+CLOSING = "PointConstraint", WELD
+"""Tags of constraints that close loops."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def dependences(
         ignore: Names of constraints to leave out.
 
     Raises:
-        ModelError: A constraint is neither of points nor between two coordinates, or dependences are circular.
+        ModelError: A constraint neither closes a loop nor is between two coordinates, or dependences are circular.
     """
     couplers = _couplers(model, coordinates, ignore)
     out: dict[str, Dependence] = {}
@@ -122,7 +122,7 @@ def _couplers(
 ) -> dict[str, tuple[str, Curve]]:
     """Leaders and functions of the coordinates that constraints make dependent, by name."""
     couplers = {}
-    for element in (each for each in enforced(model, ignore) if each.tag != POINT):
+    for element in (each for each in enforced(model, ignore) if each.tag not in CLOSING):
         if element.tag != "CoordinateCouplerConstraint":
             raise ModelError(
                 f"The equations of a tree do not hold the forces of {label(element)}; leave it out with --ignore "
@@ -162,7 +162,7 @@ def needed_span(leader: Coordinate, function: Curve) -> tuple[float, float]:
 
 
 def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Collection[str]) -> list[Coincidence]:
-    """Point constraints between bodies of a tree.
+    """Point and weld constraints between bodies of a tree.
 
     Args:
         model: The model.
@@ -177,14 +177,14 @@ def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Col
         ModelError: One holds a body of the tree to the ground or another body, whose force the equations lack.
     """
     out = list[Coincidence]()
-    for element in (each for each in enforced(model, ignore) if each.tag == POINT):
+    for element in (each for each in enforced(model, ignore) if each.tag in CLOSING):
         bodies, poses = list[str](), list[tuple[float, ...]]()
-        for end in ("body_1", "body_2"):
-            reference = text(element, f"socket_{end}") or text(element, f"socket_{end}_connectee_name")
-            place = frames.place(reference or text(element, end), element)
-            point = se3.pose(np.eye(3), numbers(element, f"location_{end}", 3, "0 0 0"))
+        for k in "12":
+            reference = socket(element, f"frame{k}") or socket(element, f"body_{k}") or text(element, f"body_{k}")
+            place = frames.place(reference, element)
+            pose = place.pose @ offset(element, f"location_body_{k}", f"orientation_body_{k}")
             bodies.append(place.body)
-            poses.append(tuple((place.pose @ point).ravel().tolist()))
+            poses.append(tuple(pose.ravel().tolist()))
         inside = [body in tree.names for body in bodies]
         if any(inside) and not all(inside):
             raise ModelError(
@@ -192,7 +192,8 @@ def point_constraints(model: ET.Element, frames: Frames, tree: Tree, ignore: Col
                 f"--ignore {element.get('name')} (in Python, ignore=['{element.get('name')}'])."
             )
         if all(inside):
-            out.append(Coincidence(str(element.get("name")), (bodies[0], bodies[1]), (poses[0], poses[1])))
+            ends = (bodies[0], bodies[1]), (poses[0], poses[1])
+            out.append(Coincidence(str(element.get("name")), *ends, whole=element.tag == WELD))
     if out:
         note(f"By {', '.join(each.name for each in out)}, joints without a column follow from the others.")
     return out

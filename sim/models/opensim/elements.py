@@ -157,10 +157,10 @@ class Frames:
         """
         if carrier:
             parent = self.place(text(joint, "parent_body"), joint)
-            return Place(parent.body, _offset(joint, "location_in_parent", "orientation_in_parent")), Place(
-                carrier, _offset(joint, "location", "orientation")
+            return Place(parent.body, offset(joint, "location_in_parent", "orientation_in_parent")), Place(
+                carrier, offset(joint, "location", "orientation")
             )
-        return self.place(_socket(joint, "parent_frame"), joint), self.place(_socket(joint, "child_frame"), joint)
+        return self.place(socket(joint, "parent_frame"), joint), self.place(socket(joint, "child_frame"), joint)
 
     def place(self, reference: str, user: ET.Element, below: tuple[str, ...] = ()) -> Place:
         """Body and pose of a frame that an element refers to by a name or path, as `/bodyset/pelvis` or `hip_offset`.
@@ -179,27 +179,27 @@ class Frames:
                 f"{label(user)} needs a frame of the model; '{reference}' is {'several' if len(alike) > 1 else 'none'}."
             )
         element = self._offsets[key]
-        parent = self.place(_socket(element, "parent"), element, (*below, reference))
-        return Place(parent.body, parent.pose @ _offset(element, "translation", "orientation"))
+        parent = self.place(socket(element, "parent"), element, (*below, reference))
+        return Place(parent.body, parent.pose @ offset(element, "translation", "orientation"))
 
 
 def markers(model: ET.Element, frames: Frames) -> dict[str, Place]:
     """Markers of a model by their names."""
     out = {}
     for element in objects(model, "MarkerSet"):
-        reference = text(element, "body") or _socket(element, "parent_frame")
+        reference = text(element, "body") or socket(element, "parent_frame")
         place = frames.place(reference, element)
         shift = se3.pose(np.eye(3), numbers(element, "location", 3, "0 0 0"))
         out[named(element)] = Place(place.body, place.pose @ shift)
     return out
 
 
-def _socket(element: ET.Element, name: str) -> str:
+def socket(element: ET.Element, name: str) -> str:
     """Name or path in a socket of an element; earlier files of OpenSim 4 have another tag for it."""
     return text(element, f"socket_{name}") or text(element, f"socket_{name}_connectee_name")
 
 
-def _offset(element: ET.Element, position: str, angles: str) -> np.ndarray:
+def offset(element: ET.Element, position: str, angles: str) -> np.ndarray:
     """A pose from a position and body-fixed x, y, z angles."""
     turns = Rotation.from_euler("XYZ", numbers(element, angles, 3, "0 0 0"))
     return se3.pose(turns.as_matrix(), numbers(element, position, 3, "0 0 0"))

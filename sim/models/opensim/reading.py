@@ -125,8 +125,8 @@ def mechanism_from_opensim(
 
     Coordinates become hinges and slides of their names. Locked ones stay at their default. Joints that are moved by
     functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, become followers.
-    `PointConstraint`s close loops. Markers become sites, springs and dampers of coordinates drives. Axes are those of
-    the file, with y up in most; muscles, geometry and contacts are left out.
+    `PointConstraint`s and `WeldConstraint`s close loops. Markers become sites, springs and dampers of coordinates
+    drives. Axes are those of the file, with y up in most; muscles, geometry and contacts are left out.
 
     Args:
         path: The file, of OpenSim 3 or 4.

@@ -7,7 +7,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.studies.noise_processes import autoregressive
+from experiments.studies.person_recordings import autoregressive
 from ident.trajectory.fit.noise_colours import _amplitudes, _Bands
 
 TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
