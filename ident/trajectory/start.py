@@ -13,7 +13,7 @@ from ident.estimation.measurement import Measurement
 from ident.recordings.resolution import at_rest, white_noise
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start
-from ident.trajectory.fit.piece import Noise, Piece, Predictor, channel_times
+from ident.trajectory.fit.piece import Noise, Piece, channel_times
 
 REWEIGHTED = 4
 """Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
@@ -47,7 +47,7 @@ def _none(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((0, 0), bool), np.zeros((0, len(columns)), bool)
 
 
-COORDINATES = cast(Predictor, SimpleNamespace(names=(), zeros={}, shifts={}, dependence=_none))
+COORDINATES = cast(Measurement, SimpleNamespace(names=(), zeros={}, shifts={}, dependence=_none))
 """Stand-in for the measurement in fits of coordinates alone, without channels and parameters."""
 
 

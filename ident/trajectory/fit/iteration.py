@@ -17,9 +17,10 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import joined
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
-from ident.trajectory.fit.piece import Noise, Piece, Predictor
+from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import Linearised, Misfit, linearised, misfit, normal_equations
 from ident.trajectory.fit.precision import root_of_inverse
 from ident.trajectory.fit.restricted_likelihood import renewed
@@ -68,7 +69,7 @@ Report = Callable[[int, float], None]
 
 
 def fit(
-    measurement: Predictor,
+    measurement: Measurement,
     pieces: Sequence[Piece],
     start: Start,
     *,
@@ -109,7 +110,7 @@ def fit(
     """
     every, prior = [np.arange(len(free))] * len(pieces), start.prior or prior
     run = map if executor is None else executor.map
-    sent = measurement if executor is None else cast(Predictor, _Sent(measurement))
+    sent = measurement if executor is None else cast(Measurement, _Sent(measurement))
     problem = _Problem(sent, pieces, prior, free, names or measurement.names, selections or every, run)
     iteration = _Iteration(problem, coloured, kept, explore, settled, start)
     status = iteration.ended(rounds, report)
@@ -194,7 +195,7 @@ class _Iteration:
 class _Sent:
     """Measurement for other processes, which unpickle it once: its programs may be large. Threads use it directly."""
 
-    def __init__(self, measurement: Predictor) -> None:
+    def __init__(self, measurement: Measurement) -> None:
         self._measurement = measurement
 
     @cached_property
@@ -204,20 +205,20 @@ class _Sent:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._measurement, name)
 
-    def __reduce__(self) -> tuple[Callable[[bytes], Predictor], tuple[bytes]]:
+    def __reduce__(self) -> tuple[Callable[[bytes], Measurement], tuple[bytes]]:
         return _unpacked, (self._packed,)
 
 
 @lru_cache(maxsize=1)
-def _unpacked(packed: bytes) -> Predictor:
-    return cast(Predictor, pickle.loads(packed))
+def _unpacked(packed: bytes) -> Measurement:
+    return cast(Measurement, pickle.loads(packed))
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """Minimisation problem over all pieces."""
 
-    measurement: Predictor
+    measurement: Measurement
     pieces: Sequence[Piece]
     prior: Prior
     free: np.ndarray
@@ -300,7 +301,7 @@ class _Problem:
 
 
 def _share(
-    measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
+    measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> tuple[np.ndarray, np.ndarray]:
     """Precision and right side of all of a piece's θ."""
     equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
@@ -308,7 +309,7 @@ def _share(
 
 
 def _linearised(
-    measurement: Predictor,
+    measurement: Measurement,
     wanted: np.ndarray,
     root: np.ndarray | None,
     piece: Piece,

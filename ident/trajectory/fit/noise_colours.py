@@ -20,11 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autocovariance
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.algebra.rows import TOGETHER
 from ident.trajectory.fit.fitted import TrajectoryFit
-from ident.trajectory.fit.piece import Predictor
 from ident.trajectory.fit.precision import embedded, root_of_inverse
 from ident.trajectory.fit.response import Response, Stream, response
 
@@ -70,7 +70,7 @@ class NoiseColours:
     amplitudes: Sequence[np.ndarray]
 
 
-def some_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Response]:
+def some_responses(measurement: Measurement, fit: TrajectoryFit) -> dict[int, Response]:
     """Linear responses of every k-th piece of each recording by index, as many as suffice to estimate the noise.
 
     Args:
@@ -82,7 +82,7 @@ def some_responses(measurement: Predictor, fit: TrajectoryFit) -> dict[int, Resp
     return {k: response_of(measurement, fit, k) for k in chosen}
 
 
-def response_of(measurement: Predictor, fit: TrajectoryFit, k: int) -> Response:
+def response_of(measurement: Measurement, fit: TrajectoryFit, k: int) -> Response:
     """Linear response of one piece of a fit."""
     piece, theta = fit.pieces[k], fit.theta[fit.selections[k]]
     return response(measurement, piece, fit.coefficients[k], theta, fit.noises[piece.log])

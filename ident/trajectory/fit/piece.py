@@ -3,11 +3,11 @@
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from ident.setup import Shift
+from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.nodes import NODES, TURNED, WORTH_IT, Nodes
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import Spline
@@ -139,42 +139,7 @@ class Noise:
         return max(float(x.max(initial=0)) for x in logs)
 
 
-class Predictor(Protocol):
-    """Interface of a `Measurement` that a piece uses."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters θ."""
-
-    @property
-    def zeros(self) -> dict[int, int]:
-        """Indices in θ of the coordinates' zeros, by coordinate."""
-
-    @property
-    def shifts(self) -> dict[int, Shift]:
-        """Shifts of the samples' true times by their index in θ."""
-
-    @property
-    def smooth(self) -> bool:
-        """True if channels are smooth functions of the states alone."""
-
-    @property
-    def turning(self) -> np.ndarray:
-        """Masks of the coordinates that turn each body (b, n)."""
-
-    def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Predicted channels (C, M)."""
-
-    def derivatives(
-        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Predicted channels (C, M), and their derivatives by the states (C, 3, n, M) and by entries of θ (C, k, M)."""
-
-    def dependence(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Masks of the coordinates (C, n) and of the entries of θ (C, k) on which the channels depend at all."""
-
-
-def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:
+def channel_times(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray:
     """True times of the channels' samples, corrected for delays and the clock's rate, s (M,)."""
     when, elapsed = piece.acting, piece.when - piece.origin
     for at, shift in measurement.shifts.items():
@@ -183,7 +148,7 @@ def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np
 
 
 def clocks(
-    measurement: Predictor, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()
+    measurement: Measurement, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()
 ) -> list[tuple[slice, np.ndarray]]:
     """Groups of channels that share a clock, each with the true times of its samples, s (M,); none without channels.
 
@@ -203,7 +168,7 @@ def clocks(
 
 
 def predicted(
-    measurement: Predictor, piece: Piece, motion: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
+    measurement: Measurement, piece: Piece, motion: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
 ) -> np.ndarray:
     """Predicted channels of a piece at a motion (M, C).
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import Arrow, Eliminated, Posterior, joined
 from ident.trajectory.algebra.groups import Group, channel_groups, components
 from ident.trajectory.algebra.nodes import NODES, NodeRows, Nodes
@@ -12,7 +13,7 @@ from ident.trajectory.algebra.rows import ChannelRows, Factors, StateRows
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import ORDER, Local, Spline
 from ident.trajectory.algebra.whitening import Innovations, innovations
-from ident.trajectory.fit.piece import Noise, Piece, Predictor, clocks
+from ident.trajectory.fit.piece import Noise, Piece, clocks
 
 
 class Misfit(NamedTuple):
@@ -54,7 +55,7 @@ class Linearised(NamedTuple):
     held: np.ndarray
 
 
-def misfit(measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise) -> Misfit:
+def misfit(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise) -> Misfit:
     """Misfit of a trajectory and θ to the measured samples.
 
     Args:
@@ -86,7 +87,7 @@ def misfit(measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta
 
 
 def linearised(
-    measurement: Predictor,
+    measurement: Measurement,
     piece: Piece,
     coefficients: np.ndarray,
     *,
@@ -207,7 +208,7 @@ class NormalEquations(NamedTuple):
 
 
 def normal_equations(
-    measurement: Predictor,
+    measurement: Measurement,
     piece: Piece,
     coefficients: np.ndarray,
     theta: np.ndarray,
@@ -249,7 +250,7 @@ def _picked(derivatives: np.ndarray, channels: np.ndarray, last: np.ndarray) -> 
     return derivatives if len(last) == derivatives.shape[-1] else derivatives[..., last]
 
 
-def dependence(measurement: Predictor, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def dependence(measurement: Measurement, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Masks of the coordinates (C, n), at least one, and of entries of θ (C, k) on which channels depend."""
     of_states, of_theta = measurement.dependence(columns)
     of_states[~of_states.any(axis=1), :1] = True
@@ -274,7 +275,7 @@ def _channels(
 
 
 def _channel_equations(
-    measurement: Predictor,
+    measurement: Measurement,
     piece: Piece,
     coefficients: np.ndarray,
     theta: np.ndarray,
@@ -301,7 +302,7 @@ def _channel_equations(
         yield ChannelEquations(own, at, nodes, new, (by_states, by_theta))
 
 
-def _nodes(measurement: Predictor, piece: Piece, when: np.ndarray, noise: Noise) -> Nodes | None:
+def _nodes(measurement: Measurement, piece: Piece, when: np.ndarray, noise: Noise) -> Nodes | None:
     """Nodes at which to evaluate channels; None for every sample, as correlated noise links those of two intervals."""
     smooth = measurement.smooth and not noise.channels_rho.any()
     return piece.nodes(when, measurement.turning) if smooth else None
@@ -319,7 +320,7 @@ def _along(time: np.ndarray, true: np.ndarray, elapsed: np.ndarray) -> np.ndarra
 
 
 def _states(
-    measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
+    measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> Innovations:
     """Innovations of measured coordinates."""
     local = piece.at_coordinates.local

@@ -23,11 +23,12 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import Eliminated
 from ident.trajectory.algebra.nodes import Nodes
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
 from ident.trajectory.algebra.whitening import Innovations
-from ident.trajectory.fit.piece import Noise, Piece, Predictor
+from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import normal_equations
 
 CLEAR = 0.5
@@ -210,7 +211,7 @@ class Response:
 
 
 def response(
-    measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
+    measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> Response:
     """Linear response of a piece at an estimate, with all entries of θ as columns.
 

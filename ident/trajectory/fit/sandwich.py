@@ -15,14 +15,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autoregressive
 from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
-from ident.trajectory.fit.piece import Piece, Predictor
+from ident.trajectory.fit.piece import Piece
 
 
-def with_scatter(measurement: Predictor, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
+def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
     """Fit with the covariance of its gradient under the estimated noise.
 
     Args:
