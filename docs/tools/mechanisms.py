@@ -25,7 +25,7 @@ from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from ident.trajectory.algebra.spline import Spline
-from ident.trajectory.fit.piece import Noise, Piece, Predictor
+from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import Linearised, linearised
 from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -189,7 +189,7 @@ def linearisations(samples: int) -> tuple[Callable[[], Linearised], Callable[[],
     measured = measurement.values(x, wrenches, theta).T + 5 * rng.normal(size=(samples, channels))
     piece = Piece(spline, time, x[0] + 0.01 * rng.normal(size=(samples, n)), time, measured, wrenches)
 
-    def way(predictor: Predictor) -> Callable[[], Linearised]:
+    def way(predictor: Any) -> Callable[[], Linearised]:
         root = 0.1 * np.eye(p)
         return partial(linearised, predictor, piece, coefficients, theta=theta, noise=noise, root=root)
 
