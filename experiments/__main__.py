@@ -17,7 +17,7 @@ STUDIES = ("misaligned", "multicontact", "several_contacts")
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
     from experiments.reports.index import write_index
-    from experiments.studies.simulated import FILE
+    from experiments.studies.simulation import FILE
     from experiments.studies.study_entries import packaged
 
     out = options.output_of(args)

@@ -11,7 +11,7 @@ from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.data.outcomes import Angles
-    from experiments.studies.angles import Scale
+    from experiments.studies.marker_angles import Scale
 
 
 def run(args: argparse.Namespace) -> None:
@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import angles_report
-    from experiments.studies.angles import angles
+    from experiments.studies.marker_angles import angles
 
     _check(args)
     fix, scale = options.fixed(args.fix), _scale(args)
@@ -43,7 +43,7 @@ def _check(args: argparse.Namespace) -> None:
 
 def _scale(args: argparse.Namespace) -> "Scale | None":
     """Scaling of the model's segments that the options ask for; None for none."""
-    from experiments.studies.angles import Scale
+    from experiments.studies.marker_angles import Scale
 
     return Scale(args.scale_from, args.symmetric, args.mass) if args.scale else None
 
@@ -51,7 +51,7 @@ def _scale(args: argparse.Namespace) -> "Scale | None":
 def _identify(args: argparse.Namespace, result: "Angles") -> str:
     """The command to run next."""
     from ident.estimation.equations import channels_out_of_plane
-    from sim.models.mechanism import mechanism
+    from sim.models.model_mechanism import mechanism
 
     log = f"{args.out / 'angles.csv'}" + ("" if args.wrenches else "+PLATES.mot")
     words = ["multicontact", "identify", str(args.model), log, *(["--base", result.base] if result.base else [])]

@@ -16,7 +16,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.guesses.log_contents import TRIAL
     from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_files import files_of
-    from sim.models.mechanism import mechanism
+    from sim.models.model_mechanism import mechanism
 
     files = [file for log in args.logs for file in files_of(log)]
     out = args.out or files[0].with_name(files[0].name.partition(".")[0] + ".toml")

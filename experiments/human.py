@@ -25,11 +25,11 @@ def report(args: argparse.Namespace, out: "Output") -> "Document":
     from experiments.document.result_folder import writable
     from experiments.document.writer import write
     from experiments.reports import human_report
-    from experiments.studies import human
+    from experiments.studies import person_on_plates
 
     if args.persons == 1 and (args.resume or not args.rail):
         raise InputError("--no-rail and --resume belong to --persons; one person is studied with the rail and without.")
-    laboratory = replace(human.laboratory(args.source, float(args.rate), args.noise), rail=args.rail)
+    laboratory = replace(person_on_plates.laboratory(args.source, float(args.rate), args.noise), rail=args.rail)
     shared = {"seed": args.seed, "laboratory": laboratory, "activities": args.activities}
     choices = {
         key: getattr(args, key) for key in ("seed", "seconds", "activities", "rate", "source", "rail", "persons")
@@ -38,10 +38,10 @@ def report(args: argparse.Namespace, out: "Output") -> "Document":
     origin, seconds = provenance(choices), float(args.seconds)
     with writable(out.folder):
         if args.persons > 1:
-            counts = human.counts(args.persons, seconds, out.folder, options.workers_of(args), **shared)
+            counts = person_on_plates.counts(args.persons, seconds, out.folder, options.workers_of(args), **shared)
             document = human_report.count(counts, laboratory, origin)
         else:
-            both = human.with_and_without_rail(seconds, workers=args.workers, report=progress, **shared)
+            both = person_on_plates.with_and_without_rail(seconds, workers=args.workers, report=progress, **shared)
             document = human_report.document(*both, origin)
     return write(document, out, stale=human_report.OUTPUTS)
 

@@ -50,7 +50,7 @@ def identified_from(args: argparse.Namespace, folder: Path) -> tuple["Estimate",
         InputError: Something is missing or does not fit; the message names it.
     """
     from experiments.reports import identify_report
-    from experiments.studies.identification import following, prepare
+    from experiments.studies.user_files import following, prepare
     from ident.identification import identified
 
     read = reading(args)
@@ -110,7 +110,7 @@ def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[E
 def _person(args: argparse.Namespace) -> Any:
     """The person whose segments the bodies are; None if the prior is the model's."""
     from ident.parameters.anthropometry import TABLES
-    from ident.parameters.person import Person
+    from ident.parameters.person_prior import Person
 
     given = {"--mass": args.mass, "--height": args.height, "--sex": args.sex}
     if args.prior not in TABLES:

@@ -21,7 +21,7 @@ def report(out: "Output") -> "Document":
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import mechanism_report
-    from experiments.studies.mechanism import difference_of_tables, drawing
+    from experiments.studies.pendulum_drawn import difference_of_tables, drawing
 
     drawn, origin = drawing(), provenance({"formats": out.formats}, {"scene": SCENE})
     return write(mechanism_report.document(drawn, difference_of_tables(drawn.tree), origin), out)

@@ -15,10 +15,10 @@ def run(args: argparse.Namespace) -> None:
     from ident.files.readers import is_log
     from ident.mechanism.mechanism import Mechanism
     from ident.payload.beyond_sensor import identify_payload
+    from ident.payload.identified_payload import Payload, place_of
     from ident.payload.load import identify_load
-    from ident.payload.payload import Payload, place_of
     from ident.recordings.log import read_log
-    from sim.models.mechanism import mechanism
+    from sim.models.model_mechanism import mechanism
 
     if is_log(args.model):
         args.model, args.logs = None, [args.model, *args.logs]

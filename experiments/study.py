@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from experiments.data.study_file import StudyFile
     from experiments.document.document import Document
     from experiments.document.writer import Output
-    from experiments.studies.simulated import Trials
+    from experiments.studies.simulation import Trials
 
 
 def run(args: argparse.Namespace) -> None:
@@ -35,7 +35,7 @@ def with_options(file: "StudyFile", args: argparse.Namespace) -> "StudyFile":
 
 def trials_of(args: argparse.Namespace) -> "Trials":
     """Trials that the command line asks for."""
-    from experiments.studies.simulated import Trials
+    from experiments.studies.simulation import Trials
 
     return Trials(args.trials, args.trajectory_trials, args.redraw, options.workers_of(args))
 
@@ -53,7 +53,7 @@ def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | No
     from experiments.document.provenance import provenance
     from experiments.document.writer import end, write_page, written
     from experiments.reports import monte_carlo_report, study_report
-    from experiments.studies.simulated import distributions, draw_of, simulated, swept
+    from experiments.studies.simulation import distributions, draw_of, simulated, swept
 
     study, inputs = simulated(file), [] if source is None else [source]
     origin = provenance({**file.options, "formats": out.formats}, study.recording.provenance)

@@ -15,7 +15,7 @@ FORMER = (
 
 def run(args: argparse.Namespace) -> None:
     """Says what to use instead, and runs the study with its sweep."""
-    from experiments.studies.simulated import Trials
+    from experiments.studies.simulation import Trials
     from experiments.studies.study_entries import packaged, with_sweep
 
     print(FORMER, file=sys.stderr)

@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.reports import validation_report
     from experiments.runs.workers import Workers
     from experiments.studies.validation.files import chosen, registry
-    from experiments.studies.validation.study import study
+    from experiments.studies.validation.validation_study import study
 
     entries, places = chosen(args.names, registry()), _places(args)
     out = options.output_of(args)

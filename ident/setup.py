@@ -51,7 +51,7 @@ class SetupKind:
     Attributes:
         std: Default standard deviation of the prior, whose mean is zero, in SI units and radians.
         unit: Its unit.
-        of: The objects that have it, each along its axes: a key of `ident.estimation.setup.objects`.
+        of: The objects that have it, each along its axes: a key of `ident.estimation.setup_parameters.objects`.
         sentence: Template of the finding, with `{size}` and `{sign}`.
         signs: Words for `{sign}`, of a positive and of a negative error.
         along: Those of an error along a link, in place of `signs`: away from its other end, and towards it.

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
         total_wrench,
         tree_from_mdh,
     )
-    from multicontact.pages import report
+    from multicontact.result_pages import report
     from sim import (
         Excitation,
         base_motion,
@@ -123,7 +123,7 @@ if not TYPE_CHECKING:
         if name not in __all__:
             raise AttributeError(f"module 'multicontact' has no attribute '{name}'")
         if name == "report":
-            return import_module("multicontact.pages").report
+            return import_module("multicontact.result_pages").report
         # A package's own list: it also has rooms, one of which is named as a function of the other.
         packages = map(import_module, ("ident", "sim"))
         return getattr(next(package for package in packages if name in package.__all__), name)

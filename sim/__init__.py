@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sim.models.mechanism import mechanism
+    from sim.models.model_mechanism import mechanism
     from sim.models.model_update import updated_spec, write_model
     from sim.models.mujoco_model import base_motion, state_columns, tree_from_model
     from sim.motion.excitation import Excitation
@@ -42,7 +42,7 @@ _MODULES = {
     "Excitation": "sim.motion.excitation",
     "base_motion": "sim.models.mujoco_model",
     "fall": "sim.simulation.contacts",
-    "mechanism": "sim.models.mechanism",
+    "mechanism": "sim.models.model_mechanism",
     "simulate": "sim.simulation.simulate",
     "simulate_many": "sim.simulation.simulate",
     "state_columns": "sim.models.mujoco_model",

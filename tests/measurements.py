@@ -7,7 +7,7 @@ from mechanisms import JOINTS, random_phi, random_pose, random_tree
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.measurement import Measurement
-from ident.estimation.setup import TRACKER, setup_parameters
+from ident.estimation.setup_parameters import TRACKER, setup_parameters
 from ident.estimation.tracking import Tracked
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism

@@ -8,7 +8,7 @@ from pathlib import Path
 import scenes
 from experiments import identify
 from ident.recordings.wrench import Sensor
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 

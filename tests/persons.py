@@ -1,7 +1,7 @@
 """People simulated for two seconds, once for all tests of a worker, in place of studies that take minutes."""
 
-from experiments.data.person import Laboratory
-from experiments.studies.human import study as simulated
+from experiments.data.simulated_person import Laboratory
+from experiments.studies.person_on_plates import study as simulated
 
 _STUDIES = {}
 

@@ -10,7 +10,7 @@ from ident.model import dim
 from ident.model.regressor import FEW, base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
 MODELS = 200

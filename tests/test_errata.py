@@ -22,7 +22,7 @@ from ident.mechanism.motion import Motion
 from ident.model import dim
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.wrench import Wrench, total_wrench
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 RNG = np.random.default_rng(0)
 TREE = double_pendulum(axis_1=(0.6, 0.8, 0), axis_2=(0, 0, 1))

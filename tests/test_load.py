@@ -11,7 +11,7 @@ from commands import refusal
 import scenes
 from docs.tools.noise.recordings import sinusoids
 from experiments import payload
-from experiments.data.person import Laboratory
+from experiments.data.simulated_person import Laboratory
 from experiments.studies.person_recordings import humanoid, moved, sensed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
@@ -20,7 +20,7 @@ from ident.payload.joint_fit import joint_fit
 from ident.payload.load import identify_load
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.simulation.simulate import simulate
 
 MODEL = Path(scenes.__file__).parent / "arm.xml"

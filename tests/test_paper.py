@@ -9,11 +9,11 @@ from mechanisms import double_pendulum, tilted_axis
 import scenes
 from experiments.data import paper
 from experiments.data.fitting import fit
-from experiments.data.simulated import summary
-from experiments.studies.simulated import study as study_of
+from experiments.data.simulated_study import summary
+from experiments.studies.simulation import study as study_of
 from ident.geometry.inertia import pseudo_inertia
 from ident.parameters.base_parameters import find_base_parameters
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate, with_noise
 

@@ -14,7 +14,7 @@ import ident
 import sim
 from ident.geometry.inertia import parameter_transform, parameters_from_com, symmetric
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.payload import described
+from ident.payload.identified_payload import described
 from ident.recordings.wrench import Sensor
 
 pytestmark = pytest.mark.slow

@@ -12,7 +12,7 @@ from mechanisms import GRAVITY, double_pendulum, random_states
 import ident
 import scenes
 from experiments.cli import options
-from ident.estimation.pieces import in_order
+from ident.estimation.sources import in_order
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body, ball_twist
 from ident.mechanism.mechanism import Mechanism

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from measurements import random_measurement
 
-from ident.estimation.setup import SetupParameter, objects, setup_parameters
+from ident.estimation.setup_parameters import SetupParameter, objects, setup_parameters
 from ident.judgement.evidence import place_of, sentence, setup_findings, short
 from ident.judgement.finding import Place
 from ident.recordings.columns.mapping import DEVIATIONS

@@ -10,7 +10,7 @@ from persons import once
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
 
 import ident
-from experiments.data.person import Laboratory
+from experiments.data.simulated_person import Laboratory
 from experiments.reports.identify_report import data_lines, parameters_table
 from experiments.studies.person_recordings import humanoid, mistaken, recorded
 from ident.errors import ExcitationError

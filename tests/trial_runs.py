@@ -16,11 +16,11 @@ import pytest
 from fuzz.here import Here
 
 from experiments import multicontact
-from experiments.data.simulated import StudyProblem
+from experiments.data.simulated_study import StudyProblem
 from experiments.runs import workers
 from experiments.runs.workers import Checkpoint
-from experiments.studies import simulated
-from experiments.studies.simulated import study, trial
+from experiments.studies import simulation
+from experiments.studies.simulation import study, trial
 from experiments.studies.study_entries import packaged
 
 ANALYSE = partial(trial, StudyProblem.of(packaged("multicontact")), ("contact",))
@@ -33,23 +33,23 @@ def arguments(tmp_path, *more):
 def draw(tmp_path, *more, samples="200", contact="pad"):
     args = arguments(tmp_path, "--samples", samples, *more)
     made = study("multicontact", samples=args.samples, seed=args.seed or 0, contact=contact)
-    return simulated.Draw.of(made.file, args.redraw, made.recording)
+    return simulation.Draw.of(made.file, args.redraw, made.recording)
 
 
-def run(source, number, tmp_path, file=simulated.FILE, analyse=ANALYSE, given=None):
+def run(source, number, tmp_path, file=simulation.FILE, analyse=ANALYSE, given=None):
     """Outcomes of trials, in this process if no workers are given."""
     checkpoint = Checkpoint("trials", tmp_path / file, source.identity)
     with pytest.MonkeyPatch.context() as patched:
         if given is None or given.number == 1:
             patched.setattr(workers, "Processes", Here)
-        return simulated.run_trials(source, analyse, number, checkpoint, given or workers.Workers())
+        return simulation.run_trials(source, analyse, number, checkpoint, given or workers.Workers())
 
 
 def resumed(source, number, tmp_path):
     return run(source, number, tmp_path, given=workers.Workers(resume=True))
 
 
-def kept(tmp_path, file=simulated.FILE):
+def kept(tmp_path, file=simulation.FILE):
     """Outcomes in the file of trials."""
     with np.load(tmp_path / file) as data:
         return np.array([json.loads(text) for text in bytes(data["outcomes"]).splitlines()])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from experiments.data import simulated
+from experiments.data import simulated_study
 from experiments.data.fitting import TrajectoryTrial
 
 
@@ -13,4 +13,4 @@ def truth(mechanism, recording, base, **_):
 
 def use_truth(patched):
     """Replaces the studies' trajectory estimates by the truth while a monkeypatch lasts."""
-    patched.setattr(simulated, "trajectory_fit", truth)
+    patched.setattr(simulated_study, "trajectory_fit", truth)

@@ -19,10 +19,10 @@ from docs.tools.mechanisms import PENDULUM
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
 from docs.tools.noise.estimators import low_passed
 from docs.tools.noise.recordings import noisy_recording, sinusoids
-from experiments.data.simulated import SimulatedStudy
+from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, styles
 from experiments.reports.identify_page import first_screen
-from experiments.studies.human import USUAL
+from experiments.studies.person_on_plates import USUAL
 from ident import read_log
 from ident.files.atomic import replacing
 from ident.identification import identify

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from docs.tools import benchmark, drawings, validation
+from docs.tools import benchmark, drawings, validation_blocks
 from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture
-from experiments.data.simulated import SimulatedStudy, summary
+from experiments.data.simulated_study import SimulatedStudy, summary
 from experiments.document import figures, result_folder, tabular
 from experiments.reports import study_figures, study_tables
-from experiments.studies.simulated import study
+from experiments.studies.simulation import study
 from ident.errors import InputError
 from ident.files.atomic import replacing
 
@@ -90,7 +90,7 @@ def write(root: Path) -> None:
     if not ((root / "README.md").is_file() and docs.is_dir()):
         raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
     measured = benchmark_results(root)
-    validated = validation.results(root)
+    validated = validation_blocks.results(root)
     tilted, touching = study("misaligned"), study("multicontact")
     tables = {
         "table 3": table_3(tilted).markdown(),
@@ -112,14 +112,14 @@ def write(root: Path) -> None:
 
 def write_validation(root: Path, numbers: dict[str, Any]) -> None:
     """Writes the record of a validation, its figures, and the parts of pages that show it."""
-    shown = validation.shown_study(numbers)
-    _replace_blocks(root / "docs" / "validation.md", validation.page_blocks(shown))
+    shown = validation_blocks.shown_study(numbers)
+    _replace_blocks(root / "docs" / "validation.md", validation_blocks.page_blocks(shown))
     for name in ("README.md", "paper.md"):
-        _replace_blocks(root / name, {"validation": validation.sentence(shown)})
+        _replace_blocks(root / name, {"validation": validation_blocks.sentence(shown)})
     with result_folder.results_folder(root / "docs") as folder:
-        for name, figure in validation.page_figures(shown).items():
+        for name, figure in validation_blocks.page_figures(shown).items():
             figures.save(figure, folder, name, ["svg"])
-        validation.write_record(folder / validation.FILE, numbers)
+        validation_blocks.write_record(folder / validation_blocks.FILE, numbers)
 
 
 def _replace_blocks(page: Path, contents: Mapping[str, str]) -> None:

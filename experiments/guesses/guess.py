@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, Belief, ColumnGroup, TableEntry
-from experiments.guesses.checks import check_positions, check_wrenches_and_torques, set_orientation
+from experiments.guesses.beliefs_checked import check_positions, check_wrenches_and_torques, set_orientation
+from experiments.guesses.guessed_units import doubt_units, set_rates, set_units
 from experiments.guesses.log_contents import check_same_columns, log_contents
+from experiments.guesses.matched_names import add_commands, add_named, add_orientations
 from experiments.guesses.model import ComparedModel, explained, unexplained
-from experiments.guesses.names import add_commands, add_named, add_orientations
 from experiments.guesses.series import AGREES, CLEAR, ENOUGH, ENOUGH_OF_WRENCHES, add_any, add_measured, add_series
-from experiments.guesses.units import doubt_units, set_rates, set_units
 from experiments.guesses.words import LIKE, likeness, words
 from experiments.guesses.wrenches import add_wrenches, set_turn, set_unit, size_ratio
 from ident.errors import ExcitationError, InputError

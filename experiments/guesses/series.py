@@ -8,9 +8,9 @@ from math import perm
 import numpy as np
 
 from experiments.guesses.belief import Belief, ColumnGroup, TableEntry
+from experiments.guesses.guessed_units import ROUND, is_rate
+from experiments.guesses.matched_names import assigned
 from experiments.guesses.model import ComparedModel, explained
-from experiments.guesses.names import assigned
-from experiments.guesses.units import ROUND, is_rate
 from experiments.guesses.words import MEASURED, PARTS, Family, families, unit_of, words
 from ident.estimation.equations import COMPONENTS
 from ident.files.column import UNITS

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, ColumnGroup, TableEntry
-from experiments.guesses.names import exact_names, is_named_after
+from experiments.guesses.matched_names import exact_names, is_named_after
 from experiments.guesses.words import families, most_alike, unit_of, words
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared

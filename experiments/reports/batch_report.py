@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.batch import LogAgreement, LogOutcome, spreads
+from experiments.data.batch_outcomes import LogAgreement, LogOutcome, spreads
 from experiments.document import symbols, tabular
 from experiments.document.document import Card, Document, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS

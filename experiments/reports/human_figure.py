@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from experiments.data.person import PersonStudy
+from experiments.data.simulated_person import PersonStudy
 from experiments.document.styles import empty_figure
 from ident.display.plots import Axes, Figure
 from ident.tolerances import INTERVAL

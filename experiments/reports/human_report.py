@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.person import MOVED, Laboratory, PersonStudy
+from experiments.data.simulated_person import MOVED, Laboratory, PersonStudy
 from experiments.document import tabular
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS

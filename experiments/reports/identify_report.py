@@ -29,7 +29,7 @@ from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.servo import Servo
 from ident.recordings.several_files import name_of
 from ident.tolerances import DRIVE
-from sim.models.mechanism import Origin
+from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model
 from sim.models.opensim.reading import OpenSimOrigin
 from sim.models.xml_files import parsed

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.data.fitting import ESTIMATORS, TRAJECTORY, Distribution
 from experiments.data.outcomes import Swept
 from experiments.data.paper import REDRAWN
-from experiments.data.simulated import SimulatedStudy
+from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import figures, symbols, tabular
 from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure

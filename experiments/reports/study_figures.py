@@ -6,7 +6,7 @@ from itertools import cycle
 
 import numpy as np
 
-from experiments.data.simulated import SimulatedStudy, wrench_error
+from experiments.data.simulated_study import SimulatedStudy, wrench_error
 from experiments.document import figures
 from experiments.document.sheet import INKS
 from ident.display.plots import Figure

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.simulated import CHANNELS, SimulatedStudy, axes, summary, touches, trajectory_summary
+from experiments.data.simulated_study import CHANNELS, SimulatedStudy, axes, summary, touches, trajectory_summary
 from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data import simulated
+from experiments.data import simulated_study
 from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
-from experiments.data.simulated import SimulatedStudy
+from experiments.data.simulated_study import SimulatedStudy
 from experiments.document import tabular
 from experiments.document.tabular import Decimals, Regrouped, as_stated, of_deviations, of_numbers
 
@@ -147,7 +147,7 @@ def _notes(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> list[s
 
 def wrench_errors(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
     """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
-    errors = simulated.wrench_errors(study, entry["models"])
+    errors = simulated_study.wrench_errors(study, entry["models"])
     columns = ("channel", *next(iter(errors.values())))
     rows = tuple((channel, *numbers.values()) for channel, numbers in errors.items())
     title = f"{entry['caption']}, N and N m"
@@ -156,7 +156,7 @@ def wrench_errors(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Ta
 
 def contacts(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
     """Fraction and episodes of each contact, and its peak force."""
-    touching, known = simulated.touches(study), study.known
+    touching, known = simulated_study.touches(study), study.known
 
     def each(number: str) -> list[float]:
         return [touching[f"{site}_{number}"] for site in study.file.scene.contacts.values()]

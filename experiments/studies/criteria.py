@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from tqdm import tqdm
 
-from experiments.studies.excitation import DesignProblem, drive_deviations
+from experiments.studies.excitation_problem import DesignProblem, drive_deviations
 from ident.errors import InputError, ModelError
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import known_rows

@@ -11,15 +11,15 @@ import scenes
 from experiments.data import paper
 from experiments.data.outcomes import Design, Excited
 from experiments.data.paper import ACCELERATION, MARGIN, RANDOM_START, SCENE, SECONDS, VELOCITY
-from experiments.studies import criteria, excitation
-from experiments.studies.excitation import DesignProblem
+from experiments.studies import criteria, excitation_problem
+from experiments.studies.excitation_problem import DesignProblem
 from ident.errors import InputError
 from ident.estimation.recorded_motion import motion_cutoff, recorded_motion
 from ident.mechanism.motion import Motion
 from ident.recordings.log import read_log
 from ident.recordings.recording import STATES, Recording
 from ident.recordings.smoothing import settling
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits
@@ -126,7 +126,7 @@ def problem_of(
     stated = {key: more.pop(key) for key in ("packages", "base_rpy_deg") if key in more}
     both = {key: more[key] for key in ("ignore", "fix") if key in more}
     arm = mechanism(scenes.load(model) if scene else model, base, **stated, **both)
-    return excitation.problem(arm, joints, **{"sensors": "wrench", **more})
+    return excitation_problem.problem(arm, joints, **{"sensors": "wrench", **more})
 
 
 def designed(

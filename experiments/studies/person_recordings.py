@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import scenes
-from experiments.data.person import Laboratory
+from experiments.data.simulated_person import Laboratory
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.body import Body
@@ -22,7 +22,7 @@ from ident.recordings.wrench import Sensor, transform_wrench
 from sim.markers.marked_model import MarkedModel, marked_model
 from sim.markers.trial_fit import check_fit, fit_trial
 from sim.markers.trial_recording import recording
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import updated_spec
 from sim.motion import person
 from sim.motion.person import RAIL, Style

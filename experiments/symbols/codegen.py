@@ -20,7 +20,7 @@ from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import STANDARD_GRAVITY, separating_sensors
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 READABLE = 250
 """Largest number of operations, shared ones counted once, at which LaTeX is expanded in sines of sums of angles."""

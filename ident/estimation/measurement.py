@@ -21,7 +21,7 @@ import numpy as np
 from ident.estimation import loads
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.recorded_motion import base_motion, joint_states
-from ident.estimation.setup import MARKERS, SetupParameter
+from ident.estimation.setup_parameters import MARKERS, SetupParameter
 from ident.estimation.tracking import REFERENCES, WIDTH, Tracked, reading
 from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
 from ident.mechanism.motion import Motion

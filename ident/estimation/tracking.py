@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
-from ident.estimation.setup import TRACKER
+from ident.estimation.setup_parameters import TRACKER
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion

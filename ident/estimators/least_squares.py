@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from ident.estimate import Estimate
-from ident.estimation.excitation import excited, separable
+from ident.estimation.separation import excited, separable
 from ident.estimators.predictions import Candidate
 from ident.judgement.candidates import MODEL
 from ident.problem import Problem

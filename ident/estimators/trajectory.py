@@ -9,9 +9,9 @@ import numpy as np
 from ident.errors import ExcitationError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
-from ident.estimation.excitation import excited, separable, undetermined
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import joined
+from ident.estimation.separation import excited, separable, undetermined
 from ident.estimators.predictions import Candidate, Predictions
 from ident.judgement.agreement import disagreement, disagreements, widening, without
 from ident.judgement.candidates import LEAST_SQUARES, MODEL
@@ -23,9 +23,9 @@ from ident.problem import Problem
 from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit
-from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.fit.precision import UNDETERMINED
 from ident.trajectory.result import TrajectoryEstimate
+from ident.trajectory.trajectory_estimate import trajectory_estimate
 
 
 def trajectory(problem: Problem) -> Estimate:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimation.excitation import separable
+from ident.estimation.separation import separable
 from ident.geometry.inertia import body_of_parameter
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimation.preparation import Prepared
-from ident.estimation.setup import SetupParameter
+from ident.estimation.setup_parameters import SetupParameter
 from ident.judgement.checks import Checks
 from ident.judgement.finding import NOWHERE, Place
 from ident.mechanism.mechanism import Mechanism

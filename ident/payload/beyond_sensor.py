@@ -18,7 +18,7 @@ from ident.estimation.preparation import at_rest, mounted, prepared
 from ident.files.table import BASE
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.payload import Payload, pose_of_body
+from ident.payload.identified_payload import Payload, pose_of_body
 from ident.payload.weight import known, likely, weighing
 from ident.recordings.recording import Recording
 from ident.recordings.times import POSES, SLOW

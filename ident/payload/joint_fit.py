@@ -16,10 +16,10 @@ from scipy import special
 
 from ident.setup import FRICTION, OFFSET, SETUP
 from ident.tolerances import SIGNIFICANT
-from ident.trajectory.estimate import own_columns
 from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
+from ident.trajectory.trajectory_estimate import own_columns
 
 LOADED = " with the load"
 """Ending of the names of parameters that recordings with the load have separately."""

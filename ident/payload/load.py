@@ -19,8 +19,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
+from ident.payload.identified_payload import GUESSED, Payload, SensorParameter
 from ident.payload.joint_fit import LOADED, joint_fit
-from ident.payload.payload import GUESSED, Payload, SensorParameter
 from ident.payload.weight import DENSITY
 from ident.recordings.recording import Recording
 from ident.tolerances import HOLDOUT

@@ -18,7 +18,7 @@ from ident.geometry.inertia import parameter_transform, parameters_from_com
 from ident.geometry.se3 import hat
 from ident.judgement.gravity import AWAY, AXIS, rpy_deg
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.payload import SIZE
+from ident.payload.identified_payload import SIZE
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import UNEXPLAINED
 

@@ -26,10 +26,10 @@ from ident.estimation.accumulator import (
     triangle_of,
 )
 from ident.estimation.equations import Equations
-from ident.estimation.excitation import check_excitation, noise_rows
 from ident.estimation.noise import Sandwich
-from ident.estimation.pieces import Source, in_order, pieces
 from ident.estimation.samples import Samples, even
+from ident.estimation.separation import check_excitation, noise_rows
+from ident.estimation.sources import Source, in_order, pieces
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.tolerances import ZERO_COLUMN

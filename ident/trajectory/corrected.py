@@ -15,8 +15,8 @@ from ident.geometry.se3 import coAd, inverse
 from ident.recordings.wrench import GROUND
 from ident.regression.ordinary import Fit
 from ident.trajectory.angles_alone import Trajectory, smoothed
+from ident.trajectory.cut_pieces import LONGEST, coordinates, cut
 from ident.trajectory.fit.piece import Piece, clocks
-from ident.trajectory.pieces import LONGEST, coordinates, cut
 from ident.trajectory.result import TrajectoryEstimate
 
 

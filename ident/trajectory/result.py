@@ -10,7 +10,7 @@ from scipy import special
 
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.measurement import Measurement
-from ident.estimation.setup import SetupParameter
+from ident.estimation.setup_parameters import SetupParameter
 from ident.tolerances import SIGNIFICANT
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece

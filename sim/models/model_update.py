@@ -29,7 +29,7 @@ from sim.models.inertials import (
     set_inertials,
     shortened,
 )
-from sim.models.mechanism import Origin
+from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.names import body_name
 from sim.models.notes import refusals

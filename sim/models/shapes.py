@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ident.geometry import se3
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
-from sim.models.mechanism import Origin
+from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import mechanism_bodies
 from sim.models.names import body_name
 

@@ -11,7 +11,7 @@ from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.recording import Recording
 from sim.models.drives_update import changed_drives
-from sim.models.mechanism import mujoco_origin
+from sim.models.model_mechanism import mujoco_origin
 from sim.models.model_update import updated_spec
 from sim.models.names import joint_name
 from sim.models.notes import without_log

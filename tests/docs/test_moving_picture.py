@@ -7,7 +7,7 @@ import pytest
 
 import experiments
 from docs.tools import drawings
-from experiments.studies.simulated import study
+from experiments.studies.simulation import study
 
 SHOWN = Path(experiments.__file__).parents[1] / "docs" / "mechanism.gif"
 

@@ -11,9 +11,9 @@ import pytest
 import experiments
 from docs.tools import benchmark
 from docs.tools import pages as blocks
-from experiments.data.simulated import summary
+from experiments.data.simulated_study import summary
 from experiments.reports import study_tables
-from experiments.studies.simulated import study as study_of
+from experiments.studies.simulation import study as study_of
 
 ROOT = Path(experiments.__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -6,7 +6,7 @@ import pytest
 from test_readme import DOCS, ROOT, block, page
 
 from docs.tools import pages as blocks
-from docs.tools import validation
+from docs.tools import validation_blocks
 from ident.errors import InputError
 
 pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has docs")
@@ -14,18 +14,18 @@ pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only a checkout has d
 
 @pytest.fixture(scope="module")
 def shown():
-    return validation.shown_study(json.loads(page(validation.FILE)))
+    return validation_blocks.shown_study(json.loads(page(validation_blocks.FILE)))
 
 
 def test_the_page_shows_the_run_on_record(shown):
-    for name, content in validation.page_blocks(shown).items():
+    for name, content in validation_blocks.page_blocks(shown).items():
         assert block("validation.md", name) == content, name
 
 
 @pytest.mark.parametrize("name", ["README.md", "paper.md"])
 def test_the_summaries_are_those_of_the_run_on_record(name, shown):
     text = (ROOT / name).read_text(encoding="utf-8")
-    assert f"<!-- validation -->\n{validation.sentence(shown)}<!-- end validation -->" in text
+    assert f"<!-- validation -->\n{validation_blocks.sentence(shown)}<!-- end validation -->" in text
 
 
 def test_the_page_says_where_it_loses(shown):
@@ -45,20 +45,20 @@ def _losses(shown):
 
 
 def test_a_new_run_takes_the_place_of_the_one_shown_unless_recordings_are_missing(tmp_path):
-    numbers = json.loads(page(validation.FILE))
+    numbers = json.loads(page(validation_blocks.FILE))
     for folder in ("docs", "results/validate"):
         (tmp_path / folder).mkdir(parents=True)
-    validation.write_record(tmp_path / "docs" / validation.FILE, numbers)
-    assert validation.results(tmp_path) == numbers
+    validation_blocks.write_record(tmp_path / "docs" / validation_blocks.FILE, numbers)
+    assert validation_blocks.results(tmp_path) == numbers
     (tmp_path / "docs" / "validation.md").write_text(page("validation.md"), encoding="utf-8")
     for name in ("README.md", "paper.md"):
         (tmp_path / name).write_text((ROOT / name).read_text(encoding="utf-8"), encoding="utf-8")
     changed = {**numbers, "recordings": {name: {**x, "seconds": 1.0} for name, x in numbers["recordings"].items()}}
     (tmp_path / "results" / "validate" / "summary.json").write_text(json.dumps(changed), encoding="utf-8")
-    blocks.write_validation(tmp_path, validation.results(tmp_path))
-    assert json.loads((tmp_path / "docs" / validation.FILE).read_text(encoding="utf-8")) == changed
+    blocks.write_validation(tmp_path, validation_blocks.results(tmp_path))
+    assert json.loads((tmp_path / "docs" / validation_blocks.FILE).read_text(encoding="utf-8")) == changed
     assert (tmp_path / "docs" / "validation.svg").read_bytes().startswith(b"<?xml")
     del changed["recordings"]["walker"]
     (tmp_path / "results" / "validate" / "summary.json").write_text(json.dumps(changed), encoding="utf-8")
     with pytest.raises(InputError, match="has no walker: run it on all"):
-        validation.results(tmp_path)
+        validation_blocks.results(tmp_path)

@@ -10,7 +10,7 @@ from pages import identified, replayed
 from experiments.document.replay import ellipsoid
 from experiments.document.writer import environment
 from ident.geometry.inertia import parameters_from_com
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.shapes import shapes
 
 

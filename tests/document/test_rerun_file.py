@@ -13,7 +13,7 @@ from experiments.document import rerun_file
 from experiments.document.replay import Replay
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 pytestmark = pytest.mark.extras
 

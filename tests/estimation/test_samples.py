@@ -11,8 +11,8 @@ from mechanisms import GRAVITY, double_pendulum, random_states
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from ident.estimation.pieces import in_order
 from ident.estimation.samples import arrays_of, even
+from ident.estimation.sources import in_order
 from ident.mechanism.motion import BaseMotion
 
 TREE = double_pendulum()

@@ -2,7 +2,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.setup import setup_parameters
+from ident.estimation.setup_parameters import setup_parameters
 from ident.geometry.se3 import pose
 from ident.mechanism.body import BASE, Body, ball_twist
 from ident.mechanism.mechanism import Mechanism

@@ -9,7 +9,7 @@ from opensim_walker import PHI
 
 import scenes
 from ident.errors import ModelError
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
 
 SHIFT = np.array([0.012, 0.0, -0.003])

@@ -10,7 +10,7 @@ from opensim_files import Joint, coordinate, coupler, document, linear
 import sim
 from ident.errors import ModelError
 from ident.mechanism.drives import Actuator, Drive
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.notes import ModelNote
 
 ARM = """

@@ -5,7 +5,7 @@ import pytest
 from commands import refusal
 
 from experiments import excite, identify, stream
-from experiments.studies.identification import prepare
+from experiments.studies.user_files import prepare
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import STATES, Recording

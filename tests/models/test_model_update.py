@@ -10,7 +10,7 @@ import scenes
 from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import updated_spec, write_model
 from sim.models.mujoco_model import parameters_from_model, state_columns, tree_from_model
 from sim.models.urdf import model_from_urdf

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sim.models import mujoco_model
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><site name="wall"/><body name="base"><geom size=".1"/>
 <body name="plinth" pos="0 0 .1" euler="0 0 .3"><geom size=".1"/><site name="low" pos="0 .2 0"/>

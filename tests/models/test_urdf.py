@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_com, symmetric
 from sim.models.inertials import is_balanced
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
 from sim.models.mujoco_model import compiled, parameters_from_model
 from sim.models.notes import ModelNote

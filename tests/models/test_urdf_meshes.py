@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ident.errors import ModelError
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import updated_spec, write_model
 from sim.models.notes import ModelNote
 from sim.models.shapes import shapes

@@ -7,7 +7,7 @@ import pytest
 
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
 from sim.models.mujoco_model import parameters_from_model
 

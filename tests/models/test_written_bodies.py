@@ -11,7 +11,7 @@ from test_urdf_update import ARM
 
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.consistency import consistent_parameters
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
 
 COMMENT = re.compile(r"<!-- 95 % intervals.*?-->", re.DOTALL)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError, ModelError
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.model_update import write_model
 
 pytestmark = pytest.mark.extras

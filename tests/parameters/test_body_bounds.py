@@ -19,7 +19,7 @@ from ident.parameters.consistency import consistent_parameters
 from ident.parameters.prior import KNOWN
 from ident.parameters.structure import Sensors
 from ident.parameters.unstated import guessed
-from ident.payload.payload import GUESSED
+from ident.payload.identified_payload import GUESSED
 
 EVERY = BaseParameters(parameter_names(1), tuple(range(10)), (), np.zeros((10, 0)), (1.0, 0.0))
 """All ten parameters of one body as base parameters."""

@@ -9,7 +9,7 @@ from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import structural_base_parameters
-from ident.parameters.person import Person, Placed, with_person
+from ident.parameters.person_prior import Person, Placed, with_person
 from ident.parameters.prior import KNOWN, body_covariance, known_covariance
 
 GRAVITY = np.array([0, -9.81, 0])

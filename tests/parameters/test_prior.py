@@ -17,7 +17,7 @@ from ident.parameters.prior import (
     parameters_identified,
     updated,
 )
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 CENTRAL = np.array([[0.06, 0.01, -0.005], [0.01, 0.05, 0.002], [-0.005, 0.002, 0.03]])
 BODIES = {

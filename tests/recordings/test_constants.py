@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from written_formats import write_csv
 
 import ident
-from experiments.studies.identification import prepare
+from experiments.studies.user_files import prepare
 from ident.estimation.preparation import prepared
 from ident.recordings.log import read_log
 

@@ -7,11 +7,11 @@ from malformed_logs import text as csv_text
 
 import ident
 import sim
-from experiments.studies.identification import prepare
+from experiments.studies.user_files import prepare
 from ident.errors import LogError
 from ident.estimation.preparation import prepared
 from ident.recordings.log import read_log
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 

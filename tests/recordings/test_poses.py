@@ -13,7 +13,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.sampled_structure import sampled_structure
 from ident.parameters.structure import Sensors, structure_matrix
 from ident.recordings.log import read_log
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 WRENCH = {"body": "tool", "force": ["fx", "fy", "fz"], "torque": ["mx", "my", "mz"], "position": [0, 0, 0.01]}
 WRENCH["quaternion"] = [float(x) for x in wrist.FACING.split()]

@@ -9,7 +9,7 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, rand
 from scipy.signal import lfilter
 
 from ident.errors import ExcitationError
-from ident.estimation.excitation import check_excitation
+from ident.estimation.separation import check_excitation
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters

@@ -8,7 +8,7 @@ import pytest
 from tasks import blocked_signals, die, refuse, size, unpicklable
 
 from experiments.runs.workers import Workers, worker_pool
-from ident.estimation.pieces import in_order
+from ident.estimation.sources import in_order
 
 LARGE = bytes(2_000_000)
 """More bytes than a pipe holds."""

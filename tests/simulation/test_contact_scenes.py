@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import scenes
-from experiments.data.simulated import StudyProblem
+from experiments.data.simulated_study import StudyProblem
 from experiments.studies.study_entries import packaged
 from ident.geometry import se3
 from ident.model.regressor import base_wrench_regressor

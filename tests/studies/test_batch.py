@@ -14,11 +14,11 @@ import pytest
 from fuzz.here import Here
 
 from experiments import batch, identify
-from experiments.data.batch import LogOutcome, agreement, spreads
+from experiments.data.batch_outcomes import LogOutcome, agreement, spreads
 from experiments.reports import batch_report
 from experiments.runs import workers
 from experiments.runs.workers import DeadWorkerError
-from ident.estimation.pieces import in_order
+from ident.estimation.sources import in_order
 from ident.files.atomic import PARTIAL, unwritten
 
 pytestmark = pytest.mark.usefixtures("undrawn")

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import block_diag
 
 import scenes
-from experiments.studies import criteria, excitation
+from experiments.studies import criteria, excitation_problem
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose
@@ -16,7 +16,7 @@ from ident.mechanism.motion import Motion
 from ident.parameters.prior import body_covariance
 from ident.recordings.wrench import transform_covariance
 from ident.regression.ordinary import least_squares
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate, with_noise
 
@@ -27,7 +27,7 @@ RESTING = Motion(np.ones((100, 2)), np.zeros((100, 2)), np.zeros((100, 2)))
 
 @pytest.fixture(scope="module")
 def pendulum():
-    return excitation.problem(mechanism(scenes.load("double_pendulum"), "base"), None, sensors="wrench")
+    return excitation_problem.problem(mechanism(scenes.load("double_pendulum"), "base"), None, sensors="wrench")
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_estimates_scatter_by_the_predicted_deviations():
     for _ in range(200):
         wrench = with_noise(noisy, rng).wrench("ground").values
         estimates.append(least_squares(equations, Samples(motion, wrench, covariance)).psi)
-    problem = excitation.problem(arm, None, sensors="wrench", noise=noise)
+    problem = excitation_problem.problem(arm, None, sensors="wrench", noise=noise)
     ratio = np.std(estimates, axis=0, ddof=1) / criteria.predicted_deviations(problem, motion)
     # The spread of 200 estimates has a relative error of 1/20.
     np.testing.assert_allclose(ratio, 1, atol=4 / 20)
@@ -100,7 +100,7 @@ def test_noise_is_what_the_models_sensors_state():
     arm = mechanism(mujoco.MjModel.from_xml_string(SENSING), "base")
 
     def covariance(sensors, noise=None):
-        W = excitation.problem(arm, None, sensors=sensors, noise=noise).whitening
+        W = excitation_problem.problem(arm, None, sensors=sensors, noise=noise).whitening
         return np.linalg.inv(W.T @ W)
 
     at_plate = np.diag([4.0, 4, 4, 0.09, 0.09, 0.09])

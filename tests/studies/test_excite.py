@@ -9,10 +9,10 @@ from commands import refusal
 
 from experiments import excite
 from experiments.data import paper
-from experiments.studies import criteria, excitation
+from experiments.studies import criteria, excitation_problem
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits, _Search, design, random_start, scaled_into
@@ -55,7 +55,7 @@ def arm(tmp_path):
 
 
 def arm_problem(model, joints=None):
-    return excitation.problem(mechanism(model, "column"), joints, sensors="wrench", noise=(0.5, 0.05))
+    return excitation_problem.problem(mechanism(model, "column"), joints, sensors="wrench", noise=(0.5, 0.05))
 
 
 @pytest.mark.slow
@@ -221,7 +221,7 @@ def test_a_log_of_ones_own_is_compared_with_the_design(arm, tmp_path, capsys, ra
             (-0.3 * np.sin(TIMES), -0.578 * np.cos(1.7 * TIMES)),
         )
     ]
-    problem = excitation.problem(mechanism(arm), None, sensors="wrench")
+    problem = excitation_problem.problem(mechanism(arm), None, sensors="wrench")
     expected = criteria.predicted_deviations(problem, Motion(*states))
     np.testing.assert_allclose([float(row["std_before"]) for row in rows], expected, rtol=0.1)
 

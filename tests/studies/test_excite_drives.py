@@ -6,15 +6,15 @@ import pytest
 from commands import refusal
 
 from experiments import excite
-from experiments.studies import criteria, excitation
-from experiments.studies.excitation import SLIP, drive_signals
+from experiments.studies import criteria, excitation_problem
+from experiments.studies.excitation_problem import SLIP, drive_signals
 from ident.mechanism.motion import Motion
 
 ALL = ("rotor", "viscous", "coulomb", "stribeck", "spring")
 
 
 def problem(drive, **stated):
-    return excitation.problem(driven_arm.mechanism(**stated), None, sensors="torque", drive=drive)
+    return excitation_problem.problem(driven_arm.mechanism(**stated), None, sensors="torque", drive=drive)
 
 
 def random_motion(n=40):

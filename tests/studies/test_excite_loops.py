@@ -9,7 +9,7 @@ from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, by_mujoco
 import sim
 from experiments import excite
 from experiments.studies import criteria
-from experiments.studies.excitation import problem
+from experiments.studies.excitation_problem import problem
 from ident.errors import InputError
 from ident.recordings.recording import Recording
 from sim.motion.collisions import Collisions

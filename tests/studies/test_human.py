@@ -14,7 +14,7 @@ from same_recording import assert_same_recording
 
 from experiments.human import main
 from experiments.reports import human_report
-from experiments.studies import human
+from experiments.studies import person_on_plates
 from ident.recordings.recording import Recording
 
 
@@ -25,7 +25,7 @@ def at_the_rail(monkeypatch):
     def once(seconds, *, laboratory, activities, **_):
         return persons.study(seconds, laboratory=replace(laboratory, rail=True), activities=tuple(activities))
 
-    monkeypatch.setattr(human, "study", once)
+    monkeypatch.setattr(person_on_plates, "study", once)
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_an_interrupted_count_of_persons_goes_on_where_it_ended(tmp_path, capsys
         asked.append((seed, laboratory.rail, activities))
         return persons.at_a_rail()
 
-    monkeypatch.setattr(human, "study", quick)
+    monkeypatch.setattr(person_on_plates, "study", quick)
     command = ["--persons", "3", "--seed", "5", "--no-rail", "--activities", "squats", "--workers", "1"]
     command += ["--out", str(tmp_path)]
     assert main(command) == 130 and main([*command, "--resume"]) == 0

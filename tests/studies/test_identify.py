@@ -16,7 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 
 import scenes
 from experiments import identify
-from experiments.studies.identification import prepare
+from experiments.studies.user_files import prepare
 from ident.estimate import Estimate
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified

@@ -17,7 +17,7 @@ from experiments.document.sheet import SHEET
 from experiments.mechanism import main
 from experiments.reports import mechanism_report
 from experiments.runs import workers
-from experiments.studies import human, mechanism
+from experiments.studies import pendulum_drawn, person_on_plates
 from ident.geometry.se3 import exp
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--trajectory-trials", "2", "--redraw", "sensors"]
@@ -25,8 +25,8 @@ STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human
 
 
 def test_figure_1_is_drawn_from_the_scene():
-    drawing = mechanism.drawing()
-    q1, q2 = mechanism.DRAWN_AT
+    drawing = pendulum_drawn.drawing()
+    q1, q2 = pendulum_drawn.DRAWN_AT
     elbow = np.array([0, -0.425 * np.sin(q1), 1 + 0.425 * np.cos(q1)])
     np.testing.assert_allclose(drawing.poses[2][:3, 3], elbow, atol=1e-12)
     end = elbow + 0.4 * np.array([0, -np.sin(q1 + q2), np.cos(q1 + q2)])
@@ -40,7 +40,7 @@ def test_figure_1_is_drawn_from_the_scene():
 
 
 def test_table_2_is_that_of_the_paper():
-    drawing = mechanism.drawing()
+    drawing = pendulum_drawn.drawing()
     rows = mechanism_report.table_2(drawing.tree, drawing.base).rows
     assert [row[0] for row in rows] == ["base, i = 1", "link1, i = 2", "link2, i = 3"]
     assert [row[2] for row in rows] == ["(0, 0, 1)", "(0, 0, 1)", "(0, 0, 1.425)"]
@@ -48,13 +48,13 @@ def test_table_2_is_that_of_the_paper():
 
 
 def test_table_1_as_printed_is_the_double_pendulum():
-    drawing = mechanism.drawing()
-    tree = mechanism.tree_of_table_1(drawing.base, 0.425)
+    drawing = pendulum_drawn.drawing()
+    tree = pendulum_drawn.tree_of_table_1(drawing.base, 0.425)
     expected = double_pendulum(base=drawing.base)
     assert tree.names == ("2", "6", "10")
     assert tree.joints == ("4", "8")
-    assert mechanism.difference(tree, expected) < 1e-14
-    assert mechanism.difference(mechanism.tree_of_table_1(np.zeros(3), 0.4), drawing.tree) > 0.01
+    assert pendulum_drawn.difference(tree, expected) < 1e-14
+    assert pendulum_drawn.difference(pendulum_drawn.tree_of_table_1(np.zeros(3), 0.4), drawing.tree) > 0.01
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):
@@ -74,7 +74,7 @@ def out(tmp_path_factory):
         patched.setattr(workers, "Processes", Here)
         use_truth(patched)
         person = at_a_rail()
-        patched.setattr(human, "study", lambda *args, **kwargs: person)
+        patched.setattr(person_on_plates, "study", lambda *args, **kwargs: person)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0
     return folder
 
@@ -122,7 +122,7 @@ def test_everything_on_one_page(out):
 @pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_everything_resumes_what_was_interrupted(out, tmp_path, monkeypatch):
     person = at_a_rail()
-    monkeypatch.setattr(human, "study", lambda *args, **kwargs: person)
+    monkeypatch.setattr(person_on_plates, "study", lambda *args, **kwargs: person)
     again = shutil.copytree(out, tmp_path / "results")
     (again / "multicontact" / "trials.npz").unlink()
     (again / "index.html").unlink()

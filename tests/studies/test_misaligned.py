@@ -15,8 +15,8 @@ from experiments.data import paper
 from experiments.data.fitting import trajectory_fit
 from experiments.document.sheet import SHEET
 from experiments.reports import study_figures
-from experiments.studies import simulated
-from experiments.studies.simulated import study as study_of
+from experiments.studies import simulation
+from experiments.studies.simulation import study as study_of
 from ident.errors import ExcitationError
 from ident.recordings.recording import Recording
 
@@ -49,7 +49,7 @@ def results(tmp_path_factory, study):
     """Files of the command, with the trajectory estimates of `study`."""
     out, trajectory = tmp_path_factory.mktemp("results") / "new" / "folder", study.trajectory
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(simulated.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
+        patched.setattr(simulation.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
         assert misaligned.main(["--out", str(out), "--formats", *paper.FORMATS, "--seed", "3"]) == 0
     return out
 
@@ -103,7 +103,7 @@ def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_
     def undetermined(*_, **__):
         raise ExcitationError("The recording does not determine all parameters.", ())
 
-    monkeypatch.setattr("experiments.data.simulated.trajectory_fit", undetermined)
+    monkeypatch.setattr("experiments.data.simulated_study.trajectory_fit", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0
@@ -140,7 +140,7 @@ def test_the_same_seed_gives_the_same_bytes(results, study, tmp_path, monkeypatc
     """The trajectory estimates are those of the fixture, which the tables of the first run equal."""
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
     trajectory = study.trajectory
-    monkeypatch.setattr(simulated.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
+    monkeypatch.setattr(simulation.SimulatedStudy, "trajectory", lambda self, model: trajectory(model))
     assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "3"]) == 0
     files = [file for file in tmp_path.iterdir() if file.name not in ("provenance.json", "report.html")]
     assert {file.suffix for file in files} == {".csv", ".md", ".tex", ".png", ".json", ".npz"}

@@ -10,11 +10,11 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import Distribution
-from experiments.data.simulated import StudyProblem
+from experiments.data.simulated_study import StudyProblem
 from experiments.reports import monte_carlo_report
 from experiments.runs import workers
-from experiments.studies import simulated
-from experiments.studies.simulated import study, trial
+from experiments.studies import simulation
+from experiments.studies.simulation import study, trial
 from experiments.studies.study_entries import packaged
 
 
@@ -63,8 +63,8 @@ def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, numbe
     assert b"Traceback" not in output, output.decode()
     assert b"resource_tracker" not in output
     assert b"every file is whole" in output
-    assert (b"run again with --resume" in output) == (tmp_path / simulated.FILE).exists()
-    assert (tmp_path / simulated.FILE).exists() or moment == "starting"
+    assert (b"run again with --resume" in output) == (tmp_path / simulation.FILE).exists()
+    assert (tmp_path / simulation.FILE).exists() or moment == "starting"
 
 
 @pytest.mark.slow
@@ -142,7 +142,7 @@ def test_statistics():
 def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
     # Least squares in place of the trajectory estimate: its trials are then the first of the others.
     monkeypatch.setattr(
-        simulated, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
+        simulation, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
     command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "8"]
     work, calls = workers.in_order, []
@@ -160,8 +160,8 @@ def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
         assert multicontact.main([*command, "--trajectory-trials", "6"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
     assert multicontact.main([*command, "--trajectory-trials", "6", "--resume"]) == 0
-    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:6])
+    np.testing.assert_array_equal(kept(tmp_path, simulation.TRAJECTORY_FILE), kept(tmp_path)[:6])
     # A run that ends before its trajectory trials does not leave those of the previous run to be resumed.
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "0"]) == 0
     assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "3", "--resume"]) == 0
-    np.testing.assert_array_equal(kept(tmp_path, simulated.TRAJECTORY_FILE), kept(tmp_path)[:3])
+    np.testing.assert_array_equal(kept(tmp_path, simulation.TRAJECTORY_FILE), kept(tmp_path)[:3])

@@ -10,9 +10,9 @@ from truth import use_truth
 import scenes
 from experiments import multicontact
 from experiments.data import paper
-from experiments.data.simulated import summary as summary_of
+from experiments.data.simulated_study import summary as summary_of
 from experiments.reports import study_tables
-from experiments.studies.simulated import study
+from experiments.studies.simulation import study
 from ident.model.regressor import base_wrench_regressor
 
 

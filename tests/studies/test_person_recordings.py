@@ -9,11 +9,11 @@ from commands import refusal
 
 import scenes
 from experiments import human
-from experiments.data.person import Laboratory
+from experiments.data.simulated_person import Laboratory
 from experiments.reports.human_report import measured
 from experiments.studies.person_recordings import BASE, SENSORS, Faults, drawn, humanoid, moved, recorded
 from ident.recordings.wrench import transform_wrench
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 EXACT = Laboratory(angle_deg=0, position=0, force=0, late=0, rate=50)
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from random_models import ARM, inverse_dynamics
 
-from experiments.studies.identification import prepare
+from experiments.studies.user_files import prepare
 from ident.estimation.equations import COMPONENTS
 from ident.identification import identified
 from ident.parameters.base_parameters import find_base_parameters

@@ -15,7 +15,7 @@ from commands import refusal
 import scenes
 from experiments import study
 from experiments.studies import study_entries
-from experiments.studies.simulated import simulated
+from experiments.studies.simulation import simulated
 from ident.errors import InputError
 from sim.motion.excitation import DOUBLE_PENDULUM
 

@@ -6,8 +6,8 @@ import pytest
 from commands import refusal
 
 from experiments import study as own_study
-from experiments.data.simulated import summary
-from experiments.studies.simulated import study
+from experiments.data.simulated_study import summary
+from experiments.studies.simulation import study
 from experiments.sweep import FORMER, main
 
 

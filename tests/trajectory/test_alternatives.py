@@ -11,7 +11,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from ident.estimation.preparation import Part, prepared
-from ident.trajectory.estimate import trajectory_estimate
+from ident.trajectory.trajectory_estimate import trajectory_estimate
 
 KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
 FRICTION = np.array(driven_arm.TRUE["frictionloss"])

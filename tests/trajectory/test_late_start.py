@@ -11,11 +11,11 @@ from recorded_faults import PENDULUM, faulty
 import ident
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import prepared
-from ident.estimation.setup import SetupParameter
+from ident.estimation.setup_parameters import SetupParameter
 from ident.model.regressor import base_wrench_regressor
+from ident.trajectory.cut_pieces import cut
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.late_start import likely_delay
-from ident.trajectory.pieces import cut
 
 pytestmark = pytest.mark.slow
 

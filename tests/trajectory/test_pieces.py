@@ -9,7 +9,7 @@ import ident
 from ident.estimation.preparation import Part, prepared
 from ident.recordings.wrench import Sensor, transform_wrench
 from ident.setup import PRIORS
-from ident.trajectory.estimate import trajectory_estimate
+from ident.trajectory.trajectory_estimate import trajectory_estimate
 
 CASES = {
     "rates": {"wrench": 250.0, "jitter": 2e-3},

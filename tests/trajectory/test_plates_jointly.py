@@ -13,7 +13,7 @@ from ident.estimation.preparation import Part, prepared
 from ident.judgement.evidence import setup_findings
 from ident.recordings.wrench import transform_wrench
 from ident.setup import PRIORS
-from ident.trajectory.estimate import trajectory_estimate
+from ident.trajectory.trajectory_estimate import trajectory_estimate
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 pytestmark = pytest.mark.slow

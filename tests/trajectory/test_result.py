@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.estimation.setup import SetupParameter
+from ident.estimation.setup_parameters import SetupParameter
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 

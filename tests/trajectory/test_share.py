@@ -6,7 +6,7 @@ import pytest
 
 import ident
 from ident.errors import ExcitationError
-from ident.trajectory import estimate, stages
+from ident.trajectory import stages, trajectory_estimate
 from ident.trajectory.fit import iteration
 
 
@@ -40,7 +40,7 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(determined, counted, monke
     usual, std = first.fit.values, first.fit.std
     fits, covariances = counted
     fits.clear(), covariances.clear()
-    monkeypatch.setattr(estimate, "ENOUGH", 240 if determined else 180)
+    monkeypatch.setattr(trajectory_estimate, "ENOUGH", 240 if determined else 180)
     begun = stages.Stages._begun
 
     def refused(self, steps, share):

@@ -7,7 +7,7 @@ from experiments.studies.validation import peers
 from ident.identification import identify
 from ident.model.regressor import joint_torque_regressor
 from ident.recordings.recording import Recording
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 LINK = """<link name="{name}"><inertial><origin xyz="0.02 0 -0.2"/><mass value="{mass}"/>
 <inertia ixx="0.02" iyy="0.02" izz="0.005" ixy="0" ixz="0.001" iyz="0"/></inertial>

@@ -6,7 +6,7 @@ import pytest
 from registered import TEXT, files_of, recorded, written
 
 from experiments.runs.workers import Workers
-from experiments.studies.validation import files, study
+from experiments.studies.validation import files, validation_study
 from ident.errors import InputError
 
 
@@ -21,14 +21,14 @@ def test_results_of_other_sources_or_entries_are_not_resumed(changed, tmp_path, 
     listed = files_of(tmp_path / "arm", "arm.xml", "one.csv", "two.csv")
     entry = files.read_entry(written(tmp_path, TEXT.format(files=listed, more="")))
     places = files.Places((tmp_path,))
-    monkeypatch.setattr(study, "work", refusal)
-    monkeypatch.setattr(study, "collected", lambda entries, tasks, answers, refused: answers)
-    assert study.study([entry], places, tmp_path, Workers(1)) == [refusal(None)] * 3
-    assert study.study([entry], places, tmp_path, Workers(1, resume=True)) == [refusal(None)] * 3
+    monkeypatch.setattr(validation_study, "work", refusal)
+    monkeypatch.setattr(validation_study, "collected", lambda entries, tasks, answers, refused: answers)
+    assert validation_study.study([entry], places, tmp_path, Workers(1)) == [refusal(None)] * 3
+    assert validation_study.study([entry], places, tmp_path, Workers(1, resume=True)) == [refusal(None)] * 3
     if changed == "code":
-        monkeypatch.setattr(study, "SOURCES", ("sim",))
+        monkeypatch.setattr(validation_study, "SOURCES", ("sim",))
     else:
         entry = replace(entry, options={**entry.options, "holdout": 0.3})
     named = {"code": "code", "entry": "tasks"}[changed]
     with pytest.raises(InputError, match=f"of another run: {named} differ; leave out --resume"):
-        study.study([entry], places, tmp_path, Workers(1, resume=True))
+        validation_study.study([entry], places, tmp_path, Workers(1, resume=True))

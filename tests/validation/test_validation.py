@@ -20,7 +20,7 @@ from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
 from experiments.reports.validation_report import numbers
 from experiments.runs import workers
-from experiments.studies.validation import files, study
+from experiments.studies.validation import files, validation_study
 from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
@@ -55,7 +55,7 @@ def result(arm, tmp_path_factory):
     data, entry = arm
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
-        return study.study([entry], Places((data,)), tmp_path_factory.mktemp("out"), workers.Workers())
+        return validation_study.study([entry], Places((data,)), tmp_path_factory.mktemp("out"), workers.Workers())
 
 
 def test_an_arm_is_identified_as_by_the_command(result):
@@ -87,7 +87,7 @@ def test_known_parameters_come_first(result):
         first,
     )
     assert report.document(result, {}).tables["table_truth"].rows[0][:2] == ("Arm", number)
-    again = study.study_of(json.loads(json.dumps(numbers(result))), {"arm": truth.entry})
+    again = validation_study.study_of(json.loads(json.dumps(numbers(result))), {"arm": truth.entry})
     np.testing.assert_allclose(again.truths["arm"].z, truth.z, atol=1e-3)
 
 
@@ -101,7 +101,7 @@ def test_other_software_stands_beside_the_estimate(result):
     rows = report.document(beside, {}).tables["table_peers"].rows
     assert [row[1] for row in rows] == ["trajectory estimate", "fast", "absent"]
     assert rows[1][4:] == (1, 1.5, None) and rows[2][-1] == "It needs a thing."
-    again = study.study_of(json.loads(json.dumps(numbers(beside))), {"arm": each.entry})
+    again = validation_study.study_of(json.loads(json.dumps(numbers(beside))), {"arm": each.entry})
     assert again.validations["arm"].peers["absent"] == "It needs a thing."
     assert "table_peers" not in report.document(result, {}).tables
 
@@ -179,7 +179,7 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
     data, entry = arm
     other = replace(entry, name="other")
     untried = replace(entry, name="untried", title="Panda", tried=False)
-    tasks = study.tasks_of([entry, other], {"arm": data, "other": data})
+    tasks = validation_study.tasks_of([entry, other], {"arm": data, "other": data})
     assert [(task.entry.name, task.trial) for task in tasks] == [
         *(("arm", None), ("other", None), ("arm", (("one.csv",),)), ("arm", (("two.csv",),))),
         *(("other", (("one.csv",),)), ("other", (("two.csv",),))),
@@ -189,14 +189,14 @@ def test_a_recording_that_cannot_be_identified_is_named_and_the_others_are_shown
     assert trials_of(replace(entry, fitted=(("a",),))) == []
     (each,) = result
     good, bad = numbers(result)["recordings"]["arm"], {"refused": "No excitation."}
-    made = study.collected([entry, other, untried], tasks[:3], [good, bad, bad], {"untried": "Not here."})
+    made = validation_study.collected([entry, other, untried], tasks[:3], [good, bad, bad], {"untried": "Not here."})
     assert list(made.validations) == ["arm"] and made.untried == (untried,)
     np.testing.assert_allclose(next(iter(made)).values.values, each.values.values, rtol=1e-5)
     shown = report.lines(made)
     assert "Not run: other: No excitation." in shown and "Not run: arm: one: No excitation." in shown
     assert "In the registry, but never tried: Panda." in shown
     with pytest.raises(InputError, match="No excitation"):
-        study.collected([other], tasks[1:2], [bad])
+        validation_study.collected([other], tasks[1:2], [bad])
 
 
 def test_the_command_asks_for_recordings(tmp_path, capsys, monkeypatch):
@@ -218,7 +218,7 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_
     (tmp_path / entry.folder).mkdir()
     for file in entry.files:
         (tmp_path / entry.folder / file.name).write_bytes(b"something")
-    monkeypatch.setattr("experiments.studies.validation.study.work", None)
+    monkeypatch.setattr("experiments.studies.validation.validation_study.work", None)
     sentence = (
         f"{name} is untried and is not run: the registry holds no hash, so that nothing says which files are meant"
     )
@@ -232,8 +232,8 @@ def test_an_untried_recording_is_not_run_although_its_files_are_there(name, tmp_
 def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     entry = files.registry()["tools"]
     entry = replace(entry, fitted=entry.fitted[3:4], true_files=entry.true_files[3:4])
-    answer = study.work(study.Task(entry, DATA.parent / "tools"))
-    made = study.collected([entry], [study.Task(entry, DATA)], [answer])
+    answer = validation_study.work(validation_study.Task(entry, DATA.parent / "tools"))
+    made = validation_study.collected([entry], [validation_study.Task(entry, DATA)], [answer])
     assert list(made.truths) == ["tools 0.05 N", "tools 0.1 N", "tools 0.2 N"]
     low, truth, high = made.truths.values()
     assert (low.std < high.std).all() and inside(made.truth_z) > 0.9
@@ -242,7 +242,7 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     lines = report.lines(made)
     assert lines[0].startswith("Of 30 parameters that are known, ")
     assert lines[2].startswith("Eight tools, 0.1 N: of 10 parameters that are known, 100 % lie")
-    again = study.study_of(json.loads(json.dumps(numbers(made))), {"tools": entry})
+    again = validation_study.study_of(json.loads(json.dumps(numbers(made))), {"tools": entry})
     assert [each.title for each in again.truths.values()] == [each.title for each in made.truths.values()]
     rows = [label.get_text() for label in figures.truth_figure(made).axes[1].get_yticklabels()]
     assert "hammer mass" in rows
@@ -253,8 +253,8 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
 @pytest.mark.skipif(not (DATA / "c0_00.csv").is_file(), reason="MULTICONTACT_DATA has no dfki_double_pendulum")
 def test_the_pendulum_in_steel_has_the_published_inertias():
     entry = files.registry()["double_pendulum"]
-    whole, *_ = study.tasks_of([entry], {entry.name: DATA})
-    each = study.validation(entry, study.work(whole), {})
+    whole, *_ = validation_study.tasks_of([entry], {entry.name: DATA})
+    each = validation_study.validation(entry, validation_study.work(whole), {})
     assert each.unchecked == () and each.channels == ("Joint1", "Joint2") and each.outcome == "usable"
     for name in ("m2rz2", "m3rz3", "Ixx2", "Ixx3", "Ia(Joint2)"):
         (published,) = [x for x in entry.published if x.name == name]

@@ -25,19 +25,19 @@ from scipy.interpolate import make_smoothing_spline
 
 from docs.tools.noise.conditions import SUBJECTS, Condition, Subject, drives, truth
 from docs.tools.noise.recordings import TOOL, noisy_recording, true_bodies
-from experiments.studies.human import USUAL
+from experiments.studies.person_on_plates import USUAL
 from ident.estimate import Estimate
 from ident.identification import identify
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.payload import described
+from ident.payload.identified_payload import described
 from ident.recordings.recording import Recording
 from ident.recordings.servo import model_servo
 from ident.recordings.smoothing import chosen_cutoff, settling, smoothed
 from ident.setup import SETUP
-from sim.models.mechanism import Origin
+from sim.models.model_mechanism import Origin
 
 BLOCK = 50
 """Samples over which residuals may be correlated: half a second."""

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from experiments.studies.identification import part_of
+from experiments.studies.user_files import part_of
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.equations import Equations
@@ -32,7 +32,7 @@ from ident.files.limits import library
 from ident.geometry.inertia import PINOCCHIO
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 
 PLAIN = "plain least squares"
 """Name of the ordinary least squares."""

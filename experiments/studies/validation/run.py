@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
-from experiments.studies.identification import prepare
+from experiments.studies.user_files import prepare
 from experiments.studies.validation.files import checked, columns_file, converted
 from experiments.studies.validation.peers import compared
 from experiments.studies.validation.truth import of_bodies, of_estimate

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from experiments.data.validation import Entry
-from experiments.studies.identification import read_mechanism
+from experiments.studies.user_files import read_mechanism
 from experiments.studies.validation.files import columns_file, convert
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.mechanism import Mechanism
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.payload import QUANTITIES, UNITS, described
+from ident.payload.identified_payload import QUANTITIES, UNITS, described
 from ident.recordings.log import read_log
 
 BODY = "tool"

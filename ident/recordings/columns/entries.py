@@ -16,7 +16,7 @@ from ident.files.limits import toml
 from ident.files.schema import check_keys, choice, made, table, value_of, vector
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
-from ident.parameters.person import Placed
+from ident.parameters.person_prior import Placed
 from ident.recordings.columns.external_loads import LOADS
 
 TERM = ("column", "columns", "weights", "gain", "constant")

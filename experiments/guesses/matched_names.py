@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from experiments.guesses.belief import BASE, DOUBTFUL, LIKELY, SURE, Belief, ColumnGroup, TableEntry
-from experiments.guesses.units import LONG
+from experiments.guesses.guessed_units import LONG
 from experiments.guesses.words import (
     LIKE,
     NEAR,

@@ -16,13 +16,13 @@ from ident.estimation.preparation import Prepared, prepared
 from ident.files.limits import LIMIT
 from ident.files.readers import read_markers
 from ident.mechanism.mechanism import Mechanism
-from ident.parameters.person import Person, with_person
+from ident.parameters.person_prior import Person, with_person
 from ident.recordings.columns.entries import read_segments
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from ident.recordings.several_files import files_of
 from sim.models.couplings import check_torques
-from sim.models.mechanism import Origin, mechanism
+from sim.models.model_mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
 from sim.simulation.commanded import rolled_out
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.data.fitting import TRAJECTORY, Distribution, TrajectoryTrial, Trial
 from experiments.data.outcomes import Swept
-from experiments.data.simulated import SimulatedStudy, StudyProblem, summary
+from experiments.data.simulated_study import SimulatedStudy, StudyProblem, summary
 from experiments.data.study_file import StudyFile
 from experiments.runs.workers import Checkpoint, Workers
 from experiments.studies.study_entries import packaged

@@ -9,9 +9,9 @@ import numpy as np
 from experiments.data.paper import ACCELERATION, NOISE, VELOCITY
 from ident.errors import InputError, ModelError
 from ident.estimation.equations import Equations
-from ident.estimation.excitation import separable
 from ident.estimation.loads import usual_drives
 from ident.estimation.samples import Samples
+from ident.estimation.separation import separable
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -24,7 +24,7 @@ from ident.parameters.prior import DRIVE_KNOWN
 from ident.parameters.structure import Sensors
 from ident.tolerances import STRIBECK
 from sim.models.couplings import check_torques
-from sim.models.mechanism import mujoco_origin
+from sim.models.model_mechanism import mujoco_origin
 from sim.models.mujoco_model import base_motion, gravity_of, mechanism_bodies, rest_coordinates
 from sim.models.names import joint_name
 from sim.motion.excitation_design import States

@@ -16,7 +16,7 @@ from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor, TotalWrench
-from sim.models.mechanism import mechanism
+from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import tree_from_model
 
 

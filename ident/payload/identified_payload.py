@@ -10,7 +10,7 @@ from ident.display.brief import Brief, listed
 from ident.display.text import rounded
 from ident.errors import InputError
 from ident.estimate import Estimate
-from ident.estimation.setup import SetupParameter
+from ident.estimation.setup_parameters import SetupParameter
 from ident.geometry.inertia import com_from_parameters, entries, parameter_transform
 from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding

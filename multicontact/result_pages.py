@@ -33,7 +33,7 @@ def report(estimate: Estimate, folder: str | Path, *, formats: Sequence[str] = (
     from experiments.document.provenance import provenance
     from experiments.document.writer import Output, written
     from experiments.reports import identify_report
-    from experiments.studies.identification import following
+    from experiments.studies.user_files import following
 
     chosen = () if isinstance(formats, str) or not isinstance(formats, Sequence) else tuple(dict.fromkeys(formats))
     if not chosen or not {*chosen} <= {"pdf", "png", "svg"}:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.person import Laboratory, PersonStudy
+from experiments.data.simulated_person import Laboratory, PersonStudy
 from experiments.runs.workers import Checkpoint, Workers, worker_pool
 from experiments.studies.person_recordings import SENSORS, drawn, humanoid, mistaken, moved, recorded
 from ident.errors import InputError

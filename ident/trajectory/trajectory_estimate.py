@@ -13,7 +13,7 @@ from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Part, Prepared, length
-from ident.estimation.setup import SetupParameter, name_in_log, setup_parameters
+from ident.estimation.setup_parameters import SetupParameter, name_in_log, setup_parameters
 from ident.estimation.tracking import aligned
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import drive_precision, known_covariance
@@ -21,10 +21,10 @@ from ident.recordings.wrench import GROUND
 from ident.setup import FRICTION, OFFSET, OWN
 from ident.tolerances import DRIVE, SINGULAR
 from ident.trajectory.alternatives import better, disagree
+from ident.trajectory.cut_pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
 from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import inverse_of_precision
-from ident.trajectory.pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import low_velocity_columns
 from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages

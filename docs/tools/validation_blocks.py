@@ -15,7 +15,7 @@ from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
 from experiments.reports.validation_report import STEEL, overview_lines, truth_lines, worse_lines
 from experiments.studies.validation.files import registry
-from experiments.studies.validation.study import study_of
+from experiments.studies.validation.validation_study import study_of
 from ident.errors import InputError
 from ident.files.atomic import replacing
 
