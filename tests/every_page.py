@@ -34,7 +34,7 @@ from experiments.__main__ import main as everything
 from experiments.data import paper
 from experiments.document.writer import PAGE
 from experiments.runs import workers
-from experiments.studies import human as persons_study
+from experiments.studies import person_on_plates as persons_study
 from experiments.studies.validation.files import read_entry
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate

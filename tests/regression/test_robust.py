@@ -31,7 +31,7 @@ class Columns:
     def checked(self, samples, where=""):
         return samples
 
-    straight = False
+    straight, beside = False, None
     residual = Equations.residual
     axes = Axes((), (), np.zeros((0, 0)), (), np.zeros((0, 0)))
 

@@ -129,7 +129,7 @@ def toml(values):
         ('["pad"]', '["wall"]', "scene.contacts needs one of pad, handle; got wall"),
         ("samples = 300", "samples = 1.5", "recording.samples needs a whole number of at least 1, got 1.5"),
         ("ground_force", "force", "The scene has no sensor 'force' to be noisy; it has ground_force"),
-        ('axes = "true"', 'axes = "guessed"', "models.known.axes needs one of drawn, recovered, true; got guessed"),
+        ('axes = "true"', 'axes = "guessed"', "axes needs one of drawn, recovered, true, searched; got guessed"),
         ('"weighted"]', '"best"]', "models.drawn.estimators needs one of ordinary, weighted, trajectory; got best"),
         ('parameters = "drawn"', 'parameters = "known"', "models.known.parameters needs one of drawn, got known"),
         ('"true", "error"', '"truth"', "groups.show needs one of true, true_scene"),
