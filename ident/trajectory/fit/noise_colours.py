@@ -208,8 +208,8 @@ class _Absorbed(NamedTuple):
     def of(cls, stream: Stream, explained: np.ndarray, bands: _Bands) -> "_Absorbed":
         """That of rows of θ times the root (N, s, q)."""
         N, _, q = explained.shape
-        window, pull = taper(N)[:, None, None], stream.weights(explained) * stream.std[:, None]
-        signals = window * explained * (stream.clear / stream.std)[..., None], window * pull, pull
+        window, weighted = taper(N)[:, None, None], stream.weights(explained) * stream.std[:, None]
+        signals = window * explained * (stream.clear / stream.std)[..., None], window * weighted, weighted
         rows, tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
@@ -218,8 +218,8 @@ class _Absorbed(NamedTuple):
             own = np.flatnonzero(bands.band == band)
             pull = stacked(_parts(pulls[own] * np.sqrt(twice[own])[:, None, None]))
             sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.T @ pull)
-        # Real and imaginary parts are adjacent in memory.
-        across = np.einsum("fsq,fsq->fs", rows.view(float), tapered.view(float))
+        pairs = ((rows.real, tapered.real), (rows.imag, tapered.imag))
+        across = sum(np.einsum("fsq,fsq->fs", *pair) for pair in pairs)
         taken = bands.matrix @ (bands.kinds[..., None] * across)
         return cls(rows, bands, taken, sums)
 
