@@ -13,7 +13,7 @@ from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
-from ident.recordings.tracker import TRACKED
+from ident.recordings.tracker import untracked
 
 TIME = "time"
 """Column of every table's own times, s."""
@@ -73,7 +73,7 @@ def read_streams(
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))
     for key, stream in streams.items():
         check_jumps(f"the time of {key}", stream.time, 1 / rate)
-    common = uniform_times({key: x for key, x in streams.items() if not key.startswith(TRACKED)}, rate)
+    common = uniform_times(untracked(streams), rate)
     if len(common) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(common)}.")
     return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)

@@ -10,7 +10,7 @@ from ident.files.column import Columns
 from ident.files.selection import EPOCH
 from ident.files.table import Table
 from ident.recordings.sampled import AS_MEASURED, GAP, Sampled, covered, interpolated
-from ident.recordings.tracker import TRACKED
+from ident.recordings.tracker import untracked
 
 LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""
@@ -93,7 +93,7 @@ class Clock:
             notes += self._jitter(table, time, kept)
         own = grid if uniform else time
         streams = {key: Sampled(own, x) for key, x in channels.items() if not uniform or _has_gaps(x)}
-        grid = _covered(grid, {key: x for key, x in streams.items() if not key.startswith(TRACKED)})
+        grid = _covered(grid, untracked(streams))
         channels = {key: interpolated(Sampled(own, x), grid) for key, x in channels.items()} if streams else channels
         streams = {key: Sampled(self.start + own[read_before:], x.values[read_before:]) for key, x in streams.items()}
         return Repaired(self.start + grid[read_before:], {k: x[read_before:] for k, x in channels.items()}, streams)

@@ -1,6 +1,8 @@
 """Tracked poses of bodies, as of motion capture, of a tracker at a flange or of a fit of markers."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -8,6 +10,8 @@ from ident.annotations import typed
 from ident.errors import LogError
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
+
+Stream = TypeVar("Stream")
 
 TRACKED = "tracked."
 """Start of the keys of poses in a mapping. Samples of them may always be missing: markers are hidden now and then."""
@@ -33,6 +37,11 @@ class Tracker:
         for name, T in (("markers", self.markers), ("frame", self.frame)):
             if T is not None and not (np.shape(T) == (4, 4) and is_rigid(T)):
                 raise LogError(f"The tracker of '{self.body}' needs a rigid pose (4, 4) as {name}, got {np.shape(T)}.")
+
+
+def untracked(streams: Mapping[str, Stream]) -> dict[str, Stream]:
+    """Streams without those of tracked poses: these do not limit the common times."""
+    return {key: stream for key, stream in streams.items() if not key.startswith(TRACKED)}
 
 
 def tracked_bodies(tree: Tree) -> list[str]:
