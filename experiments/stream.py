@@ -10,7 +10,7 @@ FORMER = (
     "`stream` is `identify --estimator ordinary --holdout 0` now, and goes with the next version. For logs larger than "
     "memory see docs/long_recordings.md."
 )
-"""What is printed before the estimate."""
+"""Sentence printed before the estimate."""
 
 
 def run(args: argparse.Namespace) -> None:

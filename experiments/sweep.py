@@ -10,7 +10,7 @@ FORMER = (
     "`sweep` is a table [sweep] of a study file now, for `study FILE`, and goes with the next version; see "
     "docs/study_files.md."
 )
-"""What is printed before the study."""
+"""Sentence printed before the study."""
 
 
 def run(args: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""What a sensor's range and resolution do to a signal."""
+"""Effects of a sensor's range and resolution on a signal."""
 
 import numpy as np
 import pytest

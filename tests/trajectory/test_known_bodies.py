@@ -1,4 +1,4 @@
-"""What is known of bodies and of the set-up beside what a recording tells."""
+"""Prior knowledge of bodies and of the set-up, beside a recording."""
 
 from dataclasses import replace
 
