@@ -37,6 +37,29 @@ JOINT = "hip"
 SHOWN = (10.0, 16.0)
 """Times in the figure, s."""
 
+CONTACT = "handle"
+"""The contact in the animation: a hand at the end of the second link."""
+
+FRAMES_PER_SECOND = 10
+
+WINDOW = (1.7, 7.7)
+"""Times in the animation, s."""
+
+METRES_PER_NEWTON = 1 / 500
+
+CHANNEL = 3
+"""τ_x, the moment about the joints' axes."""
+
+GROUND, HAND, TOTAL, ESTIMATE = "C1", "C2", "black", "C0"
+
+LOAD, PLACE = 0.5, (0.06, 0.12, 0.0)
+"""Mass, kg, and centre in the tool's frame, m, of the load: a ball with a radius of 30 mm."""
+
+RADIUS = 0.03
+
+SAMPLES, SEED = 1200, 2
+"""12 s at 100 Hz."""
+
 
 def result_picture() -> str:
     """The first screen of the report on README's arm, as one SVG drawing in the colours of pages."""
@@ -97,20 +120,6 @@ def figure_benchmark(results: dict[str, Any]) -> Figure:
             ax.set(xlabel=label, ylabel="Time a sample (µs)")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
-
-
-CONTACT = "handle"
-"""The contact in the animation: a hand at the end of the second link."""
-
-FRAMES_PER_SECOND = 10
-WINDOW = (1.7, 7.7)
-"""Times in the animation, s."""
-
-METRES_PER_NEWTON = 1 / 500
-CHANNEL = 3
-"""τ_x, the moment about the joints' axes."""
-
-GROUND, HAND, TOTAL, ESTIMATE = "C1", "C2", "black", "C0"
 
 
 def moving_figure(result: SimulatedStudy) -> tuple[Figure, Callable[[int], None]]:
@@ -197,14 +206,6 @@ def _draw_curves(ax: Axes, result: SimulatedStudy) -> Line2D:
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.16), ncols=3, handlelength=1.4, columnspacing=1.0, fontsize=7)
     return ax.axvline(WINDOW[0], color="0.5", lw=1)
 
-
-LOAD, PLACE = 0.5, (0.06, 0.12, 0.0)
-"""Mass, kg, and centre in the tool's frame, m, of the load: a ball with a radius of 30 mm."""
-
-RADIUS = 0.03
-
-SAMPLES, SEED = 1200, 2
-"""12 s at 100 Hz."""
 
 DECIMALS = {"position": 5, "force": 2, "torque": 3}
 """Decimals of the log by quantity, several of them within the noise."""

@@ -1,4 +1,4 @@
-"""What the benchmark measures: mechanisms, a linearisation and a loop of MuJoCo steps; and Pinocchio's regressor."""
+"""Subjects of the benchmark: mechanisms, a linearisation and a loop of MuJoCo steps; and Pinocchio's regressor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -41,6 +41,15 @@ TILTED = f"{PENDULUM}, tilted"
 
 NOISE = 0.1
 """Standard deviation of the noise on the wrench, N and N m."""
+
+STEP, PER_KNOT = 0.01, 5
+"""Time between samples, s, and samples between knots."""
+
+DRIVES = "rotor", "viscous", "coulomb"
+"""Kinds of the drives' columns."""
+
+PINOCCHIO_NAME = "Pinocchio"
+"""Name in the tables."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,13 +155,6 @@ def _hinged(index: int, parent: int, home: np.ndarray, axis: np.ndarray) -> Body
     return Body(f"link{index}", parent, home, np.concatenate([np.zeros(3), axis]), f"joint{index}")
 
 
-STEP, PER_KNOT = 0.01, 5
-"""Time between samples, s, and samples between knots."""
-
-DRIVES = "rotor", "viscous", "coulomb"
-"""Kinds of the drives' columns."""
-
-
 @dataclass(frozen=True, eq=False)
 class _Dense:
     """Measurement whose channels are taken to depend on all coordinates and parameters."""
@@ -230,9 +232,6 @@ def bare_loop(spec: mujoco.MjSpec, samples: int) -> Callable[[], None]:
 
     return loop
 
-
-PINOCCHIO_NAME = "Pinocchio"
-"""Name in the tables."""
 
 States = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Positions, velocities and accelerations, one row for each sample."""

@@ -17,6 +17,9 @@ from ident.judgement.agreement import Comparison
 EXCLUDED = ("out", "name", "logs", "model", "held_out")
 """Options without effect on results, and files, which are compared by content."""
 
+LARGE = 1e30
+"""Larger than any number of an identification; its inverse is smaller than any standard deviation."""
+
 
 @dataclass(frozen=True, eq=False)
 class Result:
@@ -140,9 +143,6 @@ class Difference:
         pairs = {key: (a.get(key, "none"), b.get(key, "none")) for key in (*a, *b)}
         return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}
 
-
-LARGE = 1e30
-"""Larger than any number of an identification; its inverse is smaller than any standard deviation."""
 
 Content = Mapping[str, Any]
 

@@ -16,6 +16,18 @@ from ident.geometry.inertia import body_of_parameter
 NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
 """A number of an `S` column: sign, whole digits, decimals, sign and digits of the exponent."""
 
+NARROW = 10
+"""Largest number of letters in a line of a head, if its words permit."""
+
+LONG = 28
+"""Number of letters above which a cell may break into lines."""
+
+PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
+"""LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
+
+AROUND = 60.0
+"""Approximate height of a table's heads, rules and notes, pt."""
+
 
 @dataclass(frozen=True)
 class Size:
@@ -29,12 +41,6 @@ class Size:
 
 NORMAL = Size(r"\footnotesize", 4.4, 12.0, 9.6)
 SMALL = Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0, 8.1)
-
-NARROW = 10
-"""Largest number of letters in a line of a head, if its words permit."""
-
-LONG = 28
-"""Number of letters above which a cell may break into lines."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +110,6 @@ def capital(text: str) -> str:
 def letters_of(cell: str) -> int:
     """Approximate number of letters that a LaTeX cell shows."""
     return len(re.sub(r"\\[A-Za-z]+|[${}\\_]", "", cell))
-
-
-PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
-"""LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
-
-AROUND = 60.0
-"""Approximate height of a table's heads, rules and notes, pt."""
 
 
 _MARKS = {DAGGER: r"$^\dagger$"}

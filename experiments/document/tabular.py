@@ -24,6 +24,15 @@ HUGE = 1e6
 Decimals = Sequence[int | None]
 """Decimals of each row of a column, negative for tens and hundreds; None for the table's."""
 
+DAGGER = "†"
+"""Mark of regrouped parameters."""
+
+SUMS = "regrouping"
+"""Column with the sums that parameters stand for."""
+
+UNITS = ("deg", "rad", "N", "s", "mm")
+"""Units at the end of names of columns, options and other numbers."""
+
 
 def number(value: float, decimals: int = 3) -> str:
     """A number as text with so many decimals, or as a power of ten if it is large or small.
@@ -84,10 +93,6 @@ def lacking(texts: Sequence[str]) -> list[str]:
 def _shown(decimals: str | None, most: int) -> int:
     """Letters of a column's decimals, with their point, that a number has."""
     return 1 + len(decimals) if decimals else 0 if most else 1
-
-
-DAGGER = "†"
-"""Mark of regrouped parameters."""
 
 
 @dataclass(frozen=True)
@@ -319,12 +324,6 @@ class Table:
             return escaped(cell) + ("*" if cell in self.marked else "")
         return escaped(number(cell, decimals))
 
-
-SUMS = "regrouping"
-"""Column with the sums that parameters stand for."""
-
-UNITS = ("deg", "rad", "N", "s", "mm")
-"""Units at the end of names of columns, options and other numbers."""
 
 _HEADINGS = {
     rf"_({'|'.join(UNITS)})$": r" (\1)",

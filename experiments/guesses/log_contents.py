@@ -29,6 +29,15 @@ ROWS = 20_000
 SLOWEST = {"s": 0.2, "ms": 200.0, "us": 2e5, "ns": 2e8}
 """Longest steps of times in each unit: nobody records a motion at less than 5 Hz."""
 
+PREAMBLE = 40
+"""Largest number of lines before a table."""
+
+TRIAL = ".trc"
+"""Suffix of files that hold only markers."""
+
+FEW = 3
+"""Smallest number of markers that show the pose of a body."""
+
 
 class ClockColumn(NamedTuple):
     """A column of times.
@@ -89,15 +98,6 @@ OWN_TIMES = ClockColumn({"column": TIME, "unit": "s"}, "the file knows its times
 
 WHOLE_TURNS = (2 * np.pi, 360.0)
 """Jumps of wrapped angles, which are taken out as `read_log` does."""
-
-PREAMBLE = 40
-"""Largest number of lines before a table."""
-
-TRIAL = ".trc"
-"""Suffix of files that hold only markers."""
-
-FEW = 3
-"""Smallest number of markers that show the pose of a body."""
 
 
 @dataclass(frozen=True, eq=False)

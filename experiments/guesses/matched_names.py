@@ -35,6 +35,14 @@ ALONE = 0.7
 Scores = dict[tuple[str, str], float]
 """Scores of columns for joints."""
 
+TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
+
+MOVES = r"(?:position|pos|translation|trans|p|t)?"
+"""Words between the name of a group of columns and its component."""
+
+UNIT = 0.01
+"""Largest deviation of a quaternion's norm from one."""
+
 
 def add_named(belief: Belief, *, numbered: bool = False) -> None:
     """Adds the columns that are named like joints, if unambiguous.
@@ -196,15 +204,8 @@ def assigned(scores: np.ndarray) -> tuple[float, list[tuple[int, int]]]:
     return float(sum(scores[pair] for pair in pairs)), pairs
 
 
-TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
-MOVES = r"(?:position|pos|translation|trans|p|t)?"
-"""Words between the name of a group of columns and its component."""
-
 BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
 """Names of bodies that move freely."""
-
-UNIT = 0.01
-"""Largest deviation of a quaternion's norm from one."""
 
 
 def add_orientations(belief: Belief, base: str | None) -> None:

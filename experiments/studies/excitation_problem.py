@@ -30,6 +30,16 @@ from sim.models.names import joint_name
 from sim.motion.excitation_design import States
 from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
+SLIP = 0.03
+"""Velocity over which Coulomb friction changes its sign in a design, rad/s or m/s: a motion slower than that says
+little of it on a real joint, and its derivatives exist."""
+
+INSTANTS = 200
+"""Number of random states at which columns are compared."""
+
+USUAL = 0.1
+"""Friction, rotor and spring torques of a joint for which the model states none, over the torques of its links."""
+
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
@@ -186,17 +196,6 @@ def _chosen(joints: Sequence[str], tree: Tree, names: Sequence[str] | None) -> S
             what = "is neither hinge nor slide" if name in tree.joints else "does not exist"
             raise ModelError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(joints)}.")
     return [joint for joint in joints if names is None or joint in names]
-
-
-SLIP = 0.03
-"""Velocity over which Coulomb friction changes its sign in a design, rad/s or m/s: a motion slower than that says
-little of it on a real joint, and its derivatives exist."""
-
-INSTANTS = 200
-"""Number of random states at which columns are compared."""
-
-USUAL = 0.1
-"""Friction, rotor and spring torques of a joint for which the model states none, over the torques of its links."""
 
 
 def determined(mechanism: Mechanism, parameters: BaseParameters, drive: Sequence[str] | None) -> tuple[str, ...]:

@@ -27,6 +27,18 @@ from sim.models.model_update import updated_spec
 from sim.motion import person
 from sim.motion.person import RAIL, Style
 
+EACH = 4
+"""Markers on each body."""
+
+LASTS = 0.3
+"""Correlation time of the skin's random motion, s."""
+
+PER_RADIAN = 2.0
+"""Shift of the skin per radian of the body's joint, over the standard deviation of its random motion."""
+
+BASE = "pelvis"
+"""The root body."""
+
 
 @dataclass(frozen=True, eq=False)
 class Faults:
@@ -101,16 +113,6 @@ def drawn(who: Mechanism, sensors: Iterable[str], known: Mapping[str, float], rn
         zeros={joint: float(by_chance("zero", 1)[0]) for joint in hinges},
         centres={joint: by_chance("centre", 3) for joint in who.tree.compounds},
     )
-
-
-EACH = 4
-"""Markers on each body."""
-
-LASTS = 0.3
-"""Correlation time of the skin's random motion, s."""
-
-PER_RADIAN = 2.0
-"""Shift of the skin per radian of the body's joint, over the standard deviation of its random motion."""
 
 
 def from_markers(
@@ -199,9 +201,6 @@ def autoregressive(rng: np.random.Generator, samples: int, decay: float) -> np.n
     u[1:] *= np.sqrt(1 - decay**2)
     return np.asarray(lfilter([1.0], [1.0, -decay], u))
 
-
-BASE = "pelvis"
-"""The root body."""
 
 PLATES = {"left": (0.0, 0.25, 0.0), "right": (0.0, -0.25, 0.0)}
 """Centres of the force plates, m; each carries the foot of its side."""

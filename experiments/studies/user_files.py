@@ -29,6 +29,9 @@ from sim.simulation.commanded import rolled_out
 MARKERS = ".trc"
 """Suffix of files that hold only markers."""
 
+LONGEST = 30.0
+"""Longest simulated time, s: beyond, errors of joints without a restoring force only add up."""
+
 
 @contextmanager
 def with_angles(
@@ -94,10 +97,6 @@ def _fitted(source: Path, file: Path, base: str | None, fix: Mapping[str, Sequen
         f"mm in each coordinate; `multicontact angles` says more of that.{left_out}",
         *trial.notes,
     ]
-
-
-LONGEST = 30.0
-"""Longest simulated time, s: beyond, errors of joints without a restoring force only add up."""
 
 
 def following(result: Estimate) -> Following | None:

@@ -30,6 +30,11 @@ LINE = 54
 
 Definitions = list[tuple[sympy.Symbol, sympy.Expr]]
 
+TABLES = ("table_1", "table_2")
+
+DIGITS, DIGITS_OF_DECIMALS = 12, 6
+"""Digits of numbers in the table, with exact coefficients and with decimal ones."""
+
 
 def plain(text: str) -> str:
     """A name for any comment, docstring or path: ASCII word characters, dots, colons, blanks, hyphens."""
@@ -214,9 +219,6 @@ def _width(tex: str) -> float:
     return len(re.sub(r"\\(?!sin|cos)[a-z]+|[{}_^ ]", "", tex)) + 1.5 * len(re.findall(r" [+-] ", tex))
 
 
-TABLES = ("table_1", "table_2")
-
-
 @dataclass(frozen=True, eq=False)
 class Derivation:
     """A mechanism's symbolic model.
@@ -260,10 +262,6 @@ def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
     if arm.prior is None:
         raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")
     return arm.tree
-
-
-DIGITS, DIGITS_OF_DECIMALS = 12, 6
-"""Digits of numbers in the table, with exact coefficients and with decimal ones."""
 
 
 def table(derived: Derivation) -> tabular.Table:

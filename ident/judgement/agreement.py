@@ -31,6 +31,12 @@ DISAGREE = 2.0
 LEAST_ADDED = 0.01
 """Least variance of these differences, over a parameter's own: it is computed as a difference, with rounding errors."""
 
+UNLIKELY = 0.01
+"""p-value of χ² below which a difference is called more than noise."""
+
+MOST = 5
+"""Number of parameters that a sentence names."""
+
 
 def differences(joint: TrajectoryEstimate) -> np.ndarray | None:
     """Differences of the base parameters between two halves, of the recordings if there are more, as z (r,).
@@ -126,13 +132,6 @@ def _difference(joint: TrajectoryEstimate, which: int) -> tuple[np.ndarray, np.n
     apart = np.eye(len(moved)) - moved
     noise = apart @ scatter @ apart.T + moved @ (fit.scatter[each] - scatter) @ moved.T
     return theta, embedded(inverse @ noise @ inverse, free)
-
-
-UNLIKELY = 0.01
-"""p-value of χ² below which a difference is called more than noise."""
-
-MOST = 5
-"""Number of parameters that a sentence names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -27,6 +27,12 @@ inaccurate, and would include the motion's own frequencies."""
 DEPENDENT = 1e-10
 """Squares of functions of a motion, over the largest, below which they are rounding errors of dependent ones."""
 
+MOVES = 0.01
+"""Range of a joint, rad or m, up to which it rests: its torque is then friction, of any size up to breakaway."""
+
+STILL = 1e-3
+"""Predicted change of a wrench's component, over the largest of its kind, up to which the model does not change it."""
+
 
 def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     """Time until the autocorrelation of each residual falls below 1/e, s (C,)."""
@@ -106,13 +112,6 @@ def _spectrum(x: np.ndarray) -> np.ndarray:
     covariance = window * autocovariance(x)
     correlation = covariance / covariance[0] if covariance[0] > 0 else (lags == 0).astype(float)
     return np.maximum(np.fft.hfft(correlation), 0)[: len(x) + 1]
-
-
-MOVES = 0.01
-"""Range of a joint, rad or m, up to which it rests: its torque is then friction, of any size up to breakaway."""
-
-STILL = 1e-3
-"""Predicted change of a wrench's component, over the largest of its kind, up to which the model does not change it."""
 
 
 def still_channels(changes: Mapping[str, float]) -> dict[str, str]:

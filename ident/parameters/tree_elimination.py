@@ -20,6 +20,9 @@ from ident.parameters.independent_columns import COEFFICIENTS, DEPENDENT, NEGLIG
 from ident.parameters.structure import Structure
 from ident.parameters.tree_groups import CLEAR, BodyGroup, groups
 
+FEW = 30
+"""Rows up to which all singular values are computed."""
+
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
@@ -102,10 +105,6 @@ def _without_rounding(made: np.ndarray, parts: Sequence[BodyGroup], kept: np.nda
     out = made.copy()
     out[:, some] = np.where(small[:, some] & (effect < NEGLIGIBLE), 0, made[:, some])
     return out
-
-
-FEW = 30
-"""Rows up to which all singular values are computed."""
 
 
 def least_singular_value(parts: Sequence[BodyGroup], size: int) -> float:
