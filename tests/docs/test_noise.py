@@ -2,12 +2,14 @@
 
 import csv
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from docs.tools.noise import __main__ as noise
-from docs.tools.noise import estimators
+from docs.tools.noise import counts, estimators
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, Condition
 from docs.tools.noise.estimators import ESTIMATORS, Case
 from docs.tools.noise.recordings import noisy_recording
@@ -78,8 +80,9 @@ def short(monkeypatch):
         "pendulum": {"ordinary": ESTIMATORS["pendulum"]["ordinary"], "trajectory": estimators.commanded_instruments},
         "person": {"usual_filter": estimators.usual_filter, "trajectory": estimators.usual_filter},
     }
-    monkeypatch.setattr(noise, "CONDITIONS", some)
-    monkeypatch.setattr(noise, "ESTIMATORS", cheap)
+    for module in (noise, counts):
+        monkeypatch.setattr(module, "CONDITIONS", some)
+    monkeypatch.setattr(counts, "ESTIMATORS", cheap)
 
 
 @pytest.mark.usefixtures("short", "here")
@@ -94,3 +97,11 @@ def test_the_command_writes_tables(tmp_path, capsys):
     row = next(each for each in rows if (each["noise"], each["parameter"]) == ("noise ×3", "Ixx2"))
     assert float(row["true"]) == pytest.approx(PENDULUM.true[IXX2]) and float(row["bias"]) < -0.1
     assert json.loads((tmp_path / "provenance.json").read_text())["options"]["recordings"] == 3
+
+
+@pytest.mark.slow
+def test_processes_share_the_work(tmp_path):
+    """Python does not give the functions of a package's `__main__` to other processes."""
+    command = [sys.executable, "-m", "docs.tools.noise", "--out", tmp_path, "--recordings", "2", "--workers", "2"]
+    subprocess.run([*command, "--conditions", "short"], check=True, capture_output=True)
+    assert (tmp_path / "table_coverage.csv").exists()

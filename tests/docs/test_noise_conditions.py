@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import scenes
-from docs.tools.noise import __main__ as noise
+from docs.tools.noise import counts
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, drives, truth
 from docs.tools.noise.estimators import Case
 from docs.tools.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
@@ -33,9 +33,9 @@ def shortened(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rubs_trapezoids_100", "commands_sinusoids", "bodies_drawn_x10", "payload"])
 def test_conditions_run_from_end_to_end(name, monkeypatch):
-    monkeypatch.setattr(noise, "CONDITIONS", {name: shortened(name)})
-    tasks = noise.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
-    collected = [noise.fits(0, task) for task in tasks]
+    monkeypatch.setattr(counts, "CONDITIONS", {name: shortened(name)})
+    tasks = counts.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
+    collected = [counts.fits(0, task) for task in tasks]
     for outcome in collected:
         answer = outcome["trajectory"]
         assert "refused" not in answer
@@ -44,7 +44,7 @@ def test_conditions_run_from_end_to_end(name, monkeypatch):
         assert (np.array(answer["std_setup"]) >= np.array(answer["std"]) * (1 - 1e-9)).all()
         assert any(each.startswith("Fc(") for each in answer["names"]) == (NEW[name].rubs or NEW[name].stribeck)
     if len(tasks) > 1:
-        table = noise.table_coverage(noise.by_estimator(tasks, collected))
+        table = counts.table_coverage(counts.by_estimator(tasks, collected))
         row = dict(zip(table.columns, table.rows[0], strict=True))
         assert row["recordings"] == 2 and row["setup_reported"] in (0, 0.5, 1)
 
