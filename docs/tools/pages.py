@@ -5,7 +5,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ BENCHMARK = "benchmark.json"
 
 def table_3(result: SimulatedStudy) -> tabular.Table:
     """Table III with our errors beside the paper's, by least squares and by the trajectory estimate."""
-    shown = study_tables.table(result, "table_3")
-    by_name = dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
+    by_name = dict[str, Sequence[Any]]()
+    for shown in (study_tables.table(result, name) for name in ("table_3", "table_3_searched")):
+        by_name |= dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
     columns = {"parameter": by_name["parameter"]}
     for model in ("simplified", "full"):
         columns |= {
