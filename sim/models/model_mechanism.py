@@ -12,7 +12,6 @@ from ident.arguments import checked_coordinates
 from ident.errors import ModelError
 from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
-from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from sim.models.couplings import loops_of
@@ -121,7 +120,8 @@ def _from_mujoco(
     text = None if isinstance(source, mujoco.MjModel) else source
     origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
-    driven = _drives(source, model, tree) if drives else {}
+    geared = transmissions(source) if drives and isinstance(source, str | Path) else {}
+    driven = drives_of_model(model, tree.freedoms, geared) if drives else {}
     arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose, drives=driven)
     stated = {joint: np.array(q) for joint, q in checked_coordinates("fix", fix or ()).items() if q}
     posture = rest_coordinates(model, base, beyond) | stated
@@ -131,12 +131,6 @@ def _from_mujoco(
     # Drives of its own act on a joint that depends on others, not on one that follows another.
     mimics = {joint: lead for joint, lead in constraints.followers(tree).items() if joint not in driven}
     return replace(arm, mimics=mimics, loops=loops, constraints=constraints).rested()
-
-
-def _drives(source: Source, model: mujoco.MjModel, tree: Tree) -> dict[str, Drive]:
-    """Drives of a tree's freedoms, with the transmissions of a URDF file."""
-    geared = transmissions(source) if isinstance(source, str | Path) else {}
-    return drives_of_model(model, tree.freedoms, geared)
 
 
 def mujoco_origin(arm: Mechanism) -> Origin:
