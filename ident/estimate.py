@@ -39,7 +39,7 @@ from ident.parameters.body_prior import BodyPrior, Rotors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
 from ident.parameters.unstated import guessed
-from ident.recordings.servo import Servo
+from ident.recordings.stated import Servo
 from ident.regression.held_out import HeldOut
 from ident.regression.ordinary import Fit
 from ident.regression.robust import spread

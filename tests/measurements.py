@@ -14,7 +14,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import drive_names
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Tracker
 from ident.recordings.wrench import Sensor
 from ident.tolerances import DRIVE
 from ident.trajectory.fit.piece import Noise

@@ -11,7 +11,7 @@ from ident.estimation.setup_parameters import SetupParameter, objects, setup_par
 from ident.judgement.evidence import place_of, sentence, setup_findings, short
 from ident.judgement.finding import Place
 from ident.recordings.columns.mapping import DEVIATIONS
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Tracker
 from ident.setup import OWN, SETUP
 from ident.trajectory.setup_search import Deviation
 

@@ -21,7 +21,6 @@ LOGS = (
 )
 """Help on the formats of a log."""
 
-
 NONE = "none"
 """Format of figures that are not drawn."""
 

@@ -84,13 +84,7 @@ def read(path: Path) -> StudyFile:
 
 def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     """A study from the entries of a file; models are searched in its folder."""
-    known = {field.name for field in fields(StudyFile)} - {
-        "noise",
-        "samples",
-        "seed",
-        "noise_scale",
-        "trajectory_trials",
-    }
+    known = {field.name for field in fields(StudyFile)} - {*RECORDED, "trajectory_trials"}
     check_keys("the study", entries, sorted(known | {"recording"}))
     for needed in ("scene", "models"):
         if not entries.get(needed):

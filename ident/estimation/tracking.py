@@ -21,7 +21,7 @@ from ident.mechanism.motion import Motion
 from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, side_by_side
-from ident.recordings.tracker import tracked_bodies
+from ident.recordings.stated import tracked_bodies
 
 WIDTH, REFERENCES = 6, 12
 """Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""

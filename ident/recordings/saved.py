@@ -16,8 +16,7 @@ from ident.files.schema import value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.mechanism.body import Follower
 from ident.recordings.columns.entries import Row
-from ident.recordings.servo import Scale, Servo
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Scale, Servo, Tracker
 from ident.recordings.wrench import Sensor
 
 

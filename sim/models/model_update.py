@@ -28,14 +28,14 @@ from sim.models.inertials import (
     set_inertials,
     shortened,
 )
-from sim.models.model_drives import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
+from sim.models.model_drives import SAME, changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.notes import body_name, refusals
 from sim.models.opensim.reading import OpenSimOrigin, is_opensim
 from sim.models.opensim.update import write_opensim
 from sim.models.urdf import model_from_urdf
-from sim.models.urdf_update import SAME, updated_urdf
+from sim.models.urdf_update import updated_urdf
 from sim.models.xml_files import digits, parsed, with_sections
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
@@ -46,7 +46,6 @@ EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 
 UNCHANGED = ("equality", "tendon")
 """Sections of MJCF, in which nothing is identified."""
-
 
 NOWHERE_ELSE: Mapping[str, np.ndarray] = MappingProxyType({})
 """Displacements of joints that are where the model says."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from functools import cache
+from itertools import combinations
 from typing import NamedTuple
 
 import mujoco
@@ -116,10 +117,6 @@ def _directions() -> np.ndarray:
     """Corners and edge midpoints of an icosahedron, scaled to unit length (42, 3)."""
     golden = (1 + np.sqrt(5)) / 2
     corners = np.array([np.roll([0, x, y], k) for k in range(3) for x in (-1, 1) for y in (-golden, golden)])
-    edges = [(a + b) / 2 for a, b in _pairs(corners) if np.isclose(np.linalg.norm(a - b), 2)]
+    edges = [(a + b) / 2 for a, b in combinations(corners, 2) if np.isclose(np.linalg.norm(a - b), 2)]
     points = np.concatenate([corners, edges])
     return points / np.linalg.norm(points, axis=1)[:, None]
-
-
-def _pairs(points: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    return ((a, b) for k, a in enumerate(points) for b in points[:k])

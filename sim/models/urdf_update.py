@@ -9,10 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
 from sim.models.inertials import Update, shortened
+from sim.models.model_drives import SAME
 from sim.models.xml_files import Edit, Element, digits, edited, root_of, text_of, with_comment
-
-SAME = 1e-12
-"""Difference, relative to the largest number of a vector or a matrix, that counts as rounding: the number is kept."""
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 """Attributes of `<inertia>` and their indices in the matrix."""

@@ -28,8 +28,7 @@ from ident.recordings.columns.entries import (
     single,
 )
 from ident.recordings.columns.plates import LOADS, Plate, external_loads
-from ident.recordings.servo import GAINS, SCALES, Servo, scale_of, servo_of
-from ident.recordings.tracker import Tracker, tracked_bodies
+from ident.recordings.stated import GAINS, SCALES, Servo, Tracker, scale_of, servo_of, tracked_bodies
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, SETUP
 
