@@ -27,7 +27,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.servo import Servo
-from ident.recordings.several_files import name_of
+from ident.recordings.several_clocks import name_of
 from ident.tolerances import DRIVE
 from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model

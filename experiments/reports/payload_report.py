@@ -18,7 +18,7 @@ from ident.estimation.preparation import length
 from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
 from ident.payload.identified_payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
-from ident.recordings.several_files import name_of
+from ident.recordings.several_clocks import name_of
 from ident.tolerances import INTERVAL
 from sim.models.model_update import write_model
 from sim.models.xml_files import parsed
