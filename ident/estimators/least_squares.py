@@ -5,8 +5,8 @@ from dataclasses import replace
 from ident.estimate import Estimate
 from ident.estimation.separation import excited, separable
 from ident.estimators.predictions import Candidate
-from ident.judgement.candidates import MODEL
 from ident.problem import Problem
+from ident.regression.held_out import MODEL
 from ident.regression.robust import robust_fit
 
 

@@ -32,11 +32,11 @@ SLIGHT = 1e-3
 
 def consistency_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on the base parameters that are moved to make the bodies physical."""
-    if evidence.consistent is not None:
-        yield _consistency(evidence.consistent, evidence.mechanism.bodies)
-        if rotors := evidence.consistent.rotors:
-            joints = tuple(column_place(name)[1] for name in rotors)
-            yield Finding.of("rotors_apart", Place(joints=joints), rotors=dict(rotors))
+    full = evidence.consistent()
+    yield _consistency(full, evidence.mechanism.bodies)
+    if full.rotors:
+        joints = tuple(column_place(name)[1] for name in full.rotors)
+        yield Finding.of("rotors_apart", Place(joints=joints), rotors=dict(full.rotors))
 
 
 def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
@@ -53,9 +53,7 @@ def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
 
 def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remarks on bodies far from the model's mass, on rotor inertia that explains it, and on heavier last links."""
-    full, mechanism = evidence.consistent, evidence.mechanism
-    if full is None:
-        return
+    full, mechanism = evidence.consistent(), evidence.mechanism
     far: dict[str, dict[str, dict[str, float | None]]] = {}
     whole = full.phi[::10].sum()
     for each, before in zip(full.rows[::10], mechanism.known[::10].tolist(), strict=True):
@@ -91,7 +89,7 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
     ]
     columns = {name: f"{DRIVE['rotor']}({joints[name]})" for name in without}
     with_rotors = equations.with_drives((*equations.drives, *columns.values()))
-    apart = separable(with_rotors, evidence.logs[0].samples).drives if without else ()
+    apart = separable(with_rotors, evidence.prepared.samples).drives if without else ()
     for code, is_apart in (("rotor_not_fitted", True), ("rotor_inseparable", False)):
         if of := {name: str(joints[name]) for name in without if (columns[name] in apart) == is_apart}:
             yield Finding.of(code, Place(bodies=tuple(of), joints=tuple(of.values())), joints=of)

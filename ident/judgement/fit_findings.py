@@ -6,10 +6,11 @@ import numpy as np
 from scipy import linalg
 
 from ident.judgement.agreement import DISAGREE
-from ident.judgement.candidates import ESTIMATE, Candidates
+from ident.judgement.candidates import Candidates
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, number_of, percent
 from ident.parameters.prior import known_covariance
+from ident.regression.held_out import ESTIMATE
 from ident.tolerances import CONDITION_LIMIT
 
 RESTLESS = 0.3
@@ -89,11 +90,9 @@ def _separated(evidence: Evidence) -> bool:
 
 def posture_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on joints that were recorded beyond the model's ranges."""
-    if not evidence.logs:
-        return
     mechanism = evidence.mechanism
     beyond: dict[str, float] = {}
-    coordinates = mechanism.tree.body_coordinates(evidence.logs[0].samples.motion.q)
+    coordinates = mechanism.tree.body_coordinates(evidence.prepared.samples.motion.q)
     for joint, q in zip((body.joint for body in mechanism.tree.bodies), coordinates, strict=True):
         if joint in mechanism.ranges and q.shape[1] == 1:
             low, high = mechanism.ranges[joint]
@@ -106,9 +105,9 @@ def posture_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def caveats(evidence: Evidence) -> Iterator[Finding]:
     """Remarks on the assumptions of least squares."""
-    if evidence.trajectory is not None or not evidence.logs:
+    if evidence.trajectory is not None:
         return
-    if evidence.logs[0].cutoff is None:
+    if evidence.prepared.cutoff is None:
         yield Finding.of("unfiltered_wrenches")
     yield Finding.of("joint_noise_not_included")
 

@@ -1,8 +1,6 @@
-"""All judges of an estimate, in their order, and the entries of `estimate.json` that every estimate has."""
+"""All judges of an estimate, in their order."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import isfinite
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
 
 from ident.judgement import fit_findings as fit
 from ident.judgement import residual_findings as residuals
@@ -17,8 +15,6 @@ from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding, doubts_first
 from ident.judgement.torque_causes import cause_findings
 from ident.judgement.unmodelled import unmodelled_findings
-from ident.judgement.verdict import Verdict
-from ident.regression.ordinary import Fit
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(setup.gravity_findings, setup.delay_findings, candidate_findings),
@@ -43,41 +39,3 @@ def findings(evidence: Evidence) -> list[Finding]:
     """All findings on the fit, the doubts first, and then those on the updated model."""
     on_fit, on_bodies = ([each for judge in judges for each in judge(evidence)] for judges in (ON_FIT, ON_BODIES))
     return [*doubts_first(on_fit), *on_bodies]
-
-
-VERSION = 2
-"""Version of the entries; it grows when one is renamed, removed or changes its meaning."""
-
-
-def summary(
-    fit: Fit,
-    verdict: Verdict,
-    findings: Sequence[Finding],
-    *,
-    condition_number: float,
-    offsets: Mapping[str, tuple[float, float]],
-) -> dict[str, Any]:
-    """Verdict, findings, coefficients with their covariance, and ratios of residuals, in JSON's types.
-
-    Args:
-        fit: The fit.
-        verdict: The verdict on it.
-        findings: The findings on it.
-        condition_number: Condition number of the columns.
-        offsets: Constant offset of each channel where it is identifiable, with its standard deviation.
-    """
-    names, expressions = fit.parameters.names, fit.parameters.expressions(12)
-    return {
-        "version": VERSION,
-        **verdict.to_dict(),
-        "findings": [finding.to_dict() for finding in findings],
-        "columns": list(fit.names),
-        "values": fit.values.tolist(),
-        "std": fit.std.tolist(),
-        "covariance": fit.covariance.tolist(),
-        "regrouping": dict(zip(names, expressions, strict=True)),
-        "condition_number": condition_number if isfinite(condition_number) else None,
-        "part": verdict.part,
-        "held_out": {channel: {"ratio": ratio} for channel, ratio in verdict.ratios.items()},
-        "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in offsets.items()},
-    }

@@ -33,12 +33,12 @@ def quality_findings(evidence: Evidence) -> Iterator[Finding]:
     )
     for code, low, high in kinds:
         if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
-            yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.part)
+            yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.held_out.part)
 
 
 def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
     """Doubt on channels whose residuals depend on the motion."""
-    if evidence.model_error is None:
+    if evidence.trajectory is None:
         return
     shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
     if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > WORTH_IT):

@@ -20,7 +20,7 @@ MOST = 0.5
 
 def clipped_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on channels that are clipped by a sensor's range."""
-    for k, log in enumerate(evidence.logs):
+    for k, (log, _) in enumerate(evidence.logs):
         for each in log.clipped:
             yield Finding.of(
                 "clipped_channel",
@@ -42,10 +42,8 @@ def _place(channel: str, log: int) -> Place:
 
 def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on channels and coordinates whose noise is mostly quantisation."""
-    if not evidence.logs:
-        return
-    log, joint = evidence.logs[0], evidence.trajectory
-    noise = dict(evidence.scale)
+    log, joint = evidence.prepared, evidence.trajectory
+    noise = dict(zip(evidence.channels, evidence.scale.tolist(), strict=True))
     if joint is not None:
         noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=False))
         names = [f"{joint_}_position" for joint_ in log.mechanism.joints for _ in range(_coordinates(log, joint_))]
@@ -82,10 +80,8 @@ def unchecked_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels that never change although the model predicts it: left out, or fitted in one pass."""
-    if evidence.constant:
-        yield Finding.of("constant_channels", Place(channels=evidence.constant), channels=evidence.constant)
-    if evidence.logs and (stuck := evidence.logs[0].stuck):
+    """Findings on channels that never change although the model predicts it."""
+    if stuck := evidence.prepared.stuck:
         yield Finding.of(
             "stuck_channels",
             Place(channels=tuple(each.channel for each in stuck)),
@@ -180,8 +176,5 @@ FINDINGS.update(
     coarse_steps=Row(_coarse, doubt=False),
     tracked_poses=Row(_tracked, doubt=None),
     stuck_channels=Row(_stuck, doubt=True),
-    constant_channels=Row(
-        "Constant, though the motion would change it: {channels}. Check the sensor and its columns.", doubt=True
-    ),
     unchecked=Row(_unchecked, doubt=False),
 )

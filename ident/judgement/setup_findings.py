@@ -5,8 +5,9 @@ from functools import partial
 from typing import Any
 
 from ident.arguments import rpy_text
-from ident.judgement.evidence import Evidence, setup_sentence
+from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row
+from ident.judgement.setup_errors import setup_sentence
 from ident.setup import SETUP
 
 
@@ -15,7 +16,7 @@ def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
     check = evidence.checks.gravity
     if check is not None and check.suspicious:
         own: dict[str, Any] = {key: getattr(check, key) for key in ("rpy_deg", "stated", "misfit", "joint")}
-        yield Finding.of("gravity_direction", moving=evidence.logs[0].recording.base is not None, **own)
+        yield Finding.of("gravity_direction", moving=evidence.prepared.recording.base is not None, **own)
 
 
 def delay_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -40,10 +41,10 @@ def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
 
 def exact_setup_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on a set-up that is stated as uncertain, and that least squares take as exact; on torques a doubt."""
-    if evidence.trajectory is not None or not evidence.logs:
+    if evidence.trajectory is not None:
         return
     joints = tuple(evidence.fit.equations.scaled)
-    kinds = tuple(dict.fromkeys(kind for log in evidence.logs for kind, std in log.recording.setup.items() if std))
+    kinds = tuple(dict.fromkeys(kind for log, _ in evidence.logs for kind, std in log.recording.setup.items() if std))
     if joints:
         yield Finding.of("torque_scale_taken_as_exact", Place(channels=joints), joints=joints)
     if kinds:

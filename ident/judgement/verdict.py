@@ -74,10 +74,8 @@ class Precision:
     mass: Mass | None = None
 
     @classmethod
-    def of(cls, evidence: Evidence) -> Self | None:
-        """The precision of an estimate; None if its covariance with the set-up is not computed."""
-        if evidence.covariance_setup is None:
-            return None
+    def of(cls, evidence: Evidence) -> Self:
+        """The precision of an estimate."""
         base, psi, bodies = evidence.fit.parameters, evidence.fit.psi, evidence.mechanism.bodies
         C = evidence.covariance_setup[: base.rank, : base.rank]
         std, wide = (np.sqrt(np.maximum(np.diag(each), 0)) for each in (evidence.covariance, C))
@@ -126,7 +124,7 @@ class Verdict(Worded):
         part: Samples of the ratios, "fitted" or "held-out".
         candidates: The candidates, the estimate among them.
         worse: The finding that another candidate predicts better, if it does.
-        precision: Precision of the base parameters; None if it is not computed.
+        precision: Precision of the base parameters; None if they are not what is asked for.
     """
 
     outcome: Outcome
@@ -148,7 +146,7 @@ class Verdict(Worded):
             doubts=doubts,
             ratios=evidence.ratios,
             idle=evidence.idle,
-            part=evidence.part,
+            part=evidence.held_out.part,
             candidates=Candidates.of(evidence),
             worse=next((finding for finding in findings if finding.code in BEHIND), None),
             precision=Precision.of(evidence),
