@@ -22,9 +22,8 @@ from ident.files.objects import load_object, save_object
 from ident.judgement.agreement import Comparison, compared
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.judges import findings
 from ident.judgement.residuals import correlation_time
-from ident.judgement.verdict import Verdict
+from ident.judgement.verdict import Verdict, findings
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.axes import column_place, with_values

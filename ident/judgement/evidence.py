@@ -15,11 +15,9 @@ from ident.judgement.torque_checks import friction_shares
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import stated_values
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.body_bounds import scaled_root
-from ident.parameters.body_prior import BodyPrior, Rotors
+from ident.parameters.body_bounds import BodyPrior, Rotors, scaled_root
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
-from ident.parameters.prior import KNOWN
-from ident.parameters.unstated import guessed
+from ident.parameters.prior import KNOWN, guessed
 from ident.regression.held_out import ESTIMATE, HeldOut
 from ident.regression.ordinary import Fit
 from ident.regression.robust import spread

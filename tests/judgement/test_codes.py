@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import ident
-from ident.judgement import judges, payload_findings
+from ident.judgement import payload_findings, verdict
 from ident.judgement.finding import FINDINGS, TITLES, Finding, Place
 
 LATE = {"of": "ground", "axis": None, "value": 0.02, "std": 0.001}
@@ -177,7 +177,7 @@ EXAMPLES = {
 
 def test_every_code_has_examples():
     """Those of a payload's judges are among them, as all modules with judges are imported."""
-    assert judges.findings and payload_findings.JUDGES
+    assert verdict.findings and payload_findings.JUDGES
     assert EXAMPLES.keys() == FINDINGS.keys() and TITLES.keys() <= FINDINGS.keys()
 
 
