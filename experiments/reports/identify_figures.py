@@ -7,8 +7,8 @@ from experiments.document.styles import paper_style
 from ident.display import plots
 from ident.display.plots import Figure
 from ident.estimate import Estimate
-from ident.estimation.channel_scales import channel_unit
 from ident.estimation.equations import COMPONENTS
+from ident.estimation.noise import channel_unit
 from ident.tolerances import INTERVAL
 
 

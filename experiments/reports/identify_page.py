@@ -11,7 +11,7 @@ from experiments.document.replay import Replay, every_nth
 from experiments.document.sheet import SHEET
 from experiments.document.symbols import in_words, regrouped_in_words
 from ident.estimate import Estimate
-from ident.estimation.channel_scales import channel_unit, unit_of
+from ident.estimation.noise import channel_unit, unit_of
 from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_identified

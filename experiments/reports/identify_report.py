@@ -18,7 +18,7 @@ from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
 from ident.estimate import Estimate
-from ident.estimation.channel_scales import channel_unit, coefficient_unit
+from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import about_best
 from ident.judgement.finding import line_of, listed, number_of

@@ -6,8 +6,8 @@ from ident.estimate import Estimate
 from ident.estimation.separation import excited, separable
 from ident.estimators.predictions import Candidate
 from ident.problem import Problem
+from ident.regression.conventional import robust_fit
 from ident.regression.held_out import MODEL
-from ident.regression.robust import robust_fit
 
 
 def ordinary(problem: Problem) -> Estimate:

@@ -19,7 +19,7 @@ from ident.judgement.fit_findings import beyond_fast_noise
 from ident.judgement.gravity import recorded_gravity
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
-from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares
+from ident.regression.conventional import FilteredLeastSquares, filtered_least_squares
 from ident.regression.held_out import LEAST_SQUARES, MODEL
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit

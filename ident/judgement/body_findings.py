@@ -21,7 +21,6 @@ FAR = 2.0
 NARROWER = 0.5
 """Standard deviation of a mass over that of the prior below which the data determine it."""
 
-TINIEST = 1e-300
 
 FACTOR = 2.0
 """Factor between a body's mass and the model's above which there is a remark."""
@@ -109,7 +108,7 @@ def tool_findings(evidence: Evidence) -> Iterator[Finding]:
     phi, std, before, std_before = (x.reshape(-1, 10)[:, :4] for x in each)
     size = np.linalg.norm(phi[:, 1:], axis=1)
     grown = size - np.linalg.norm(before[:, 1:], axis=1)
-    std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, TINIEST)
+    std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, 1e-300)
     more, least = phi[:, 0] - before[:, 0], np.maximum(INTERVAL * std[:, 0], known["mass"] * before[:, 0])
     heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
     for k in np.flatnonzero(heavier).tolist():

@@ -18,9 +18,9 @@ from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.body_bounds import BodyPrior, Rotors, scaled_root
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, guessed
+from ident.regression.conventional import spread
 from ident.regression.held_out import ESTIMATE, HeldOut
 from ident.regression.ordinary import Fit
-from ident.regression.robust import spread
 from ident.tolerances import CONDITION_LIMIT
 from ident.trajectory.result import TrajectoryEstimate
 

@@ -42,7 +42,6 @@ residual is more than so much of the signal."""
 FAR_ABOVE = 3.0
 """Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
 
-TINIEST = 1e-300
 
 _DEAD = "Residuals larger than the channel's own variation"
 
@@ -227,7 +226,7 @@ def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, 
     for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=False)):
         fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
         if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
-            large[channel] = float(noise / max(fast, TINIEST))
+            large[channel] = float(noise / max(fast, 1e-300))
     return large
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from ident.display.text import rounded
 from ident.estimation.setup_parameters import SetupParameter
 from ident.judgement.finding import NOWHERE, Place
-from ident.setup import Unit
 from ident.trajectory.result import TrajectoryEstimate
 
 
@@ -109,7 +109,8 @@ def place_of(each: SetupParameter) -> Place:
 
 def sentence(each: SetupParameter, value: float, std: float) -> str:
     """Error of the set-up and its size, in one sentence."""
-    size = _with_std(abs(value), std, each.row.unit)
+    unit = each.row.unit
+    size = f"{' ± '.join(rounded(abs(value) * unit.factor, std * unit.factor))}{unit.shown}"
     text = each.text(each.row.sentence, size=size, sign=each.sign(value))
     where = "" if each.log is None else f" in log {each.log}"
     return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
@@ -118,10 +119,3 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
 def short(each: SetupParameter) -> str:
     """Set-up error in a few words."""
     return each.text(each.row.short)
-
-
-def _with_std(value: float, std: float, unit: Unit) -> str:
-    """Value ± standard deviation in the displayed unit, with two digits of the latter."""
-    value, std = value * unit.factor, std * unit.factor
-    decimals = max(0, 1 - int(np.floor(np.log10(max(std, 1e-12))))) if std else 1
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}{unit.shown}"

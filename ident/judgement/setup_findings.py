@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.arguments import rpy_text
-from ident.estimation.channel_scales import channel_unit
+from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
 from ident.estimation.tracking import WIDTH
 from ident.judgement.evidence import Evidence

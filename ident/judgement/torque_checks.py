@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
-from ident.estimation.channel_scales import least_noise
 from ident.estimation.equations import Equations
 from ident.estimation.loads import SLIP, drives_of, stated_drive_torques
+from ident.estimation.noise import least_noise
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
 from ident.mechanism.body import BASE

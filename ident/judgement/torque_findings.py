@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.channel_scales import coefficient_unit
+from ident.estimation.noise import coefficient_unit
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, followed, listed, percent
 from ident.judgement.torque_checks import SLOW, lacking_drives

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import special
 
-from ident.estimation.channel_scales import coefficient_unit
 from ident.estimation.equations import COMPONENTS
+from ident.estimation.noise import coefficient_unit
 from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent

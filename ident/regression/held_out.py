@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.estimation.channel_scales import beside_others
+from ident.estimation.noise import beside_others
 from ident.estimation.samples import Samples
 from ident.regression.ordinary import Fit
 

@@ -16,7 +16,7 @@ from experiments.studies.validation.peers import compared
 from experiments.studies.validation.truth import of_bodies, of_estimate
 from ident.errors import InputError
 from ident.estimate import Estimate
-from ident.estimation.channel_scales import channel_unit
+from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
 from ident.identification import identified
 from ident.judgement.agreement import differences
