@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from experiments.data.validation import ESTIMATE, WORSE, Study, Validation, inside, typical
-from experiments.document.document import Document, Plot
+from experiments.document import pictures
+from experiments.document.document import Document, Headline, Plot
+from experiments.document.terminal import sentences as split
 from experiments.document.writer import sentences
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
@@ -68,7 +70,7 @@ STEEL = "double_pendulum"
 
 def lines(study: Study) -> list[str]:
     """Sentences with the main numbers, and on what was not run."""
-    out = [*main_lines(study)]
+    out = main_lines(study)
     unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
     out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
     out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
@@ -147,6 +149,19 @@ def _identical(validation: Validation) -> str:
     )
 
 
+def known_picture(study: Study) -> str:
+    """Picture of all known parameters' errors beside their 95 % intervals."""
+    return pictures.coverage({each.title: each.z / INTERVAL for each in study.truths.values()})
+
+
+def headline(z: np.ndarray, sentence: str) -> Headline:
+    """Headline: intervals hold unless fewer contain the truth than 95 % by two standard deviations of the count."""
+    holds = inside(z) > 0.95 - 2 * np.sqrt(0.95 * 0.05 / len(z))
+    return (
+        Headline("Intervals hold", sentence, "usable") if holds else Headline("Intervals too narrow", sentence, "not")
+    )
+
+
 CAPTIONS = {
     "figure_truth": "Known parameters: estimates less true values, with 95 % intervals, where these exclude zero; the "
     "narrowest on top.",
@@ -183,10 +198,13 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         }
     if any(each.entry.published for each in study):
         figures["figure_published"] = partial(published_figure, study)
+    said = lines(study)
     return Document(
         "Validation against known parameters and real systems",
         ABOUT,
-        lines=lines(study),
+        headline=headline(study.truth_z, split(said[0])[0]) if study.truths else None,
+        pictures=[known_picture(study)] if study.truths else [],
+        lines=said,
         folded={"Verdicts in words": [f"{each.entry.title}: {each.verdict}" for each in study]},
         tables={name: table for name, table in made.items() if table.rows},
         figures={name: Plot(draw, CAPTIONS[name]) for name, draw in figures.items()},
