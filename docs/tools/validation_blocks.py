@@ -106,8 +106,8 @@ def sentence(study: Study) -> str:
         f"On {len(study.validations)} public recordings of {systems} systems, identified unattended, the estimate "
         f"predicts held-out data best in {best} of {len(ratio)} channels, and in {worse} it is worse by more than 5 % "
         "than the model as it came or least squares at the best of five cut-offs. Of the differences between "
-        f"recordings of one system, {100 * inside(bodies):.0f} % of the bodies' and {100 * inside(friction):.0f} % of the "
-        "frictions' are inside their 95 % intervals: friction changes from trial to trial."
+        f"recordings of one system, {100 * inside(bodies):.0f} % of the bodies' and {100 * inside(friction):.0f} % of "
+        "the frictions' are inside their 95 % intervals: friction changes from trial to trial."
     )
     return f"{fill(text, WIDTH)}\n"
 
