@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from docs.tools import benchmark, drawings, validation_blocks
-from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture
+from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture, standalone
 from experiments.data.simulated_study import SimulatedStudy, summary
 from experiments.document import figures, result_folder, tabular
 from experiments.reports import study_figures, study_report
+from experiments.reports.validation_report import known_picture
 from experiments.studies.simulation import study
 from ident.errors import InputError
 from ident.files.atomic import replacing
@@ -118,6 +119,7 @@ def write_validation(root: Path, numbers: dict[str, Any]) -> None:
     for name in ("README.md", "paper.md"):
         _replace_blocks(root / name, {"validation": validation_blocks.sentence(shown)})
     with result_folder.results_folder(root / "docs") as folder:
+        (folder / "validation_known.svg").write_text(standalone([known_picture(shown)], 520, 260), encoding="utf-8")
         for name, figure in validation_blocks.page_figures(shown).items():
             figures.save(figure, folder, name, ["svg"])
         validation_blocks.write_record(folder / validation_blocks.FILE, numbers)

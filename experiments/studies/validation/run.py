@@ -17,8 +17,8 @@ from experiments.studies.validation.files import checked, columns_file, convert,
 from experiments.studies.validation.peers import compared
 from ident.errors import InputError
 from ident.estimate import Estimate
+from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
-from ident.estimation.units import channel_unit
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.judgement.agreement import differences
