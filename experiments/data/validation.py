@@ -454,7 +454,7 @@ def _from_json(hint: Any, value: Any) -> Any:
         return np.array(value, float) if kind is np.ndarray else tuple(value)
     if kind is Mapping and arguments[1] is np.ndarray:
         return {name: np.array(each, float) for name, each in value.items()}
-    return from_json(kind, value) if is_dataclass(kind) else value
+    return from_json(kind, value) if isinstance(kind, type) and is_dataclass(kind) else value
 
 
 def _z(a: float, std_a: float, b: float, std_b: float) -> float:
