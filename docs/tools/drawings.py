@@ -25,6 +25,7 @@ from experiments.reports.identify_page import first_screen
 from experiments.studies.person_on_plates import USUAL
 from ident import read_log
 from ident.files.atomic import replacing
+from ident.files.table import vector_columns
 from ident.identification import identify
 from ident.recordings.recording import Recording
 from sim import mechanism
@@ -238,10 +239,7 @@ def save_log(path: Path) -> None:
     for name, values in log.measured.items():
         kind = name.rpartition("_")[2]
         if kind in DECIMALS:
-            parts = (
-                {name: values} if values.ndim == 1 else {f"{name}.{a}": x for a, x in zip("xyz", values.T, strict=True)}
-            )
-            columns |= parts
+            columns |= (parts := vector_columns(name, values))
             formats += [f"%.{DECIMALS[kind]}f"] * len(parts)
     with replacing(path) as temporary:
         rows = np.column_stack(list(columns.values()))

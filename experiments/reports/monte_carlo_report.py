@@ -118,10 +118,7 @@ def _limit(error: float) -> float:
 
 
 def document(
-    distributions: Mapping[str, Distribution],
-    study: SimulatedStudy,
-    redrawn: str,
-    provenance: dict[str, Any],
+    distributions: Mapping[str, Distribution], study: SimulatedStudy, redrawn: str, provenance: dict[str, Any]
 ) -> Document:
     """A table for each model, a chart and key numbers.
 

@@ -239,10 +239,7 @@ def document(study: SimulatedStudy, provenance: dict[str, Any]) -> Document:
         figures={
             name: Plot(partial(study_figures.figure, study, name), e["caption"]) for name, e in file.figures.items()
         },
-        numbers={
-            "summary": summary(study) | {"trajectory": trajectory_summary(study)},
-            "provenance": provenance,
-        },
+        numbers={"summary": summary(study) | {"trajectory": trajectory_summary(study)}, "provenance": provenance},
         replay=replay(study),
         recordings={RECORDING: study.problem.with_cells(study.recording)},
     )

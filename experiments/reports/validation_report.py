@@ -97,7 +97,7 @@ def overview_lines(study: Study) -> list[str]:
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
         f"{alike} it is worse by at most {100 * (WORSE - 1):.0f} % than the best other candidate, and in "
-        f"{int((ratio > WORSE).sum())} by more.",
+        f"{int((ratio > WORSE).sum())} by more."
     ]
     if len(bodies):
         out.append(
