@@ -11,8 +11,8 @@ from ident.display.text import rounded
 from ident.estimation.setup_parameters import SetupParameter
 from ident.trajectory.result import TrajectoryEstimate
 
-FEW = 5
-"""Number of names from which a title has none."""
+NAMED = 4
+"""Largest number of names in a title, and of parameters, bodies or channels that a sentence names; more are counted."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Finding:
         """About seven words: what it says, and what it is about if that has few names."""
         words = TITLES.get(self.code, self.code.replace("setup", "set-up").replace("_", " "))
         names = [*self.place.channels, *self.place.wrenches, *self.place.joints, *self.place.bodies]
-        return words[0].upper() + words[1:] + (f": {listed(names)}" if 0 < len(names) < FEW else "")
+        return words[0].upper() + words[1:] + (f": {listed(names)}" if 0 < len(names) <= NAMED else "")
 
     @property
     def line(self) -> str:
