@@ -136,6 +136,8 @@ class Accumulator:
         order: Order of the columns, the measurements last (r + 1,).
         grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each channel (C, r + 1, r + 1).
         samples: Number of samples.
+        chunks: Number of chunks.
+        factored: Number of chunks that took a QR decomposition.
         weighted: True if the rows are weighted, as by a covariance.
     """
 
@@ -144,11 +146,13 @@ class Accumulator:
     order: np.ndarray
     grams: np.ndarray
     samples: int
+    chunks: int
+    factored: int
     weighted: bool
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(map(str, self.names)))
-        for key, kind in (("samples", int), ("weighted", bool)):
+        for key, kind in (("samples", int), ("chunks", int), ("factored", int), ("weighted", bool)):
             object.__setattr__(self, key, kind(getattr(self, key)))
 
     @property
@@ -172,11 +176,12 @@ class Accumulator:
                 "Accumulators add that have the same base parameters and weighting, got "
                 f"{', '.join(self.names)} (weighted: {self.weighted}) and {', '.join(other.names)} ({other.weighted})."
             )
-        a, b = self, other
+        a, b, factored = self, other, self.factored + other.factored
         if not np.array_equal(a.factor, b.factor):
             common = _factor(np.vstack([a.root, b.root])[:, a.order], a.order)
             a, b = a._in(common, a.order), b._in(common, a.order)
-        return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, a.samples + b.samples, a.weighted)
+        samples, chunks = a.samples + b.samples, a.chunks + b.chunks
+        return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, samples, chunks, factored, a.weighted)
 
     def _in(self, factor: np.ndarray, order: np.ndarray) -> "Accumulator":
         """Accumulator in other coordinates, with their factor, triangular in an order."""
@@ -186,13 +191,14 @@ class Accumulator:
 
     def with_chunk(self, chunk: Chunk) -> "Accumulator":
         """Accumulator with another chunk of samples."""
-        samples, grams = self.samples + chunk.samples, self.grams + chunk.grams(self.factor[:, self.order], None)
+        samples, count = self.samples + chunk.samples, self.chunks + 1
+        grams = self.grams + chunk.grams(self.factor[:, self.order], None)
         if _is_apart(grams.sum(axis=0), self.factor[:, self.order]):
-            return replace(self, grams=grams, samples=samples)
+            return replace(self, grams=grams, samples=samples, chunks=count)
         rows = np.vstack([self.root[:, self.order], chunk.rows(1).reshape(len(self.order), -1).T])
         renewed = self._in(_factor(rows, self.order), self.order)
         grams = renewed.grams + chunk.grams(renewed.factor[:, self.order], None)
-        return replace(renewed, grams=grams, samples=samples)
+        return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
 
 
 def square_root(gram: np.ndarray) -> np.ndarray:
@@ -239,7 +245,7 @@ def accumulate(
                 rows = chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))
                 factor = _factor(rows.reshape(len(order), -1).T, order)
             grams = np.zeros((len(equations.channels), *factor.shape))
-            total = Accumulator(equations.names, factor, order, grams, 0, weighted)
+            total = Accumulator(equations.names, factor, order, grams, 0, 0, 0, weighted)
         total = total.with_chunk(chunk)
     return cast(Accumulator, total)
 

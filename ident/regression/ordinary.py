@@ -52,6 +52,7 @@ class Fit:
         rows: Number of rows, without channels that no parameter affects.
         samples: Number of samples N.
         residual_norms: `‖Γ_c - Y_c x‖₂` of each channel (C,).
+        method: Method of solution.
         noise: Noise for which `std` is valid: "white from sample to sample", or "correlated over time or not".
     """
 
@@ -63,6 +64,7 @@ class Fit:
     rows: int
     samples: int
     residual_norms: np.ndarray
+    method: str
     noise: str
 
     @property
@@ -235,6 +237,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         rows=int(measured.sum()) * accumulated.samples,
         samples=accumulated.samples,
         residual_norms=np.sqrt(squares),
+        method=f"one pass in QR coordinates, {accumulated.factored} of {accumulated.chunks} chunks by stacked QR",
         noise="white from sample to sample",
     )
 

@@ -91,7 +91,7 @@ def test_accumulators_add_in_any_order():
         np.testing.assert_allclose(fit.residual_norms, first.residual_norms, rtol=1e-9)
     left = (own[0] + own[1]) + (own[2] + (own[3] + own[4]))
     np.testing.assert_allclose(solve(left, known).psi, first.psi, rtol=1e-9, atol=1e-10)
-    assert left.samples == sum(map(len, parts))
+    assert left.samples == sum(map(len, parts)) and left.chunks == 5
 
 
 def test_what_does_not_belong_together_does_not_add():

@@ -58,6 +58,7 @@ def test_gram_matrices_are_those_of_blas(seed, weighted):
     weights = rng.uniform(0.1, 1, size=(samples, 6)) if weighted else None
     factor = accumulate(equations, given).factor
     fast, plain = both(lambda: accumulate(equations, given, factor=factor, factors=weights))
+    assert fast.factored == plain.factored
     for ours, theirs in ((fast.grams, plain.grams), (fast.factor, plain.factor)):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13 * abs(theirs).max() * len(factor))
 
