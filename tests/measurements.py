@@ -7,8 +7,8 @@ from mechanisms import JOINTS, random_phi, random_pose, random_tree
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.measurement import Measurement
+from ident.estimation.recorded_motion import Tracked
 from ident.estimation.setup_parameters import TRACKER, setup_parameters
-from ident.estimation.tracking import Tracked
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import drive_names

@@ -14,7 +14,7 @@ import ident
 import sim
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
-from ident.estimation.tracking import aligned, measured_poses
+from ident.estimation.recorded_motion import aligned, measured_poses
 from ident.mechanism.motion import Motion
 from ident.recordings.sampled import Sampled
 from ident.recordings.stated import Tracker
