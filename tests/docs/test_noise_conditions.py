@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 import scenes
-from docs.tools.noise import counts
 from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, drives, truth
-from docs.tools.noise.estimators import Case
-from docs.tools.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording, noisy_recording, true_bodies
+from docs.tools.noise.recordings import GROUND, LOAD, MOTIONS, exact_recording
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
@@ -28,40 +26,6 @@ def shortened(name):
     most = {"rubs_sinusoids_200": 500, "rubs_trapezoids_100": 250, "rubs_trapezoids_500": 500}
     most |= {"trapezoids_500": 600, "trapezoids_1000": 600, "trapezoids_1000_strong": 600, "random_walk": 250}
     return replace(condition, samples=min(most.get(name, 400), condition.length))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["rubs_trapezoids_100", "commands_sinusoids", "bodies_drawn_x10", "payload"])
-def test_conditions_run_from_end_to_end(name, monkeypatch):
-    monkeypatch.setattr(counts, "CONDITIONS", {name: shortened(name)})
-    tasks = counts.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
-    collected = [counts.fits(0, task) for task in tasks]
-    for outcome in collected:
-        answer = outcome["trajectory"]
-        assert "refused" not in answer
-        numbers = [answer[key] for key in ("error", "std", "true", "std_setup")]
-        assert {len(each) for each in numbers} == {len(answer["names"])} and np.isfinite(numbers).all()
-        assert (np.array(answer["std_setup"]) >= np.array(answer["std"]) * (1 - 1e-9)).all()
-        assert any(each.startswith("Fc(") for each in answer["names"]) == (NEW[name].rubs or NEW[name].stribeck)
-    if len(tasks) > 1:
-        table = counts.table_coverage(counts.by_estimator(tasks, collected))
-        row = dict(zip(table.columns, table.rows[0], strict=True))
-        assert row["recordings"] == 2 and row["setup_reported"] in (0, 0.5, 1)
-
-
-@pytest.mark.parametrize("name", [name for name, each in NEW.items() if not each.rubs and each.subject != "payload"])
-def test_exact_states_give_the_truth(name):
-    condition = NEW[name]
-    recording, motion = exact_recording(condition, 0, 1)
-    arm, phi = SUBJECTS[condition.subject].mechanism, true_bodies(condition, 0, 1)
-    assert (phi != arm.known).any() == condition.drawn
-    equations = prepared(arm, noisy_recording(condition, 0, 1), drive=condition.options["drive"]).equations
-    # Unprepared: at jumps of the acceleration, prepared wrenches lack samples that look like outliers.
-    channels = [name for name in GROUND if "wrench" in condition.sensors]
-    channels += [f"{arm.tree.freedoms[k]}_torque" for k in equations.torques]
-    fit = least_squares(equations, Samples(motion, np.column_stack([recording.true[name] for name in channels])))
-    expected = truth(equations, phi, Case(condition, recording, phi).drives)
-    np.testing.assert_allclose(fit.values, expected, rtol=1e-6, atol=2e-3)
 
 
 def with_rates(seed, motion):
@@ -118,9 +82,3 @@ def test_motions_that_are_drawn_need_what_mujoco_says(name):
             links = data.qfrc_inverse - model.dof_armature * data.qacc + data.qfrc_passive + data.qfrc_constraint
             torques = recording.torques(ARM.mechanism.tree.joints)[k]
             np.testing.assert_allclose(torques, links, atol=1e-8)
-
-
-def answer(names, error, std, wide, setup=()):
-    """An answer in the form of workers."""
-    true = np.full(len(names), 2.0).tolist()
-    return {"names": names, "error": error, "std": std, "true": true, "std_setup": wide, "setup": list(setup)}
