@@ -1,6 +1,6 @@
 """Figures, animation and example's log of README and of the documentation."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -65,10 +65,15 @@ def result_picture() -> str:
     """The first screen of the report on README's arm, as one SVG drawing in the colours of pages."""
     folder = Path(scenes.__file__).parent
     arm = mechanism(folder / "arm.xml", "base")
-    shown = first_screen(identify(arm, read_log(folder / "arm.csv", arm)))
+    return standalone(first_screen(identify(arm, read_log(folder / "arm.csv", arm))), 360, 260)
+
+
+def standalone(shown: Iterable[str], width: int, height: int) -> str:
+    """Pictures of a page, each of this size, beside each other as one SVG drawing."""
     style = (files("experiments.document") / "templates" / "shared.css").read_text(encoding="utf-8")
-    placed = (svg.replace("<svg ", f'<svg x="{390 * k}" width="360" height="260" ') for k, svg in enumerate(shown))
-    head = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1140 260">'
+    size = f'width="{width}" height="{height}"'
+    placed = [svg.replace("<svg ", f'<svg x="{(width + 30) * k}" {size} ') for k, svg in enumerate(shown)]
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {(width + 30) * len(placed) - 30} {height}">'
     return f"{head}<style>{style} svg {{ background: var(--paper); }}</style>{''.join(placed)}</svg>\n"
 
 

@@ -23,6 +23,9 @@ LETTERS = 15
 LEAST = 0.01
 """Smallest residual over signal on the axis, which ends at 1, or at 10 if there are larger ones."""
 
+BEYOND = 2
+"""Errors over the half-widths of their intervals from which on they are drawn at the end of the axis."""
+
 WIDE, HIGH, POINTS = 344, 78, 300
 """Width and height of the curves, and their largest number of points, about one for each pixel."""
 
@@ -90,6 +93,17 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
     shown = {name: [each.to_page() for each in own] for name, own in bodies.items()}
     last = max([9, *(each.column for own in bodies.values() for each in own)])
     return _drawn("parameters", shown, [*known], total, last, *_rows([*bodies]))
+
+
+def coverage(errors: Mapping[str, np.ndarray]) -> str:
+    """A row for each system, with a dot for each known parameter: its error over half of its 95 % interval."""
+    shown = {}
+    for name, own in errors.items():
+        # Apart from those beside them by the golden ratio, which spreads any number of dots.
+        apart = (np.arange(len(own)) * 0.618) % 1 - 0.5
+        held = f"{(abs(own) <= 1).sum()} of {len(own)}"
+        shown[name] = {"held": held, "dots": [*zip(np.clip(own, -BEYOND, BEYOND), apart, strict=True)]}
+    return _drawn("coverage", shown, BEYOND)
 
 
 def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:

@@ -82,11 +82,17 @@ def test_known_parameters_come_first(result):
     assert inside(truth.z) > 0.8 and truth.significant.sum() > 5
     (first, *_), number = report.lines(result), len(truth.names)
     assert re.fullmatch(
-        rf"Arm: of {number} parameters that are known, \d+ % lie in our 95 % intervals; the median error of the "
-        rf"{truth.significant.sum()} that differ from zero in them is [\d.]+ %\.",
+        rf"Arm: of {number} known parameters \d+ % lie in our 95 % intervals, median error [\d.]+ %\. The error is of "
+        rf"the {truth.significant.sum()} that differ from zero in them\.",
         first,
     )
-    assert report.document(result, {}).tables["table_truth"].rows[0][:2] == ("Arm", number)
+    shown = report.document(result, {})
+    assert shown.headline.word == "Intervals hold" and first.startswith(shown.headline.sentence)
+    assert (
+        shown.pictures[0].count("<circle") == number
+        and f">{(abs(truth.z) <= 1.96).sum()} of {number}<" in shown.pictures[0]
+    )
+    assert shown.tables["table_truth"].rows[0][:2] == ("Arm", number)
     again = validation_study.study_of(json.loads(json.dumps(numbers(result))), {"arm": truth.entry})
     np.testing.assert_allclose(again.truths["arm"].z, truth.z, atol=1e-3)
 
@@ -240,8 +246,8 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     assert truth.names[:2] == ("hammer mass", "hammer x") and inside(truth.z) == 1
     assert abs(truth.errors(truth.values)[0]) < 0.01 and truth.significant[[0, 2]].all()
     lines = report.lines(made)
-    assert lines[0].startswith("Of 30 parameters that are known, ")
-    assert lines[2].startswith("Eight tools, 0.1 N: of 10 parameters that are known, 100 % lie")
+    assert lines[0].startswith("Of 30 known parameters ")
+    assert lines[2].startswith("Eight tools, 0.1 N: of 10 known parameters 100 % lie")
     again = validation_study.study_of(json.loads(json.dumps(numbers(made))), {"tools": entry})
     assert [each.title for each in again.truths.values()] == [each.title for each in made.truths.values()]
     rows = [label.get_text() for label in figures.truth_figure(made).axes[1].get_yticklabels()]
@@ -261,3 +267,8 @@ def test_the_pendulum_in_steel_has_the_published_inertias():
         assert abs(each.published_z(published)) < 1.96, name
         assert each.values[name][2] < 0.3 * abs(published.value), name
     assert (each.ratios[ESTIMATE] < 0.5).all() and (each.ratios[MODEL] > 0.9).all()
+
+
+def test_the_page_says_when_intervals_are_too_narrow():
+    z = np.array([0.1] * 80 + [3.0] * 20)
+    assert report.headline(z, "").outcome == "not" and report.headline(z[:81], "").outcome == "usable"
