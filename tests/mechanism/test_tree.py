@@ -44,7 +44,7 @@ def test_a_free_joint_has_seven_coordinates():
         BaseMotion.from_free_joint(*np.ones((3, 3, 6)))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_merged_welds_need_the_same_wrench_and_torques(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, 8, kinds=("revolute", "ball", "welded", "welded"), massless=0.3)

@@ -354,6 +354,7 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error:Glyph")
 def test_long_and_foreign_names_keep_the_terminal_short(tmp_path, capsys):
     """Joints of 80 letters, of markup, and of letters that no font has."""
