@@ -3,7 +3,6 @@
 import mujoco
 import numpy as np
 import pytest
-import walker
 import wrist
 from guesses.odd_logs import DEG, GAINS, LOGS, arm, motors, recording, text, vector, write
 from scipy.spatial.transform import Rotation
@@ -99,22 +98,6 @@ def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
     sensor = ident.read_log(path, robot, tmp_path / "guessed.toml").sensors["wrist"]
     np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
     assert sensor.body == "tool" and sensor.applied_to_link and belief.open == []
-
-
-def test_plates_of_a_walker_find_their_feet(tmp_path):
-    columns, both = walker.columns(), walker.wrenches()
-    for name, wrench in (("r", both["right"] + both["rail"]), ("l", both["left"])):
-        point, free = walker.centre_of_pressure(wrench)
-        point = np.nan_to_num(np.column_stack([point, 0 * free]), posinf=0, neginf=0)
-        columns |= vector(f"{name}_ground_force_v{{}}", wrench[:, :3]) | vector(f"{name}_ground_force_p{{}}", point)
-        columns |= vector(f"{name}_ground_torque_{{}}", np.column_stack([0 * free, 0 * free, free]))
-    path = tmp_path / "walk.csv"
-    path.write_text(text(columns), encoding="utf-8")
-    belief = believed(walker.mechanism(), [path])
-    write_mapping(tmp_path / "guessed.toml", belief)
-    sensors = ident.read_log(path, walker.mechanism(), tmp_path / "guessed.toml").sensors
-    assert [sensor.body for sensor in sensors.values()] == ["foot_r", "foot_l"] and belief.open == []
-    assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}
 
 
 HIP = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
