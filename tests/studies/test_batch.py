@@ -229,9 +229,7 @@ def test_a_log_with_the_name_of_a_file_of_the_batch_is_refused_at_first(folder, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "content"), [("estimate.json", None), ("report.html", b"{}"), ("table_base_parameters.csv", b"")]
-)
+@pytest.mark.parametrize(("name", "content"), [("estimate.json", None), ("table_base_parameters.csv", b"")])
 def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here, name, content):
     command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     assert batch.main(command) == 0
