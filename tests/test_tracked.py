@@ -195,7 +195,7 @@ def test_hidden_markers_are_gaps_and_a_saved_recording_keeps_its_trackers(tmp_pa
     np.testing.assert_array_equal(ident.Recording.load(tmp_path / "run.csv").trackers["flange"].frame, np.eye(4))
 
 
-@pytest.mark.parametrize("wrong", ["nothing", "body", "lag"])
+@pytest.mark.parametrize("wrong", ["nothing", "body", pytest.param("lag", marks=pytest.mark.slow)])
 def test_poses_that_do_not_fit_are_a_doubt(wrong):
     recording, *_ = recorded(seconds=4.0)
     if wrong == "body":
