@@ -15,7 +15,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.guesses.guess import believed
     from experiments.guesses.log_contents import TRIAL
     from ident.estimation.equations import channels_out_of_plane
-    from ident.recordings.several_files import files_of
+    from ident.recordings.several_clocks import files_of
     from sim.models.model_mechanism import mechanism
 
     files = [file for log in args.logs for file in files_of(log)]

@@ -15,7 +15,7 @@ from docs.tools.noise.conditions import CONDITIONS
 from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
-from ident.recordings.commands import with_servos
+from ident.recordings.plausibility import with_servos
 from ident.recordings.servo import Servo
 from ident.setup import PRIORS
 

@@ -13,7 +13,7 @@ from docs.tools import benchmark, drawings, validation_blocks
 from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture, standalone
 from experiments.data.simulated_study import SimulatedStudy, summary
 from experiments.document import figures, result_folder, tabular
-from experiments.reports import study_figures, study_tables
+from experiments.reports import study_figures, study_report
 from experiments.reports.validation_report import known_picture
 from experiments.studies.simulation import study
 from ident.errors import InputError
@@ -26,7 +26,7 @@ BENCHMARK = "benchmark.json"
 def table_3(result: SimulatedStudy) -> tabular.Table:
     """Table III with our errors beside the paper's, by least squares and by the trajectory estimate."""
     by_name = dict[str, Sequence[Any]]()
-    for shown in (study_tables.table(result, name) for name in ("table_3", "table_3_searched")):
+    for shown in (study_report.table(result, name) for name in ("table_3", "table_3_searched")):
         by_name |= dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
     columns = {"parameter": by_name["parameter"]}
     for model in ("simplified", "full"):
@@ -51,7 +51,7 @@ def table_wrench_errors(result: SimulatedStudy) -> tabular.Table:
 
 def table_4(result: SimulatedStudy) -> tabular.Table:
     """Table IV with our errors beside the paper's, by least squares and by the trajectory estimate."""
-    shown = study_tables.table(result, "table_4")
+    shown = study_report.table(result, "table_4")
     name, true_paper, true_scene, error, paper_error, trajectory, _ = zip(*shown.rows, strict=True)
     columns = {
         "parameter": name,

@@ -56,7 +56,7 @@ def _fitted(args: argparse.Namespace) -> list[Path]:
 
 
 def _files(log: Path) -> tuple[Path, ...]:
-    from ident.recordings.several_files import files_of
+    from ident.recordings.several_clocks import files_of
 
     return files_of(log)
 

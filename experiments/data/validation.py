@@ -11,10 +11,13 @@ import numpy as np
 from ident.annotations import typed
 from ident.errors import InputError
 from ident.files.table import short
-from ident.tolerances import INTERVAL
+from ident.tolerances import DRIVE, INTERVAL
 
 NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
 """Form of the name of a file or folder, which no system takes for a path."""
+
+FRICTION = tuple(DRIVE[kind] for kind in ("viscous", "coulomb", "stribeck"))
+"""Beginnings of the names of friction."""
 
 
 @typed()
@@ -216,10 +219,10 @@ class Values:
         k = self.names.index(name)
         return float(self.values[k]), float(self.std[k]), float(self.std_setup[k])
 
-    @property
-    def from_data(self) -> np.ndarray:
-        """Mask of the parameters on which the recording says more than the prior (p,)."""
-        return self.std_setup < self.prior / np.sqrt(2)
+    def is_from_data(self, name: str) -> bool:
+        """True if the recording says more on a parameter than the prior."""
+        k = self.names.index(name)
+        return bool(self.std_setup[k] < self.prior[k] / np.sqrt(2))
 
 
 @dataclass(frozen=True)
@@ -322,17 +325,22 @@ class Validation:
 
     @property
     def trial_z(self) -> np.ndarray:
-        """Differences between trials identified alone, in their standard deviations with the set-up.
+        """Differences between trials identified alone, in their standard deviations with the set-up."""
+        return np.concatenate(self.trial_z_apart)
+
+    @property
+    def trial_z_apart(self) -> tuple[np.ndarray, np.ndarray]:
+        """These differences of bodies and rotors, and of friction, which changes from trial to trial.
 
         Of each pair of trials and each parameter on which both say more than the prior.
         """
-        out = list[float]()
+        out: tuple[list[float], list[float]] = [], []
         for a, b in combinations(self.trials.values(), 2):
-            shared = [name for name in a.names if name in b.names]
-            i, j = ([each.names.index(name) for name in shared] for each in (a, b))
-            z = (a.values[i] - b.values[j]) / np.hypot(a.std_setup[i], b.std_setup[j])
-            out += z[a.from_data[i] & b.from_data[j]].tolist()
-        return np.array(out)
+            for name in (name for name in a.names if name in b.names):
+                if a.is_from_data(name) and b.is_from_data(name):
+                    (x, _, of_x), (y, _, of_y) = a[name], b[name]
+                    out[name.startswith(FRICTION)].append((x - y) / float(np.hypot(of_x, of_y)))
+        return np.array(out[0]), np.array(out[1])
 
     @property
     def alike_z(self) -> np.ndarray:
@@ -491,6 +499,7 @@ class Study:
         return np.concatenate([each.errors(each.values) for each in self.truths.values()] or [np.zeros(0)])
 
     @property
-    def trial_z(self) -> np.ndarray:
-        """Differences between two recordings of one system, of all parameters, in their standard deviations."""
-        return np.concatenate([each.trial_z for each in self] or [np.zeros(0)])
+    def trial_z_apart(self) -> tuple[np.ndarray, np.ndarray]:
+        """Differences between two recordings of one system, of bodies and rotors, and of friction."""
+        bodies, friction = zip((np.zeros(0), np.zeros(0)), *(each.trial_z_apart for each in self), strict=True)
+        return np.concatenate(bodies), np.concatenate(friction)

@@ -19,7 +19,7 @@ from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
 from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import Postures
-from sim.models.names import joint_name
+from sim.models.notes import joint_name
 
 OUTPUTS = (*RESULTS, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
 """Patterns of the files that it writes."""

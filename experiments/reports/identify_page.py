@@ -11,11 +11,11 @@ from experiments.document.replay import Replay, every_nth
 from experiments.document.sheet import SHEET
 from experiments.document.symbols import in_words, regrouped_in_words
 from ident.estimate import Estimate
-from ident.estimation.units import channel_unit, unit_of
+from ident.estimation.noise import channel_unit, unit_of
 from ident.geometry.inertia import body_index
-from ident.judgement.candidates import ESTIMATE
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_identified
+from ident.regression.held_out import ESTIMATE
 from ident.tolerances import DRIVE, INTERVAL
 
 LEFT_OUT = " None are drawn where samples were left out."

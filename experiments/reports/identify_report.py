@@ -18,16 +18,17 @@ from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
 from ident.estimate import Estimate
-from ident.estimation.units import channel_unit, coefficient_unit
+from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import ESTIMATE, about_best
+from ident.judgement.candidates import about_best
 from ident.judgement.finding import line_of, listed, number_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.servo import Servo
-from ident.recordings.several_files import name_of
+from ident.recordings.several_clocks import name_of
+from ident.regression.held_out import ESTIMATE
 from ident.tolerances import DRIVE
 from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model

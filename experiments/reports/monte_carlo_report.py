@@ -15,7 +15,7 @@ from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
-from experiments.reports import study_tables
+from experiments.reports import study_report
 from ident.display.plots import Axes, Figure, add_legend
 from ident.display.text import decimals_of
 from ident.errors import InputError
@@ -144,7 +144,7 @@ def document(
         if model.endswith(TRAJECTORY)
     )
     tables = {
-        f"monte_carlo_{name}": table(name, d, bodies, study_tables.sums(study, _model(study, name)))
+        f"monte_carlo_{name}": table(name, d, bodies, study_report.sums(study, _model(study, name)))
         for name, d in distributions.items()
     }
     return Document(

@@ -21,12 +21,12 @@ DIGITS = 6
 
 def numbers(study: Study) -> dict[str, Any]:
     """Key numbers in JSON types."""
-    ratio, z = study.against_best, study.trial_z
+    ratio, (bodies, friction) = study.against_best, study.trial_z_apart
     return {
         "channels": len(ratio),
         "best": int((ratio <= 1).sum()),
         "worse": int((ratio > WORSE).sum()),
-        "trials_inside_95": None if not len(z) else rounded(inside(z)),
+        "trials_inside_95": {"bodies": rounded(inside(bodies)), "friction": rounded(inside(friction))},
         "known": len(study.truth_z),
         "known_inside_95": rounded(inside(study.truth_z)),
         "truths": {name: rounded({**vars(each), "entry": each.entry.name}) for name, each in study.truths.items()},
@@ -92,17 +92,22 @@ def truth_lines(study: Study) -> list[str]:
 
 def overview_lines(study: Study) -> list[str]:
     """Sentences on the channels in which the estimate is best, and on the agreement of estimates."""
-    ratio, z = study.against_best, study.trial_z
+    ratio, (bodies, friction) = study.against_best, study.trial_z_apart
     best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
         f"{alike} it is worse by at most {100 * (WORSE - 1):.0f} % than the best other candidate, and in "
         f"{int((ratio > WORSE).sum())} by more.",
     ]
-    if len(z):
+    if len(bodies):
         out.append(
-            f"Of {len(z)} differences between parameters of two recordings of one system, each identified alone, "
-            f"{100 * inside(z):.0f} % are inside their 95 % intervals."
+            f"Of {len(bodies)} differences between bodies and rotors of two recordings of one system, each identified "
+            f"alone, {100 * inside(bodies):.0f} % are inside their 95 % intervals."
+        )
+    if len(friction):
+        out.append(
+            f"Of {len(friction)} differences between their friction, {100 * inside(friction):.0f} % are: friction "
+            "changes from trial to trial, which intervals of one trial do not contain."
         )
     return out + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
 

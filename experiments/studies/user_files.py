@@ -20,7 +20,7 @@ from ident.parameters.person_prior import Person, with_person
 from ident.recordings.columns.entries import read_segments
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from ident.recordings.several_files import files_of
+from ident.recordings.several_clocks import files_of
 from sim.models.couplings import check_torques
 from sim.models.model_mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies

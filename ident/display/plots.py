@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ident.estimation.equations import Equations
-from ident.estimation.units import channel_unit
+from ident.estimation.noise import channel_unit
 from ident.files.table import vector_columns
 
 if TYPE_CHECKING:

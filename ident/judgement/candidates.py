@@ -8,9 +8,8 @@ import numpy as np
 
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
+from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
-
-ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"
 
 RIVALS = LEAST_SQUARES, MODEL
 """The other candidates, as they are called in `Estimate.rivals`."""

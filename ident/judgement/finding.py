@@ -67,7 +67,6 @@ TITLES = {
     "unmodelled": "the model lacks something",
     "wrench_sign_or_axes": "sign or axes of the wrench",
     "other_base": "wrench measured in another frame",
-    "kilonewtons": "forces may be in kN",
     "mass_by_setup": "mass by set-up and mass weighed",
     "mass_or_common_gain": "another mass, or a common gain",
     "inseparable_offsets": "offsets inseparable from masses",

@@ -11,10 +11,8 @@ from ident.estimation.equations import COMPONENTS
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, doubts_first
-from ident.judgement.fit_findings import course_findings, halves_findings
-from ident.judgement.residual_findings import model_error_findings, quality_findings
-from ident.judgement.sensor_findings import clipped_findings, resolution_findings, stuck_findings
-from ident.judgement.setup_findings import setup_remarks
+from ident.judgement.fit_findings import course_findings, halves_findings, model_error_findings, quality_findings
+from ident.judgement.setup_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
 from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL, POOR

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.units import coefficient_unit
+from ident.estimation.noise import coefficient_unit
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, followed, listed, percent
 from ident.judgement.torque_checks import SLOW, lacking_drives
@@ -114,7 +114,7 @@ def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def _searched(evidence: Evidence) -> bool:
     """True if Stribeck friction was searched for."""
-    return evidence.trajectory is not None and any(log.searches_stribeck for log in evidence.logs)
+    return evidence.trajectory is not None and any(part.log.searches_stribeck for part in evidence.logs)
 
 
 def friction_findings(evidence: Evidence) -> Iterator[Finding]:

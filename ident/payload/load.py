@@ -111,7 +111,7 @@ class Load(Payload):
     def verdict(self) -> PayloadVerdict:
         """Verdict on the load with its standard deviations; a sentence when printed."""
         values, _, std, identifiable = self.in_frame()
-        return PayloadVerdict.of_body(self.estimate.evidence, self.findings, values, std, identifiable)
+        return PayloadVerdict.of_body(self.estimate, self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:
         """φ of the model with the load on its body (10 b,)."""

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
-from sim.models.names import body_name
-from sim.models.notes import note, refusals
+from sim.models.notes import body_name, note, refusals
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change a file's inertias."""

@@ -10,7 +10,7 @@ from ident.mechanism.constraint import Coincidence, Constraint, Relation
 from ident.mechanism.loops import Constraints
 from ident.mechanism.tree import Tree
 from sim.models.mujoco_model import placed_pose
-from sim.models.names import joint_name, name_of
+from sim.models.notes import joint_name, name_of
 
 _CONNECT, _WELD = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
 _JOINT, _TENDON = int(mujoco.mjtEq.mjEQ_JOINT), int(mujoco.mjtEq.mjEQ_TENDON)

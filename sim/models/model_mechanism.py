@@ -30,10 +30,9 @@ from sim.models.mujoco_model import (
     rest_coordinates,
     tree_from_model,
 )
-from sim.models.names import joint_name, name_of
-from sim.models.notes import note_units
+from sim.models.notes import joint_name, name_of, note_units
 from sim.models.opensim.reading import is_opensim, mechanism_from_opensim
-from sim.models.urdf_joints import transmissions
+from sim.models.urdf import transmissions
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters, entries
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
-from sim.models.drives_update import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.inertials import (
     OVERRIDING,
     SHORT,
@@ -29,16 +28,15 @@ from sim.models.inertials import (
     set_inertials,
     shortened,
 )
+from sim.models.model_drives import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
-from sim.models.names import body_name
-from sim.models.notes import refusals
+from sim.models.notes import body_name, refusals
 from sim.models.opensim.reading import OpenSimOrigin, is_opensim
 from sim.models.opensim.update import write_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.urdf_update import SAME, updated_urdf
-from sim.models.xml_files import parsed
-from sim.models.xml_places import digits, with_sections
+from sim.models.xml_files import digits, parsed, with_sections
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""

@@ -13,7 +13,7 @@ from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import mechanism_bodies
-from sim.models.names import body_name
+from sim.models.notes import body_name
 
 HIDDEN = 3
 """First group of geoms that is not shown, as in MuJoCo's viewer, such as collision shapes."""

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
 from sim.models.inertials import shortened
-from sim.models.xml_files import text_of
-from sim.models.xml_places import Edit, Element, digits, edited, root_of, with_comment
+from sim.models.xml_files import Edit, Element, digits, edited, root_of, text_of, with_comment
 
 SAME = 1e-12
 """Difference, relative to the largest number of a vector or a matrix, that counts as rounding: the number is kept."""

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from ident.mechanism.tree import Tree
-from sim.models.names import body_name, id_of
-from sim.models.notes import refusals
+from sim.models.notes import body_name, id_of, refusals
 
 
 class _Contacts(NamedTuple):

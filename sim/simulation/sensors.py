@@ -8,7 +8,7 @@ import numpy as np
 from ident.errors import ModelError
 from ident.geometry.se3 import coAd, inverse, pose
 from ident.tolerances import HUGE
-from sim.models.names import body_name, joint_name, name_of
+from sim.models.notes import body_name, joint_name, name_of
 
 QUATERNION = "quaternion"
 """Unit of a channel that is an orientation, w, x, y, z."""

@@ -15,7 +15,7 @@ from ident.model.tape import Program, Tape
 from sim.models.couplings import couplings
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import rest_coordinates
-from sim.models.names import body_name, joint_name
+from sim.models.notes import body_name, joint_name
 from sim.simulation.sensors import ONE_DOF
 
 

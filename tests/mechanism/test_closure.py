@@ -29,7 +29,7 @@ def reachable(name, samples, seed=0):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_closed_loops_are_mujocos(name):
-    arm, states = reachable(name, 12)
+    arm, states = reachable(name, 4)
     tree, gravity = arm.tree, arm.gravity
     assert tree.joints == MODELS[name][1]
     gaps, rates, torques, wrenches, accelerations = by_mujoco(name, arm, states)
@@ -44,9 +44,9 @@ def test_closed_loops_are_mujocos(name):
 
 @pytest.mark.parametrize("name", ["turned"])
 def test_derivatives_by_the_independent_coordinates_are_exact(name):
-    arm, states = reachable(name, 6)
+    arm, states = reachable(name, 3)
     rng = np.random.default_rng(1)
-    seeds = rng.normal(size=(6, len(arm.tree.freedoms), len(arm.known)))
+    seeds = rng.normal(size=(3, len(arm.tree.freedoms), len(arm.known)))
 
     def total(*moved):
         return np.sum(joint_torque_regressor(arm.tree, *moved, gravity=arm.gravity) * seeds, axis=(1, 2))
@@ -69,7 +69,7 @@ def test_derivatives_by_the_independent_coordinates_are_exact(name):
     ],
 )
 def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
-    arm, states = reachable(name, 150, seed=3)
+    arm, states = reachable(name, 30, seed=3)
     sensors = Sensors(base_wrench=not torques, joint_torques=torques)
     base = ident.find_base_parameters(arm, sensors=sensors)
     regressor = joint_torque_regressor if torques else base_wrench_regressor

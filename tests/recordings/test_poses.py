@@ -10,8 +10,7 @@ from mechanisms import random_tree
 import ident
 from ident.errors import InputError, LogError
 from ident.mechanism.mechanism import Mechanism
-from ident.parameters.sampled_structure import sampled_structure
-from ident.parameters.structure import Sensors, structure_matrix
+from ident.parameters.structure import Sensors, sampled_structure, structure_matrix
 from ident.recordings.log import read_log
 from sim.models.model_mechanism import mechanism
 

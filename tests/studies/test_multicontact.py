@@ -11,7 +11,7 @@ import scenes
 from experiments import multicontact
 from experiments.data import paper
 from experiments.data.simulated_study import summary as summary_of
-from experiments.reports import study_tables
+from experiments.reports import study_report
 from experiments.studies.simulation import study
 from ident.model.regressor import base_wrench_regressor
 
@@ -110,7 +110,7 @@ def test_the_trajectory_estimate_takes_contacts_too(result):
     assert abs(result.trajectory("contact").error[k]) < 4 * result.trajectory("contact").std[k]
     assert abs(result.trajectory("contact").error[k]) < abs(result.fit("contact").error[k])
     assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
-    rows = study_tables.table(result, "table_4").rows
+    rows = study_report.table(result, "table_4").rows
     np.testing.assert_array_equal(
         [row[-2:] for row in rows], np.transpose([result.trajectory("contact").error, result.trajectory("contact").std])
     )
@@ -129,7 +129,7 @@ def test_two_contacts_touch_at_the_same_time():
     alone = ("contact_pad_fraction_alone", "contact_handle_fraction_alone", "fraction_none_touches")
     assert [summary[key] for key in alone] == [0, np.mean(~touching), 0]
     assert summary["contact_handle_episodes"] == summary["contact_handle_fraction"] == 1
-    pad, handle = study_tables.table(result, "table_contacts").rows
+    pad, handle = study_report.table(result, "table_contacts").rows
     assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
     assert pad[2:4] == (touching.mean(), 0)
     assert summary["tracking_error_rad"] < 0.03

@@ -17,7 +17,7 @@ from ident.files.schema import check_keys, choice, made, table, value_of, vector
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.parameters.person_prior import Placed
-from ident.recordings.columns.external_loads import LOADS
+from ident.recordings.columns.plates import LOADS
 
 TERM = ("column", "columns", "weights", "gain", "constant")
 """Keys of the entry of a computed column, except for its unit."""

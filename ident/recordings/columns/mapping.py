@@ -27,8 +27,7 @@ from ident.recordings.columns.entries import (
     several,
     single,
 )
-from ident.recordings.columns.external_loads import LOADS, external_loads
-from ident.recordings.columns.plates import Plate
+from ident.recordings.columns.plates import LOADS, Plate, external_loads
 from ident.recordings.servo import GAINS, SCALES, Servo, scale_of, servo_of
 from ident.recordings.tracker import Tracker, tracked_bodies
 from ident.recordings.wrench import GROUND, Sensor

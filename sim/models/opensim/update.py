@@ -14,7 +14,7 @@ from sim.models.inertials import SHORT, is_physical, shortened
 from sim.models.opensim.elements import Frames, model_element, text
 from sim.models.opensim.joints import links_in_order
 from sim.models.opensim.reading import MOMENTS, OpenSimOrigin, body_parameters
-from sim.models.xml_places import Edit, Element, digits, edited, root_of, with_comment
+from sim.models.xml_files import Edit, Element, digits, edited, root_of, with_comment
 
 BODIES = ("Model", "BodySet", "objects", "Body")
 """Path of tags from below the root to a body."""
