@@ -63,16 +63,16 @@ SAMPLES, SEED = 1200, 2
 
 
 def result_picture() -> str:
-    """The first screen of the report on README's arm, as one SVG drawing in the colours of pages."""
+    """Channels and parameters of the report on README's arm, as one SVG drawing in the colours of pages."""
     folder = Path(scenes.__file__).parent
     arm = mechanism(folder / "arm.xml", "base")
-    return standalone(first_screen(identify(arm, read_log(folder / "arm.csv", arm))), 360, 260)
+    return standalone([*first_screen(identify(arm, read_log(folder / "arm.csv", arm)))][:2], 360, 310)
 
 
 def standalone(shown: Iterable[str], width: int, height: int) -> str:
     """Pictures of a page, each of this size, beside each other as one SVG drawing."""
     style = (files("experiments.document") / "templates" / "shared.css").read_text(encoding="utf-8")
-    size = f'width="{width}" height="{height}"'
+    size = f'width="{width}" height="{height}" preserveAspectRatio="xMidYMin"'
     placed = [svg.replace("<svg ", f'<svg x="{(width + 30) * k}" {size} ') for k, svg in enumerate(shown)]
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {(width + 30) * len(placed) - 30} {height}">'
     return f"{head}<style>{style} svg {{ background: var(--paper); }}</style>{''.join(placed)}</svg>\n"

@@ -157,9 +157,7 @@ def known_picture(study: Study) -> str:
 def headline(z: np.ndarray, sentence: str) -> Headline:
     """Headline: intervals hold unless fewer contain the truth than 95 % by two standard deviations of the count."""
     holds = inside(z) > 0.95 - 2 * np.sqrt(0.95 * 0.05 / len(z))
-    return (
-        Headline("Intervals hold", sentence, "usable") if holds else Headline("Intervals too narrow", sentence, "not")
-    )
+    return Headline("Validated", sentence, "usable") if holds else Headline("Overconfident", sentence, "not")
 
 
 CAPTIONS = {

@@ -190,8 +190,8 @@ class Verdict(Worded):
 
     @property
     def word(self) -> str:
-        """The decision in a word or two."""
-        return {"usable": "Usable", "partly": "Partly usable", "not": "Not usable"}[self.outcome.value]
+        """The decision in a word."""
+        return {"usable": "Usable", "partly": "Partly", "not": "Unusable"}[self.outcome.value]
 
     @property
     def brief(self) -> str:
