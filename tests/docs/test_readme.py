@@ -35,7 +35,7 @@ def cells(markdown):
 @pytest.mark.parametrize(
     ("name", "table", "study"),
     [
-        ("table 3", blocks.table_3, "misaligned"),
+        pytest.param("table 3", blocks.table_3, "misaligned", marks=pytest.mark.slow),
         ("table 4", blocks.table_4, "multicontact"),
     ],
 )

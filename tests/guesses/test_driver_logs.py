@@ -70,7 +70,7 @@ def all_logs():
         yield pytest.param(log, id=log.name, marks=() if fast else pytest.mark.slow)
 
 
-@pytest.mark.parametrize("log", all_logs())
+@pytest.mark.parametrize("log", list(all_logs()))
 def test_what_is_guessed_is_right_or_asked(log, tmp_path):
     outcome, about, belief = judged(log, tmp_path)
     assert outcome == ("asked" if log.asked else "right"), about

@@ -49,8 +49,7 @@ def sensor():
     return pose
 
 
-@pytest.mark.parametrize("times", [None, "minutes", "backwards"])
-@pytest.mark.parametrize("poses", [10, 17])
+@pytest.mark.parametrize(("poses", "times"), [(10, None), (10, "minutes"), (17, "backwards")])
 def test_ten_poses_give_mass_and_centre(poses, times):
     distances = []
     for seed in range(2):
