@@ -28,7 +28,7 @@ from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
 from ident.model.axes import column_place, with_values
 from ident.parameters.prior import known_covariance
-from ident.recordings.servo import Servo
+from ident.recordings.stated import Servo
 from ident.regression.ordinary import Fit
 from ident.setup import SETUP
 from ident.tolerances import UNEXPLAINED

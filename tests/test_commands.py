@@ -16,7 +16,7 @@ from docs.tools.noise.estimators import Case, identified
 from experiments.reports.identify_report import parameters_table, scales_table
 from ident.errors import InputError, LogError
 from ident.recordings.plausibility import with_servos
-from ident.recordings.servo import Servo
+from ident.recordings.stated import Servo
 from ident.setup import PRIORS
 
 MAPPING = 'time = "time"\n' + "".join(

@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from ident.annotations import typed
 from ident.errors import InputError
 from ident.files.table import short
 from ident.tolerances import DRIVE, INTERVAL
+
+T = TypeVar("T")
 
 NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
 """Form of the name of a file or folder, which no system takes for a path."""
@@ -207,12 +209,9 @@ class Values:
     prior: np.ndarray
     units: tuple[str, ...] = ()
 
-    @classmethod
-    def of(cls, entries: Mapping[str, Any]) -> "Values":
-        """The values from their JSON form."""
-        numbers = {key: np.array(entries[key], float) for key in ("values", "std", "std_setup", "prior")}
-        numbers["prior"] = np.where(np.isnan(numbers["prior"]), np.inf, numbers["prior"])
-        return cls(names=tuple(entries["names"]), units=tuple(entries.get("units", ())), **numbers)
+    def __post_init__(self) -> None:
+        # JSON has no infinite numbers.
+        object.__setattr__(self, "prior", np.where(np.isnan(self.prior), np.inf, self.prior))
 
     def __getitem__(self, name: str) -> tuple[float, float, float]:
         """Estimate of a parameter, its standard deviation, and that with the set-up."""
@@ -415,14 +414,6 @@ class Truth:
     rivals: Mapping[str, np.ndarray]
     seconds: float
 
-    @classmethod
-    def of(cls, entry: Entry, numbers: Mapping[str, Any]) -> "Truth":
-        """The parameters from their JSON form."""
-        arrays = {key: np.array(numbers[key], float) for key in ("true", "tolerance", "values", "std")}
-        rivals = {name: np.array(x, float) for name, x in numbers["rivals"].items()}
-        names, units = tuple(numbers["names"]), tuple(numbers["units"])
-        return cls(entry, numbers["level"], names, units, **arrays, rivals=rivals, seconds=numbers["seconds"])
-
     @property
     def title(self) -> str:
         """Title of the recording, with the level of noise."""
@@ -441,6 +432,29 @@ class Truth:
     def errors(self, values: np.ndarray) -> np.ndarray:
         """Relative errors of estimates of the significant parameters."""
         return (values - self.true)[self.significant] / abs(self.true[self.significant])
+
+
+def from_json(kind: type[T], numbers: Mapping[str, Any], **known: Any) -> T:
+    """Data class of results from its fields in JSON's types, in which numbers that do not exist are None.
+
+    Args:
+        kind: The data class.
+        numbers: Its fields by name; others are left out.
+        known: Fields that are not in JSON's types.
+    """
+    hints = get_type_hints(kind)
+    there = [name for name in hints if name in numbers and name not in known]
+    return kind(**known, **{name: _from_json(hints[name], numbers[name]) for name in there})
+
+
+def _from_json(hint: Any, value: Any) -> Any:
+    """Value of an annotated type: an array, a mapping of arrays, a tuple or a data class; others as they are."""
+    kind, arguments = get_origin(hint) or hint, get_args(hint)
+    if kind is np.ndarray or kind is tuple:
+        return np.array(value, float) if kind is np.ndarray else tuple(value)
+    if kind is Mapping and arguments[1] is np.ndarray:
+        return {name: np.array(each, float) for name, each in value.items()}
+    return from_json(kind, value) if isinstance(kind, type) and is_dataclass(kind) else value
 
 
 def _z(a: float, std_a: float, b: float, std_b: float) -> float:

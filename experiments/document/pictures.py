@@ -26,7 +26,7 @@ LEAST = 0.01
 BEYOND = 2
 """Errors over the half-widths of their intervals from which on they are drawn at the end of the axis."""
 
-WIDE, HIGH, POINTS = 344, 78, 300
+WIDE, HIGH, POINTS = 300, 78, 300
 """Width and height of the curves, and their largest number of points, about one for each pixel."""
 
 
@@ -74,9 +74,10 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: 
         words = ", ".join(f"{each} {x:.2g}" for each, x in zip(ratios, own, strict=True))
         marks = [(j, share(own[j])) for j in reversed(range(len(own)))]
         own_words = {"name": name, "words": f"{name}: {words}", "idle": name in idle}
-        shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[best]]})
+        shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[best & (len(own) > 1)]]})
     ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
-    return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(channels))
+    minor = [share(LEAST * 10**k * first) for k in range(decades) for first in range(2, 10)]
+    return _drawn("candidates", shown, [*ratios], ticks, minor, share(POOR), *_rows(channels))
 
 
 def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], total: int) -> str:
@@ -91,8 +92,10 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
         total: Number of base parameters.
     """
     shown = {name: [each.to_page() for each in own] for name, own in bodies.items()}
-    last = max([9, *(each.column for own in bodies.values() for each in own)])
-    return _drawn("parameters", shown, [*known], total, last, *_rows([*bodies]))
+    every = sorted((each.column, each.name.partition("(")[0]) for own in bodies.values() for each in own)
+    kinds = {k: name for k, name in enumerate(["", *"xyz", "xx", "yy", "zz", "xy", "xz", "yz"])}
+    kinds |= {column: name for column, name in every if column not in kinds}
+    return _drawn("parameters", shown, [*known], total, [*kinds.values()], *_rows([*bodies]))
 
 
 def coverage(errors: Mapping[str, np.ndarray]) -> str:
@@ -117,7 +120,8 @@ def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]
     x, shown = WIDE * (time - start) / max(end - start, 1e-12), {}
     for title, pair in panels.items():
         low, high = np.nanmin(pair), np.nanmax(pair)
-        shown[title] = [_path(x, HIGH * (high - y) / ((high - low) or 1.0)) for y in pair]
+        ends = [f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in (high, low)]
+        shown[title] = [_path(x, HIGH * (high - y) / ((high - low) or 1.0)) for y in pair], ends
     return _drawn("curves", shown, f"{end - start:.3g} s")
 
 

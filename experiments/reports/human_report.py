@@ -13,7 +13,7 @@ from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.styles import empty_figure
 from experiments.reports import identify_page
-from ident.display.plots import Axes, Figure
+from ident.display.plots import Axes, Figure, few_decades
 from ident.geometry.inertia import com_from_parameters
 from ident.tolerances import INTERVAL
 from sim.motion.person import ACTIVITIES
@@ -24,17 +24,22 @@ KINDS = {"masses": slice(0, 1), "first moments": slice(1, 4), "inertias": slice(
 KIND_COLORS = ("C0", "C1", "C2")
 """Parameters of a segment by kind, and their colours."""
 
+TICKS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
+"""Ticks of logarithmic axes, as far as they are in sight."""
+
 SHARES = (0.15, 0.3, 0.6, 1.0)
 """Fractions of each recording's length at which the precision is evaluated."""
 
 
 def figure(study: PersonStudy, feet_alone: PersonStudy) -> Figure:
     """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
-    with empty_figure(7.2) as drawing:
-        above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
-        _segments(above, study)
+    with empty_figure(3.1, wide=True) as drawing:
+        left, middle, right = drawing.subplots(1, 3)
+        _segments(left, study)
         _growth(middle, study, feet_alone)
-        _predictions(below, study, feet_alone)
+        _predictions(right, study, feet_alone)
+        for ax in (left, middle, right):
+            ax.legend(loc="upper center", bbox_to_anchor=(0.45, -0.2), ncols=2, fontsize=7, columnspacing=1)
     return drawing
 
 
@@ -52,10 +57,10 @@ def _segments(ax: Axes, study: PersonStudy) -> None:
     ax.set_yticks(rows, [name.replace("_", " ") for name in study.true.bodies])
     ax.invert_yaxis()
     ax.set_xscale("symlog", linthresh=10, linscale=1)
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.set_xlim(left=0)
     ax.set_xlabel("Error of the first moment (%)", labelpad=2)
     ax.set_title("(a) First moments of segments")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=7, columnspacing=1)
 
 
 def growth(study: PersonStudy) -> np.ndarray:
@@ -74,10 +79,9 @@ def _growth(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
             label = name if each is study else f"_{name}, {contacts}"
             ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=label)
         ax.plot([], [], style, color="0.3", lw=0.9, label=contacts)
-    ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=20, ha="right")
+    ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in study.activities)], rotation=30, ha="right")
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title(f"(b) Recordings of {study.seconds:g} s each")
-    ax.legend(loc="upper right", fontsize=7)
 
 
 def predicted_deviations(study: PersonStudy) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -98,15 +102,10 @@ def _predictions(ax: Axes, study: PersonStudy, feet_alone: PersonStudy) -> None:
         ax.loglog(*every[name], ".-", ms=3, lw=0.7, label=name)
     ax.loglog(*every["all"], "o-", ms=3, lw=1.2, color="black", label="all, plates and rail")
     ax.loglog(*predicted_deviations(feet_alone)["all"], "o--", ms=3, lw=1, color="0.5", label="all, plates")
-    for axis, ticks in ((ax.xaxis, (0.5, 1, 2, 5, 10, 20, 50)), (ax.yaxis, (0.02, 0.05, 0.1, 0.2, 0.5))):
-        low, high = axis.get_view_interval()
-        axis.set_ticks([tick for tick in ticks if low < tick < high])
-        axis.set_major_formatter("{x:g}")
-    ax.minorticks_off()
+    few_decades(ax, TICKS)
     ax.set_xlabel("Seconds recorded", labelpad=2)
     ax.set_ylabel("S.d. over the prior's", labelpad=2)
     ax.set_title("(c) Wrench of motions not recorded")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=3, fontsize=7, columnspacing=1)
 
 
 ABOUT = (

@@ -39,7 +39,7 @@ def prediction(result: Estimate) -> Iterator[str]:
     panels = {}
     for word, channel in dict(worst=ranked[-1], best=ranked[0]).items():
         k, unit = result.channels.index(channel), channel_unit(channel, result.prepared.mechanism.tree)
-        panels[f"{word}: {channel}, {verdict.ratios[channel]:.2g} of the signal ({unit})"] = (
+        panels[f"{word}: {channel.replace('_', ' ')}, {verdict.ratios[channel]:.2g} of the signal ({unit})"] = (
             measured[:, k],
             predicted[:, k],
         )

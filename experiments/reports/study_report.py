@@ -10,6 +10,7 @@ import numpy as np
 from experiments.data import simulated_study
 from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
 from experiments.data.simulated_study import CHANNELS, SimulatedStudy, axes, summary, touches, trajectory_summary
+from experiments.data.study_file import estimator_of
 from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
@@ -20,7 +21,6 @@ from experiments.reports import study_figures
 from ident.mechanism.motion import Motion
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
-
 
 PAPERS = ("paper_error", "true_paper")
 """Columns of published numbers."""
@@ -92,13 +92,8 @@ def _decimals(study: SimulatedStudy, model: str, name: str, parameters: Sequence
         return (as_stated(_published_of(study, model, name).values()),) * len(parameters)
     if stated is not None:
         return (stated,) * len(parameters)
-    std = np.array(quantity(study, model, STD[_estimator(name)], parameters), float)
+    std = np.array(quantity(study, model, STD[estimator_of(name)], parameters), float)
     return of_deviations(std) if name in STD.values() else of_numbers(std)
-
-
-def _estimator(name: str) -> str:
-    """Estimator that a quantity belongs to: `trajectory`, `weighted`, or empty for the model's first."""
-    return "trajectory" if name.startswith("trajectory_") else "weighted" if name.endswith("_weighted") else ""
 
 
 def _deviations(shown: Mapping[str, tuple[str, str, str]]) -> dict[str, str]:
@@ -108,7 +103,7 @@ def _deviations(shown: Mapping[str, tuple[str, str, str]]) -> dict[str, str]:
     for column, (model, name, suffix) in shown.items():
         if name in STD.values():
             for kind in ("estimated", "error"):
-                form = {"trajectory": "trajectory_{}", "weighted": "{}_weighted", "": "{}"}[_estimator(name)]
+                form = {"trajectory": "trajectory_{}", "weighted": "{}_weighted", "": "{}"}[estimator_of(name)]
                 if (estimate := columns.get((model, form.format(kind), suffix))) is not None:
                     pairs[estimate] = column
                     break
@@ -244,10 +239,7 @@ def document(study: SimulatedStudy, provenance: dict[str, Any]) -> Document:
         figures={
             name: Plot(partial(study_figures.figure, study, name), e["caption"]) for name, e in file.figures.items()
         },
-        numbers={
-            "summary": summary(study) | {"trajectory": trajectory_summary(study)},
-            "provenance": provenance,
-        },
+        numbers={"summary": summary(study) | {"trajectory": trajectory_summary(study)}, "provenance": provenance},
         replay=replay(study),
         recordings={RECORDING: study.problem.with_cells(study.recording)},
     )

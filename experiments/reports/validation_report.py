@@ -97,7 +97,7 @@ def overview_lines(study: Study) -> list[str]:
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
         f"{alike} it is worse by at most {100 * (WORSE - 1):.0f} % than the best other candidate, and in "
-        f"{int((ratio > WORSE).sum())} by more.",
+        f"{int((ratio > WORSE).sum())} by more."
     ]
     if len(bodies):
         out.append(
@@ -157,9 +157,7 @@ def known_picture(study: Study) -> str:
 def headline(z: np.ndarray, sentence: str) -> Headline:
     """Headline: intervals hold unless fewer contain the truth than 95 % by two standard deviations of the count."""
     holds = inside(z) > 0.95 - 2 * np.sqrt(0.95 * 0.05 / len(z))
-    return (
-        Headline("Intervals hold", sentence, "usable") if holds else Headline("Intervals too narrow", sentence, "not")
-    )
+    return Headline("Validated", sentence, "usable") if holds else Headline("Overconfident", sentence, "not")
 
 
 CAPTIONS = {

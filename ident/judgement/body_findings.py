@@ -12,7 +12,7 @@ from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.consistency import ConsistentParameters
-from ident.parameters.prior import conditioned, known_deviations, updated
+from ident.parameters.prior import conditioned, known_deviations
 from ident.tolerances import DRIVE, INTERVAL
 
 FAR = 2.0
@@ -100,10 +100,8 @@ def tool_findings(evidence: Evidence) -> Iterator[Finding]:
     Data and that prior have to determine the mass; its interval and that of the first moment exclude the model's.
     """
     mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
-    psi, covariance = evidence.fit.psi - evidence.fit.equations.from_drives[: base.rank], evidence.covariance
-    if evidence.trajectory is None or not evidence.trajectory.known:
-        psi, covariance = updated(mechanism, base, psi, covariance, known)
-    after = conditioned(mechanism, base, psi, covariance, known)
+    included = evidence.trajectory is not None and evidence.trajectory.known
+    after = conditioned(mechanism, base, evidence.psi_of_links, evidence.covariance, known, included=included)
     each = (*after, mechanism.known, known_deviations(mechanism, known))
     phi, std, before, std_before = (x.reshape(-1, 10)[:, :4] for x in each)
     size = np.linalg.norm(phi[:, 1:], axis=1)

@@ -9,8 +9,8 @@ import numpy as np
 from ident.estimation.preparation import Part, Prepared
 from ident.estimation.samples import Samples, joined
 from ident.judgement.checks import Checks, checked
+from ident.judgement.finding import SetupFinding, setup_findings
 from ident.judgement.residuals import explained_by_motion, idle_channels
-from ident.judgement.setup_errors import SetupFinding, setup_findings
 from ident.judgement.torque_checks import friction_shares
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import stated_values

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 
 from ident.judgement.agreement import DISAGREE
-from ident.judgement.candidates import Candidates
+from ident.judgement.candidates import NEGLIGIBLE, Candidates
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed, number_of, percent
 from ident.parameters.prior import known_covariance
@@ -35,9 +35,9 @@ more has 4."""
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
 
-OF_THE_MOTION, WORTH_IT = 0.5, 0.02
+OF_THE_MOTION = 0.5
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
-residual is more than so much of the signal."""
+residual is not negligible."""
 
 FAR_ABOVE = 3.0
 """Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
@@ -207,7 +207,7 @@ def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
     if evidence.trajectory is None:
         return
     shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
-    if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > WORTH_IT):
+    if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > NEGLIGIBLE):
         yield Finding.of("residual_follows_motion", Place(channels=channels), channels=channels)
 
 

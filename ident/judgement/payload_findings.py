@@ -6,6 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
@@ -157,13 +158,16 @@ class PayloadVerdict(Verdict):
     def _numbers(self) -> str:
         known = self.inertia_within
         inertia = "inertias are not known" if known is None else f"inertias to {known:.1g} kg m²"
-        within = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
-        return f"{within}, the centre of mass to {1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
+        return f"{self._mass}, the centre of mass to {1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
+
+    @property
+    def _mass(self) -> str:
+        return f"{' ± '.join(rounded(self.mass, self.mass_within))} kg"
 
     @property
     def brief(self) -> str:
         """The load with its intervals, or why it is not to be used."""
-        alone = f"Use its mass alone, {self.mass:.4g} ± {self.mass_within:.2g} kg (95 %)."
+        alone = f"Use its mass alone, {self._mass} (95 %)."
         return {Outcome.USABLE: self._numbers, Outcome.PARTLY: alone}.get(self.outcome, super().brief)
 
 

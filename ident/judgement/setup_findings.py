@@ -10,11 +10,10 @@ import numpy as np
 from ident.arguments import rpy_text
 from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
-from ident.estimation.tracking import WIDTH
+from ident.estimation.recorded_motion import WIDTH
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, in_log, listed, percent
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, in_log, listed, percent, setup_sentence
 from ident.judgement.fit_findings import FAR_ABOVE
-from ident.judgement.setup_errors import setup_sentence
 from ident.recordings.resolution import UNIFORM, white_noise
 from ident.setup import SETUP
 

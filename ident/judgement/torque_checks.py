@@ -24,17 +24,14 @@ from ident.regression.ordinary import Fit
 from ident.tolerances import SINGULAR
 
 FAR_BETTER = 0.5
-"""Squared residual of one explanation over that of another below which it is far better. On simulated arms of seven
-joints it is below 0.1 with loads, and from 0.9 up with factors of units and gears."""
+"""Residual, of loads its square, of one explanation over that of another below which it is far better. On simulated
+arms of seven joints the square is below 0.1 with loads, and from 0.9 up with factors of units and gears."""
 
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
 """Drive columns with which friction is detected; and the one that is added at low velocity if these are fitted."""
 
 ENOUGH = 4000
 """Largest number of samples used, evenly spread."""
-
-FLIPPED = 0.5
-"""Largest error with the opposite sign, or without a body, over that before, with which either is reported."""
 
 SCALE, ALIKE = 3.0, 0.8
 """Factor between measured and predicted torque from which a unit or a gear ratio is missing; and the least share of the
@@ -128,7 +125,7 @@ class TorqueCheck:
     @property
     def flipped(self) -> bool:
         """True if the opposite sign fits far better."""
-        return self.error_flipped < FLIPPED * self.error
+        return self.error_flipped < FAR_BETTER * self.error
 
     @property
     def scaled(self) -> bool:
@@ -153,7 +150,7 @@ class AbsentBody:
     @property
     def suspicious(self) -> bool:
         """True if its absence explains most of the residual, and far more than a common factor on all bodies."""
-        return self.explained > MISSING and 1 - self.explained < FLIPPED * (1 - self.explained_by_factor)
+        return self.explained > MISSING and 1 - self.explained < FAR_BETTER * (1 - self.explained_by_factor)
 
 
 @dataclass(frozen=True, eq=False)

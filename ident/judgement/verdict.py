@@ -19,7 +19,7 @@ from ident.judgement import wrench_findings as wrenches
 from ident.judgement.body_findings import consistency_findings, mass_findings
 from ident.judgement.candidates import CANDIDATES, Candidates, candidate_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding, doubts_first, listed, number_of
+from ident.judgement.finding import NAMED, Finding, doubts_first, listed, number_of
 from ident.judgement.torque_causes import cause_findings
 from ident.judgement.unmodelled import unmodelled_findings
 from ident.judgement.weighing import Mass, estimated_mass
@@ -40,9 +40,6 @@ WIDER = 2.0
 
 BEHIND = "worse_than_candidate", "candidate_better"
 """Codes of findings that another candidate predicts better, clearly, which is a doubt, or somewhat."""
-
-NAMED = 4
-"""Largest number of parameters, bodies or channels that a sentence names; more are counted."""
 
 IDLE = {
     "plane": "out of the plane that the model moves in",
@@ -193,8 +190,8 @@ class Verdict(Worded):
 
     @property
     def word(self) -> str:
-        """The decision in a word or two."""
-        return {"usable": "Usable", "partly": "Partly usable", "not": "Not usable"}[self.outcome.value]
+        """The decision in a word."""
+        return {"usable": "Usable", "partly": "Partly", "not": "Unusable"}[self.outcome.value]
 
     @property
     def brief(self) -> str:

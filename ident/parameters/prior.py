@@ -229,8 +229,10 @@ def conditioned(
     psi: np.ndarray,
     covariance: np.ndarray,
     known: Mapping[str, float] = KNOWN,
+    *,
+    included: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior of all parameters φ, from their prior and an estimate of ψ = B φ that includes it.
+    """Posterior of all parameters φ, from their prior and an estimate of ψ = B φ.
 
         φ̂ = φ_0 + G (ψ̂ - B φ_0),     S - G (B S Bᵀ - C) Gᵀ,     G = S Bᵀ (B S Bᵀ)⁻¹
 
@@ -239,42 +241,23 @@ def conditioned(
     Args:
         mechanism: The mechanism with the prior φ_0.
         parameters: Its base parameters.
-        psi: Their estimate ψ̂, the prior included (r,).
+        psi: Their estimate ψ̂ (r,).
         covariance: Its covariance C (r, r).
         known: Standard deviations of the prior, for S, as for `body_covariance`.
+        included: True if the estimate includes the prior; from one of the data alone follows that first.
 
     Returns:
         φ̂ (10 b,), and its standard deviations (10 b,).
     """
     S, K = known_covariances(mechanism, known), known_covariance(mechanism, parameters, known)
     G = np.linalg.solve(K, (S @ _of_bodies(parameters)).reshape(-1, parameters.rank).T).T
-    phi = mechanism.known + G @ (psi - parameters.regroup(mechanism.known))
+    before = parameters.regroup(mechanism.known)
+    if not included:
+        gain = np.linalg.solve(K + covariance, K).T
+        psi, covariance = before + gain @ (psi - before), K - gain @ K
+    phi = mechanism.known + G @ (psi - before)
     variance = np.diagonal(S, axis1=1, axis2=2).ravel() - np.einsum("pr,rs,ps->p", G, K - covariance, G)
     return phi, np.sqrt(np.maximum(variance, 0))
-
-
-def updated(
-    mechanism: Mechanism,
-    parameters: BaseParameters,
-    psi: np.ndarray,
-    covariance: np.ndarray,
-    known: Mapping[str, float] = KNOWN,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate and covariance of ψ with the prior included, as inputs of `conditioned`.
-
-    Args:
-        mechanism: The mechanism with the prior φ_0.
-        parameters: Its base parameters.
-        psi: Their estimate from the data alone (r,).
-        covariance: Its covariance (r, r).
-        known: Standard deviations of the prior, as for `body_covariance`.
-
-    Returns:
-        ψ (r,), and its covariance (r, r).
-    """
-    K, before = known_covariance(mechanism, parameters, known), parameters.regroup(mechanism.known)
-    gain = np.linalg.solve(K + covariance, K).T
-    return before + gain @ (psi - before), K - gain @ K
 
 
 def parameters_identified(

@@ -16,8 +16,8 @@ from ident.files.table import TRUE, Table, listed, short
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
+from ident.recordings.stated import untracked
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
-from ident.recordings.tracker import untracked
 
 TIME = "time"
 """Column of every table's own times, s."""

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ident.annotations import Needs, Point, Positive, one_of
-from ident.errors import InputError, ModelError
+from ident.errors import InputError, ModelError, about
 from ident.files.atomic import replacing
 from ident.files.column import UNITS
 from ident.files.limits import toml
@@ -94,10 +94,8 @@ def read_settings(path: Path) -> Settings:
         InputError: The file is missing or malformed; the message names the entry.
     """
     entries = toml(path, "settings of markers need")
-    try:
+    with about(path):
         settings = made(Settings, "", entries)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     named = {k: x if x.site or x.body else replace(x, site=k) for k, x in settings.markers.items()}
     return replace(settings, markers=named)
 

@@ -28,7 +28,7 @@ _SWITCHES = {
 """Flags of the option that disable parts of a drive; MuJoCo's versions have some of them each."""
 
 SAME = 1e-12
-"""Relative difference that counts as rounding."""
+"""Relative difference that counts as rounding: a number, or one of a vector or a matrix, is kept."""
 
 
 def drives_of_model(

@@ -15,7 +15,7 @@ from ident.mechanism.drives import Actuator
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
 from sim.models.notes import note, refusals
 from sim.models.urdf_meshes import keep_meshes, leave_out
-from sim.models.xml_files import parsed
+from sim.models.xml_files import LARGEST, parsed
 
 SINGLE = ("revolute", "continuous", "prismatic")
 """Types of joints with one coordinate, which alone mimic and are mimicked."""
@@ -25,9 +25,6 @@ Mimics = dict[str, tuple[str, float, float]]
 
 REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 """Tags of a reduction in a transmission, or in its actuator or joint: those of ROS 1 and ROS 2."""
-
-LARGEST = 1e100
-"""Upper limit of an inertia's numbers, so that products of them are finite."""
 
 WORLD = "world"
 """Parent link that need not be declared: MuJoCo's world."""

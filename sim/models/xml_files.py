@@ -10,6 +10,9 @@ from xml.parsers import expat
 
 from ident.errors import InputError, ModelError
 
+LARGEST = 1e100
+"""Upper limit of a model's numbers, so that products of them are finite."""
+
 SUFFIX = ".xacro"
 """End of the names of xacro files, which are URDF files with macros."""
 

@@ -29,7 +29,6 @@ class _Contacts(NamedTuple):
 
 NONE = _Contacts(np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
-
 ROUND = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
 """Kinds of geoms that are points and lines with a radius."""
 

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from ident.judgement.finding import SetupFinding
 from ident.judgement.fit_findings import course_findings, quality_findings
-from ident.judgement.setup_errors import SetupFinding
 from ident.judgement.setup_findings import setup_remarks
 
 

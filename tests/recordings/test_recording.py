@@ -8,8 +8,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from ident.recordings.servo import Servo
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Servo, Tracker
 from ident.recordings.wrench import Sensor
 
 RNG = np.random.default_rng(0)

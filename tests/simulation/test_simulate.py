@@ -7,7 +7,7 @@ from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
-from sim.simulation.sensors import sensors
+from sim.simulation.readings import sensors
 from sim.simulation.simulate import RATE, simulate
 
 

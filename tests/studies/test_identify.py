@@ -102,7 +102,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys):
     assert abs(value["m1"] - 61.65) < 0.1
     assert abs(value["m3rz3"] - 8.5) < 0.4
     assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
-    assert printed.startswith("✕ Not usable. One finding speaks against it; it predicts all 3 channels that count.")
+    assert printed.startswith("✕ Unusable. One finding speaks against it; it predicts all 3 channels that count.")
     assert "It predicts all 3 channels that count. Not counted: Fy, Mx, Mz" in estimate["verdict"]
     phi = parameters_from_model(tmp_path / "bow" / "model.urdf")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()

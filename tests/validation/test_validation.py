@@ -87,7 +87,7 @@ def test_known_parameters_come_first(result):
         first,
     )
     shown = report.document(result, {})
-    assert shown.headline.word == "Intervals hold" and first.startswith(shown.headline.sentence)
+    assert shown.headline.word == "Validated" and first.startswith(shown.headline.sentence)
     assert (
         shown.pictures[0].count("<circle") == number
         and f">{(abs(truth.z) <= 1.96).sum()} of {number}<" in shown.pictures[0]

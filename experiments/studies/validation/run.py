@@ -161,11 +161,7 @@ def _check_parameters(entry: Entry, names: Sequence[str]) -> None:
 
 
 def _identified(
-    entry: Entry,
-    paths: Mapping[str, Path],
-    fitted: Sequence[Log],
-    judged: Sequence[Log],
-    holdout: float = HOLDOUT,
+    entry: Entry, paths: Mapping[str, Path], fitted: Sequence[Log], judged: Sequence[Log], holdout: float = HOLDOUT
 ) -> tuple[Estimate, float]:
     """Estimate from logs, and its CPU time in s, reading included."""
     start = time.process_time()

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.limits import LIMIT, check_size, library, undamaged
+from ident.files.limits import LIMIT, PIECE, check_size, library, undamaged
 from ident.files.table import Table
 
 BAG = b"#ROSBAG V2.0\n"
@@ -26,9 +26,6 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 BAG_CHUNK = b"op=\x05"
 MCAP_CHUNK = 6
 """Operation codes of chunks, from the two formats' specifications."""
-
-PIECE = 1 << 16
-"""Bytes that are unpacked at a time."""
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 

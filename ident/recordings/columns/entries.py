@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.annotations import Needs
 from ident.arguments import is_number
-from ident.errors import LogError
+from ident.errors import LogError, about
 from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
 from ident.files.csv_file import Layout
 from ident.files.limits import toml
@@ -210,10 +210,8 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
     if path.suffix.lower() == LOADS:
         return None
     entries = toml(path, "a mapping of columns needs")
-    try:
+    with about(path):
         return segments_of(entries["segments"]) if "segments" in entries else None
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from None
 
 
 def segments_of(entries: Any) -> dict[str, Placed]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ident.annotations import NotNegative
-from ident.errors import LogError
+from ident.errors import LogError, about
 from ident.files import schema
 from ident.files.table import short
 from ident.geometry.se3 import pose as pose_of
@@ -216,15 +216,13 @@ def external_loads(path: Path, bodies: Sequence[str]) -> dict[str, Any]:
         raise LogError(
             f"{path}: OpenSim's ExternalLoads have an <ExternalForce> that acts, this <{root.tag}> has none."
         )
-    try:
-        named = {force.get("name", "") or f"plate{k}": force for k, force in enumerate(forces, start=1)}
-        if len(named) < len(forces):
+    with about(path):
+        by_name = {force.get("name", "") or f"plate{k}": force for k, force in enumerate(forces, start=1)}
+        if len(by_name) < len(forces):
             raise LogError("every <ExternalForce> needs a name of its own.")
-        stated = {name: _body(name, force, bodies) for name, force in named.items()}
+        stated = {name: _body(name, force, bodies) for name, force in by_name.items()}
         among = _with_other_sides(list(stated.values()), bodies)
-        return {"wrenches": {name: _plate(name, force, stated[name], among) for name, force in named.items()}}
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from None
+        return {"wrenches": {name: _plate(name, force, stated[name], among) for name, force in by_name.items()}}
 
 
 def _plate(name: str, force: ET.Element, body: str, among: Sequence[str]) -> dict[str, Any]:
