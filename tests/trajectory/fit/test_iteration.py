@@ -89,9 +89,11 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
     assert deviations[0] == pytest.approx(deviations[1], rel=0.1)
 
 
-@pytest.mark.parametrize(("step", "gains", "legs"), [(0.5, False, [8]), (0.5, True, [8, 12]), (5.0, False, [8, 12])])
-def test_correlated_noise_is_given_up_once_it_settles_without_predicting_better(monkeypatch, step, gains, legs):
-    rounds = []
+@pytest.mark.parametrize(
+    ("step", "loss", "legs"), [(0.5, 0.1, [8]), (0.5, -0.1, [8, 12]), (5.0, 0.3, [8, 12]), (5.0, 1.0, [8])]
+)
+def test_correlated_noise_is_given_up_once_it_settles_or_predicts_far_worse(monkeypatch, step, loss, legs):
+    rounds, usual = [], estimate()
 
     def refitted(_, known, **how):
         rounds.append(how["rounds"])
@@ -99,12 +101,12 @@ def test_correlated_noise_is_given_up_once_it_settles_without_predicting_better(
 
     def better(usual, _, other, margin=0.03):
         tried = other()
-        return tried if gains else usual
+        return tried if loss < -margin else usual
 
     monkeypatch.setattr(stages.Stages, "refitted", refitted)
     monkeypatch.setattr(stages, "better", better)
-    chosen = stages.Stages._coloured(object.__new__(stages.Stages), estimate())
-    assert rounds == legs and chosen.coloured == gains
+    chosen = stages.Stages._coloured(object.__new__(stages.Stages), usual)
+    assert rounds == legs and chosen.coloured == (loss < 0)
 
 
 NONE = np.zeros(0)
