@@ -24,6 +24,9 @@ from ident.trajectory.trajectory_estimate import own_columns
 LOADED = " with the load"
 """Ending of the names of parameters that recordings with the load have separately."""
 
+RANK = 1e-9
+"""Least singular value, over the largest, of what recordings show of a load."""
+
 STEPS = 4
 """Number of steps to a load's stated mass where scales of torques are uncertain; the last changes the mass by 1e-9."""
 
@@ -50,6 +53,33 @@ def joint_fit(
     )
     more = len(apart.fit.names) - len(together.fit.names)
     return apart if more and cost - less > special.chdtri(more, SIGNIFICANT) else together
+
+
+def differing(
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, joint: TrajectoryEstimate
+) -> tuple[float, int]:
+    """χ² of what recordings with and without a load share, less what the load explains, and its degrees of freedom.
+
+    Args:
+        without: As for `joint_fit`; so are `loaded` and `columns`.
+        loaded: Estimate from recordings with it.
+        columns: Base parameters of a unit of each of the load's parameters (r, 10).
+        joint: The estimate of both.
+    """
+    first, last = (_as_stated(each, _stated(each)) for each in (without, loaded))
+    shared = [name for name in last.names if name in first.names and name + LOADED not in joint.fit.names]
+    at = np.array([(first.names.index(name), last.names.index(name)) for name in shared])
+    i, k = at[first.free[at[:, 0]] & last.free[at[:, 1]]].T
+    design = np.zeros((len(first.theta), 10))
+    design[: len(columns)] = columns
+    scale = np.sqrt(np.diag(first.covariance)[i] + np.diag(last.covariance)[k])
+    factor = np.linalg.cholesky(
+        (first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)]) / np.outer(scale, scale)
+    )
+    sides = np.column_stack([last.theta[k] - first.theta[i], design[i]]) / scale[:, None]
+    left, *X = np.linalg.solve(factor, sides).T
+    explained, _, rank, _ = np.linalg.lstsq(np.column_stack(X), left, rcond=RANK)
+    return float(np.sum((left - np.column_stack(X) @ explained) ** 2)), len(i) - int(rank)
 
 
 def _joined(

@@ -19,8 +19,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
-from ident.payload.identified_payload import GUESSED, Payload, SensorParameter
-from ident.payload.joint_fit import LOADED, joint_fit
+from ident.payload.identified_payload import Payload, SensorParameter
+from ident.payload.joint_fit import LOADED, differing, joint_fit
 from ident.payload.weight import DENSITY
 from ident.recordings.recording import Recording
 from ident.tolerances import HOLDOUT
@@ -41,11 +41,14 @@ class Load(Payload):
     Attributes:
         without: The estimate from recordings without it.
         joint: One fit of all recordings, whose first ten parameters are the load's φ in the body's frame.
+        differing: χ² of the recordings with it from those without it, less what the load explains, and its degrees of
+            freedom: standard deviations from the noise are widened by Birge's ratio, as for `agreement.widening`.
         weighed: Its mass by a scale, kg; None if it was not stated.
     """
 
     without: Estimate
     joint: TrajectoryEstimate
+    differing: tuple[float, int]
     weighed: tuple[float, float] | None = None
 
     @property
@@ -68,19 +71,21 @@ class Load(Payload):
 
     @cached_property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
-        wider = max(self.estimate.widening, self.without.widening)
+        wider = max(
+            self.estimate.widening, self.without.widening, float(np.sqrt(self.differing[0] / self.differing[1]))
+        )
         noise = wider**2 * self.joint.fit.covariance[:10, :10]
         return noise, noise + self.joint.covariance_of_setup[:10, :10]
 
     @cached_property
     def physical(self) -> ConsistentParameters:
-        """Physically consistent body near the estimated φ; its prior is a ball of the same mass and centre."""
+        """Physically consistent body near φ; its prior is a ball of the same mass and centre, as wide as `FAR`."""
         phi, alone = self.joint.fit.theta[:10], Mechanism.lone_body("load")
         mass = max(float(phi[0]), 1e-3 * self.robot.mass)
-        ball = 0.4 * mass * (3 * mass / (4 * np.pi * DENSITY)) ** (2 / 3) * np.eye(3)
-        prior = parameters_from_com(mass, np.clip(phi[1:4] / mass, -FAR, FAR), ball)
-        base = structural_base_parameters(alone, sensors=Sensors(moving_base=True))
-        return consistent_parameters(phi, self._covariances[0], base, prior, bodies=alone.bodies, width=GUESSED)
+        gyration = np.sqrt(0.2) * (3 * mass / (4 * np.pi * DENSITY)) ** (1 / 3)
+        prior = parameters_from_com(mass, np.clip(phi[1:4] / mass, -FAR, FAR), 2 * mass * gyration**2 * np.eye(3))
+        base, width = structural_base_parameters(alone, sensors=Sensors(moving_base=True)), FAR / gyration
+        return consistent_parameters(phi, self._covariances[0], base, prior, bodies=alone.bodies, width=width)
 
     @property
     def model(self) -> None:
@@ -106,6 +111,7 @@ class Load(Payload):
             self.robot.mass,
             body.identifiable,
             rubs=bool(rubs),
+            differing=self.differing,
         )
 
     def verdict(self) -> PayloadVerdict:
@@ -195,5 +201,6 @@ def identify_load(
     if mass is not None:
         prior[0][0], prior[1][0] = max(mass_std, EXACT * mass), mass
     joint = joint_fit(empty.trajectory, full.trajectory, columns, *prior)
+    beside = differing(empty.trajectory, full.trajectory, columns, joint)
     weighed = None if mass is None else (mass, mass_std)
-    return Load(robot, body, "", np.eye(4), full, (), empty, joint, weighed)
+    return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed)
