@@ -6,6 +6,10 @@ from pathlib import Path
 
 from experiments.cli import options, running
 from ident.errors import InputError
+from ident.tolerances import HUGE
+
+RATE = options.decimal("a number of samples per second, in Hz", lambda x: 1e-3 <= x < HUGE)
+"""Type of a rate, as for `ident.files.selection.Rate`."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -15,7 +19,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.guesses.guess import believed
     from experiments.guesses.log_contents import TRIAL
     from ident.estimation.equations import channels_out_of_plane
-    from ident.recordings.several_files import files_of
+    from ident.recordings.several_clocks import files_of
     from sim.models.model_mechanism import mechanism
 
     files = [file for log in args.logs for file in files_of(log)]
@@ -54,18 +58,6 @@ def _model(args: argparse.Namespace, command: str) -> list[str]:
     return words + [word for joint in args.fix for word in ("--fix", *joint)]
 
 
-def _rate(text: str) -> float:
-    """Type of an option: samples per second."""
-    from ident.files.selection import clock_of_rate
-
-    try:
-        value = float(text)
-        clock_of_rate("--rate", value)
-    except (ValueError, InputError):
-        raise argparse.ArgumentTypeError(f"needs a number of samples per second, in Hz, got '{text}'") from None
-    return value
-
-
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.plain_parser("columns", __doc__)
@@ -74,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--out", type=Path, help="file to write, by default beside the first log, with its name and .toml")
     out.add_argument("--force", action="store_true", help="replace the file if there is one")
     out.add_argument(
-        "--rate", type=_rate, default=0.0, metavar="HZ", help="samples per second, if the logs have no column of times"
+        "--rate", type=RATE, default=0.0, metavar="HZ", help="samples per second, if the logs have no column of times"
     )
     options.add_mechanism(out)
     options.add_size(out)

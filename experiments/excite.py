@@ -6,7 +6,6 @@ pendulum the limits are those of the paper's excitation, and the design is compa
 """
 
 import argparse
-import math
 from pathlib import Path
 
 import scenes
@@ -14,6 +13,11 @@ from experiments.cli import options, running
 from experiments.data.paper import ACCELERATION, CRITERIA, MARGIN, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.errors import InputError
 from ident.tolerances import HUGE
+
+NUMBER = options.decimal(f"a number within ±{HUGE:g}", lambda x: abs(x) < HUGE)
+SHARE = options.decimal("a number from 0 to below 0.5", lambda x: 0 <= x < 0.5)
+POSITIVE = options.decimal(f"a positive number, {1 / HUGE:g} or more", lambda x: 1 / HUGE <= x < HUGE)
+"""Types of quantities in SI units, of the share of a range at each of its ends, and of positive quantities."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -41,18 +45,18 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.output_parser("excite", __doc__)
     out.add_argument("model", help=f"an MJCF or URDF file, or a scene: {', '.join(scenes.NAMES)}")
-    out.add_argument("--seconds", type=_positive, help=f"duration; {SECONDS:g} or the paper's if not given")
+    out.add_argument("--seconds", type=POSITIVE, help=f"duration; {SECONDS:g} or the paper's if not given")
     out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
     options.add_mechanism(out)
     out.add_argument(
-        "--position", nargs=2, type=_number, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
+        "--position", nargs=2, type=NUMBER, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
     )
     free = "share of the model's range that stays free at each stop"
-    out.add_argument("--margin", type=_share, default=MARGIN, help=free)
+    out.add_argument("--margin", type=SHARE, default=MARGIN, help=free)
     options.add_drive(out, default="none")
     limits = "for every joint; {:g} or the peak of the paper's if not given"
-    out.add_argument("--velocity", type=_positive, help=f"largest, rad/s or m/s, {limits.format(VELOCITY)}")
-    out.add_argument("--acceleration", type=_positive, help=f"largest, rad/s² or m/s², {limits.format(ACCELERATION)}")
+    out.add_argument("--velocity", type=POSITIVE, help=f"largest, rad/s or m/s, {limits.format(VELOCITY)}")
+    out.add_argument("--acceleration", type=POSITIVE, help=f"largest, rad/s² or m/s², {limits.format(ACCELERATION)}")
     out.add_argument(
         "--criterion",
         choices=CRITERIA,
@@ -63,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--noise",
         nargs=2,
-        type=_positive,
+        type=POSITIVE,
         metavar=("N", "NM"),
         help="standard deviations of noise; the model's sensors', else {:g} and {:g}, if not given".format(*NOISE),
     )
@@ -73,39 +77,12 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--iterations", type=options.whole_number(1, 100_000), default=100, help="at most, each start")
     out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of the starts")
     out.add_argument("--collisions", choices=("avoid", "ignore"), default="avoid", help="what to do about them")
-    out.add_argument("--clearance", type=_positive, default=0.005, help="distance in m that counts as a collision")
+    out.add_argument("--clearance", type=POSITIVE, default=0.005, help="distance in m that counts as a collision")
     floor = "height of a table or a floor in the world's frame, m, which no moving body may touch"
-    out.add_argument("--floor", type=_number, metavar="Z", help=floor)
+    out.add_argument("--floor", type=NUMBER, metavar="Z", help=floor)
     out.add_argument("--log", type=Path, help="your own recording, to compare the designed motion with")
     out.add_argument("--columns", type=Path, help="TOML file that says which columns of the log hold what")
     return out
-
-
-def _number(text: str) -> float:
-    """Type of an option: a number in the range of quantities in SI units."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not abs(value) < HUGE:
-        raise argparse.ArgumentTypeError(f"needs a number within ±{HUGE:g}, got '{text}'")
-    return value
-
-
-def _share(text: str) -> float:
-    """Type of an option: a share of a range at each of its ends, from 0 to below a half."""
-    value = _number(text)
-    if not 0 <= value < 0.5:
-        raise argparse.ArgumentTypeError(f"needs a number from 0 to below 0.5, got '{text}'")
-    return value
-
-
-def _positive(text: str) -> float:
-    """Type of an option: a positive number in that range."""
-    value = _number(text)
-    if value < 1 / HUGE:
-        raise argparse.ArgumentTypeError(f"needs a positive number, {1 / HUGE:g} or more, got '{text}'")
-    return value
 
 
 main = running.main(__name__, run, parser)

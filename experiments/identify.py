@@ -154,7 +154,7 @@ def add_options(out: argparse.ArgumentParser) -> None:
     )
     out.add_argument(
         "--holdout",
-        type=own_model.fraction,
+        type=options.FRACTION,
         default=HOLDOUT,
         help="fraction of the recording kept to judge by; 0 judges by all",
     )

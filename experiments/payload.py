@@ -95,9 +95,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--verbose", action="store_true", help="print more than a screen: deviations, sensor and forms")
     options.add_mechanism(out)
     options.add_reading(out)
-    out.add_argument(
-        "--holdout", type=own_model.fraction, default=HOLDOUT, help="fraction of each log kept to judge by"
-    )
+    out.add_argument("--holdout", type=options.FRACTION, default=HOLDOUT, help="fraction of each log kept to judge by")
     return out
 
 

@@ -99,8 +99,9 @@ def typed(*but: str) -> Callable[[F], F]:
 
 def misfit(kind: Any, own: Mapping[str, Any]) -> str:
     """The first field of a data class or named tuple whose value does not fit, in words; empty if all do."""
+    hints = {name: x for each in reversed(kind.__mro__) for name, x in vars(each).get("__annotations__", {}).items()}
     for name, value in own.items():
-        hint = kind.__annotations__[name]
+        hint = hints[name]
         if not fits(value, hint):
             # Not the value itself: repeated parts of a list can make it endless.
             return f"{name} needs {in_words(hint)}, got one of type {type(value).__name__}"

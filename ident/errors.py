@@ -1,6 +1,7 @@
 """Errors of input, with a sentence for the user; every other exception is a bug of this project."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -34,3 +35,12 @@ class ExcitationError(InputError):
     def __init__(self, message: str, parameters: Sequence[str] = ()) -> None:
         super().__init__(message)
         self.parameters = tuple(parameters)
+
+
+@contextmanager
+def about(what: object) -> Iterator[None]:
+    """Begins the messages of input errors in a block with what they are about, such as the path of a file."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{what}: {error}") from None

@@ -1,7 +1,7 @@
 """Estimate of base parameters from recordings, with predictions, findings and a verdict."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -18,109 +18,34 @@ from ident.display.parameters import Groups, Parameter, intervals, parameters_fr
 from ident.display.text import decimals_of, first_parameters, headline, summary_text, undetermined_sentence
 from ident.errors import InputError
 from ident.estimation.accumulator import accumulate
-from ident.estimation.preparation import Part, Prepared
-from ident.estimation.samples import Samples, joined
 from ident.files.objects import load_object, save_object
 from ident.judgement.agreement import Comparison, compared
-from ident.judgement.candidates import ESTIMATE
-from ident.judgement.checks import Checks, checked
-from ident.judgement.evidence import Evidence, SetupFinding, Unmodelled, setup_findings
+from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.judges import findings
-from ident.judgement.residuals import correlation_time, explained_by_motion, idle_channels
-from ident.judgement.torque_checks import friction_shares
-from ident.judgement.verdict import Verdict
+from ident.judgement.residuals import correlation_time
+from ident.judgement.verdict import Verdict, findings
 from ident.mechanism.drives import NO_DRIVE, Drive
 from ident.mechanism.motion import Motion
-from ident.model.axes import column_place, stated_values, with_values
-from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.body_bounds import scaled_root
-from ident.parameters.body_prior import BodyPrior, Rotors
-from ident.parameters.consistency import ConsistentParameters, consistent_parameters
-from ident.parameters.prior import KNOWN, known_covariance
-from ident.parameters.unstated import guessed
-from ident.recordings.servo import Servo
-from ident.regression.held_out import HeldOut
+from ident.model.axes import column_place, with_values
+from ident.parameters.prior import known_covariance
+from ident.recordings.stated import Servo
 from ident.regression.ordinary import Fit
-from ident.regression.robust import spread
 from ident.setup import SETUP
-from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
-from ident.trajectory.result import TrajectoryEstimate
+from ident.tolerances import UNEXPLAINED
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-COPIED = (
-    *("fit", "condition_number", "checks", "offsets", "inseparable", "trajectory", "setup", "rivals", "filtered_at"),
-    *("disagreement", "disagreements", "widening", "bounded", "friction", "covariance_setup", "unmodelled"),
-)
-"""Fields of the evidence that an estimate has by the same names."""
-
-LINEARISED = 3
-"""Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
-time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
-
-ROUNDING = 1e-9
-"""Least eigenvalue of correlations of ψ: what the set-up adds to a covariance is definite to rounding only."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate:
+class Estimate(Evidence):
     """Base parameters of a mechanism from recordings.
 
     `estimate["m2rz2"]` is one of the parameters with its interval, `estimate.psi` all base parameters. Its length is
     their number, and iteration gives their names; `name in estimate` is true for every name that can be looked up,
-    also of drives, offsets and scales.
-
-    Attributes:
-        logs: Fitted recordings, and the fitted samples of each.
-        fit: The fit.
-        offsets: Constant offset of each channel where identifiable, fitted or not, with its standard deviation.
-        held_out: Samples on which the fit is judged: ends of the recordings, other recordings, each recording predicted
-            from the rest, or the fitted samples themselves.
-        singular_values: Singular values of the unit-norm columns of base parameters and drives, each channel weighted.
-        trajectory: The trajectory estimate of trajectory, parameters, set-up and noise, None for other estimators.
-        filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
-        filtered_values: Base parameters, drives and offsets of that candidate; None without it.
-        disagreement: Root mean square z of the differences between two halves, None without two.
-        disagreements: Root mean square z of each recording's parameters against the others', for three or more.
-        widening: Factor on the standard deviations from the noise because of that.
-        bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
-            the drive free.
-        unmodelled: What the model may lack, the likeliest first.
-        undetermined: Base parameters that the motion does not determine, where joints rest.
+    also of drives, offsets and scales. Its attributes are those of `Evidence`.
     """
-
-    logs: Sequence[Part[slice]]
-    fit: Fit
-    offsets: dict[str, tuple[float, float]]
-    held_out: HeldOut
-    singular_values: np.ndarray
-    trajectory: TrajectoryEstimate | None = None
-    disagreement: float | None = None
-    disagreements: tuple[float, ...] = ()
-    widening: float = 1.0
-    filtered_at: float | None = None
-    filtered_values: np.ndarray | None = None
-    bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    unmodelled: Sequence[Unmodelled] = ()
-    undetermined: Sequence[str] = ()
-
-    @property
-    def prepared(self) -> Prepared:
-        """The first recording."""
-        return self.logs[0].log
-
-    @property
-    def part(self) -> slice:
-        """Fitted samples of the first recording."""
-        return self.logs[0].samples
-
-    @property
-    def base(self) -> BaseParameters:
-        """Regrouping of the standard parameters into base parameters."""
-        return self.fit.parameters
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,7 +56,7 @@ class Estimate:
     def parameters(self) -> tuple[Parameter, ...]:
         """All coefficients with their intervals, units and bodies: base parameters, drives, offsets, torque scales."""
         wider = np.sqrt(np.diag(self.covariance_setup))
-        return parameters_of(self.fit, self.prepared.mechanism, wider, bounded=self.bounded, scales=self.scales)
+        return parameters_of(self.fit, self.mechanism, wider, bounded=self.bounded, scales=self.scales)
 
     def __getitem__(self, name: str) -> Parameter:
         """The coefficient of a name, such as `m2rz2` or `Fv(knee)`.
@@ -179,16 +104,6 @@ class Estimate:
         return intervals(self.psi, self.std_setup if setup else self.std, level)
 
     @property
-    def psi(self) -> np.ndarray:
-        """Base parameters (r,)."""
-        return self.fit.psi
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance of the base parameters (r, r)."""
-        return self.fit.covariance[: self.base.rank, : self.base.rank]
-
-    @property
     def std(self) -> np.ndarray:
         """Standard deviations of the base parameters (r,)."""
         return self.fit.std[: self.base.rank]
@@ -198,24 +113,11 @@ class Estimate:
         """Standard deviations with the uncertainty of the set-up if it was estimated, else `std` (r,)."""
         return np.sqrt(np.diag(self.covariance_setup))[: self.base.rank]
 
-    @cached_property
-    def covariance_setup(self) -> np.ndarray:
-        """Covariance of all coefficients with the uncertainty of the set-up (m, m)."""
-        if self.trajectory is None:
-            return self.fit.covariance
-        m = len(self.fit.names)
-        added = self.trajectory.covariance_of_setup[:m, :m].copy()
-        # Variances may be negative by rounding.
-        np.fill_diagonal(added, np.maximum(np.diag(added), 0))
-        return self.fit.covariance + added
-
     @property
     def moved_from_prior(self) -> np.ndarray:
         """Difference of ψ from the model's, in standard deviations of the prior (r,)."""
-        mechanism = self.prepared.mechanism
-        known = {**KNOWN, **self.prepared.recording.known}
-        std = np.sqrt(np.diag(known_covariance(mechanism, self.base, known, self.fit.equations.absorbed)))
-        return (self.psi - self.fit.equations.from_model[: self.base.rank]) / std
+        before = known_covariance(self.mechanism, self.base, self.known, self.fit.equations.absorbed)
+        return (self.psi - self.fit.equations.from_model[: self.base.rank]) / np.sqrt(np.diag(before))
 
     @property
     def drives(self) -> dict[str, Drive]:
@@ -233,7 +135,7 @@ class Estimate:
         rounded = [round(x, 1 + k) + 0.0 for x, k in zip(fit.values.tolist(), digits, strict=True)]
         rotors = {name: float(f"{x:.4g}") for name, x in full.rotors.items()}
         drives = self._drives_of(replace(fit, values=np.array(rounded)), rotors)
-        stated = self.prepared.mechanism.drives
+        stated = self.mechanism.drives
         for joint, servo in self.servos.items():
             drives[joint] = drives.get(joint, stated.get(joint, NO_DRIVE)).with_servo(servo.kp, servo.kv)
         return drives
@@ -256,43 +158,12 @@ class Estimate:
         equations = fit.equations
         values = dict(zip(equations.drives, fit.values[fitted].tolist(), strict=True)) | dict(more)
         of_joints = {name: x for name, x in values.items() if column_place(name)[1] not in equations.axes.motors}
-        return with_values(self.prepared.mechanism, of_joints)
-
-    @property
-    def psi_of_links(self) -> np.ndarray:
-        """Base parameters of the links alone, without the model's rotors and friction that they absorb (r,)."""
-        return self.psi - self.fit.equations.from_drives[: self.base.rank]
+        return with_values(self.mechanism, of_joints)
 
     @property
     def psi_updated(self) -> np.ndarray:
         """Base parameters of the updated model: its physical bodies, with the rotors and friction they absorb (r,)."""
         return self.consistent().psi + self.fit.equations.from_drives[: self.base.rank]
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the measured channels."""
-        return self.fit.equations.channels
-
-    @property
-    def inseparable(self) -> tuple[str, ...]:
-        """Channels whose constant offset cannot be separated from parameters."""
-        return tuple(channel for channel in self.channels if channel not in self.offsets)
-
-    @property
-    def condition_number(self) -> float:
-        """Condition number of the unit-norm, weighted columns, infinite if they are dependent."""
-        return _condition(self.singular_values)
-
-    @property
-    def determined_condition(self) -> float:
-        """The condition number of `determined_values`."""
-        return _condition(self.determined_values)
-
-    @property
-    def determined_values(self) -> np.ndarray:
-        """The singular values without those of combinations that the motion does not determine, where joints rest."""
-        s = self.singular_values
-        return s[s > s[0] / CONDITION_LIMIT] if self.undetermined else s
 
     @cached_property
     def condition_numbers(self) -> dict[str, float]:
@@ -306,45 +177,10 @@ class Estimate:
         raw, unit = (float(np.linalg.cond(x)) for x in (columns, columns / np.where(norms > 0, norms, 1)))
         return {"raw": raw, "unit_norm": unit, "weighted": self.condition_number}
 
-    @cached_property
-    def _fitted(self) -> Samples:
-        return joined([part.used for part in self.logs])
-
-    @property
-    def rivals(self) -> dict[str, np.ndarray]:
-        """Ratios of residual to signal of other candidates on the same samples (C,), by name."""
-        return {name: self.held_out.ratio_of(x) for name, x in self.held_out.rivals.items()}
-
     @property
     def unexplained(self) -> tuple[str, ...]:
         """Channels that this motion and model do not explain."""
         return tuple(c for c, r in zip(self.channels, self.held_out.ratio, strict=True) if r > UNEXPLAINED)
-
-    @cached_property
-    def residual(self) -> np.ndarray:
-        """Measured minus predicted channels of the fitted parts (N, C)."""
-        return np.concatenate([self.fit.residual(part.used) for part in self.logs])
-
-    @cached_property
-    def model_error(self) -> np.ndarray:
-        """Share of each channel's residual that the motion explains beyond chance, held out and fitted (C,).
-
-        A held-out motion is smoothed from joint angles alone, and the error of smoothing depends on the motion. In the
-        fitted part the motion was estimated from the channels as well. A wrong model shows in both: the smaller share
-        is returned.
-        """
-        held = explained_by_motion(self.held_out.residual, self.held_out.samples.motion)
-        return np.minimum(held, explained_by_motion(self.residual, self._fitted.motion))
-
-    @cached_property
-    def friction(self) -> dict[str, float]:
-        """Share of each joint torque's residual that friction would explain, empty without torques."""
-        return friction_shares(self.fit, self._fitted) if self.fit.equations.torques else {}
-
-    @property
-    def scale(self) -> np.ndarray:
-        """Robust standard deviation of each channel's residual (C,)."""
-        return spread(self.residual)
 
     @cached_property
     def correlation(self) -> np.ndarray:
@@ -359,7 +195,7 @@ class Estimate:
         """
         needed = "a Motion(q, dq, ddq); a recording is predicted by identify(..., held_out=recording)"
         check_type("motion", motion, Motion, needed)
-        return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
+        return self.fit.predicted(motion.checked(self.mechanism.tree))
 
     @typed()
     def compare(self, other: "Estimate") -> Comparison:
@@ -370,84 +206,27 @@ class Estimate:
         """
         return compared(self.fit, other.fit)
 
-    @cached_property
-    def _consistent(self) -> ConsistentParameters:
-        arm = self.prepared.mechanism
-        known = {**KNOWN, **self.prepared.recording.known}
-        equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
-        stated = stated_values(arm, list(equations.absorbed))
-        rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
-        prior, wider = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
-
-        def prior_at(phi: np.ndarray) -> BodyPrior:
-            return BodyPrior.of(arm, self.base, known, rotors, used=included, at=phi)
-
-        def fitted(at: np.ndarray) -> ConsistentParameters:
-            return consistent_parameters(
-                *(self.psi_of_links, self.covariance, self.base, prior),
-                bodies=arm.bodies,
-                masses=known["mass"],
-                known=prior_at(at),
-                rotors=rotors,
-            )
-
-        # Bodies have what the data say, as the total mass on a plate; their intervals allow for errors of the set-up.
-        full = fitted(prior)
-        for _ in range(LINEARISED if included else 0):
-            full = fitted(full.phi)
-        wide = replace(full.fitting, root=scaled_root(wider), prior=prior_at(full.phi if included else prior))
-        full = replace(full, fitting=wide)
-        # Frames stay without mass.
-        return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
-
-    def consistent(self) -> ConsistentParameters:
-        """Physical bodies as close to the mechanism's prior as the estimate allows."""
-        return self._consistent
-
-    @cached_property
-    def setup(self) -> list[SetupFinding]:
-        """Set-up errors, which the estimate includes."""
-        return [] if self.trajectory is None else setup_findings(self.trajectory)
-
     @property
     def displaced(self) -> dict[str, np.ndarray]:
         """Displacements of joints in their parents' frames, m (3,), by the names of the bodies that they carry."""
-        tree, out = self.prepared.mechanism.tree, dict[str, np.ndarray]()
+        tree, out = self.mechanism.tree, dict[str, np.ndarray]()
         for each in (own for own in self.setup if own.kind == "centre"):
             shift = out.setdefault(tree.names[tree.compounds[each.values["of"]][-1]], np.zeros(3))
             shift["xyz".index(each.values["axis"])] = each.value
         return out
 
     @cached_property
-    def evidence(self) -> Evidence:
-        """Evidence that the estimate is judged by."""
-        channels, held = self.channels, self.held_out
-        every = {ESTIMATE: held.residual, **held.rivals}
-        return Evidence(
-            **{name: getattr(self, name) for name in COPIED},
-            ratios=dict(zip(channels, held.ratio.tolist(), strict=True)),
-            part=held.part,
-            scale=dict(zip(channels, self.scale.tolist(), strict=True)),
-            logs=[prepared for prepared, _ in self.logs],
-            at_rest=dict(zip(channels, held.ratio_at_rest(held.residual).tolist(), strict=True)),
-            in_logs=[{n: held.ratio_of(x, part) for n, x in every.items()} for part in held.left_out],
-            model_error=None if self.trajectory is None else self.model_error,
-            consistent=self.consistent(),
-            idle=idle_channels(held, self.prepared),
-        )
-
-    @cached_property
     def findings(self) -> list[Finding]:
         """Findings on the estimate, doubts first."""
-        return findings(self.evidence)
+        return findings(self)
 
     def verdict(self) -> Verdict:
         """Verdict on the estimate, with its reasons; sentences when printed."""
-        return Verdict.of(self.evidence, self.findings)
+        return Verdict.of(self, self.findings)
 
     def to_dict(self) -> dict[str, Any]:
         """All results for scripts, in JSON's types."""
-        numbers = estimate_numbers(self.evidence, self.findings, self.verdict(), self.held_out, self.consistent())
+        numbers = estimate_numbers(self, self.findings, self.verdict())
         return numbers | {
             "std_setup": np.sqrt(np.diag(self.covariance_setup)).tolist(),
             "condition_numbers": {k: x if np.isfinite(x) else None for k, x in self.condition_numbers.items()},
@@ -485,7 +264,7 @@ class Estimate:
         counts = {"doubt": doubts, "remark": len(self.findings) - doubts}
         numbers = [f"{count} {word}{'s' * (count != 1)}" for word, count in counts.items()]
         lines = {
-            "mechanism": listed(self.prepared.mechanism.bodies),
+            "mechanism": listed(self.mechanism.bodies),
             "residual over signal": self._ratios,
             "verdict": f"{self.verdict().outcome.value}, {', '.join(numbers)}",
             "more": "print(estimate.summary()), estimate.to_frame(), estimate.plot()",
@@ -548,21 +327,3 @@ class Estimate:
         """
         loaded: Estimate = load_object(path, "estimate", cls)
         return loaded
-
-    @cached_property
-    def checks(self) -> Checks:
-        """Checks of recording, set-up and fit."""
-        return checked(self.prepared, self.fit, self.part)
-
-
-def _regular(covariance: np.ndarray) -> np.ndarray:
-    """A covariance whose correlations have eigenvalues from `ROUNDING` on."""
-    std = np.sqrt(np.diag(covariance))
-    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
-    return np.asarray((axes * np.maximum(values, ROUNDING)) @ axes.T * np.outer(std, std))
-
-
-def _condition(singular_values: np.ndarray) -> float:
-    """Ratio of the largest to the smallest of sorted singular values, infinite if that is zero."""
-    largest, smallest = singular_values[[0, -1]].tolist()
-    return largest / smallest if smallest else np.inf

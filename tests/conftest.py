@@ -22,9 +22,10 @@ PEOPLE = (
 
 FIRST = (
     *PEOPLE,
-    *(f"studies/test_{name}.py" for name in ("monte_carlo", "trajectory_identification", "identify", "misaligned")),
-    "tests/test_against_mujoco.py",
-    "studies/test_multicontact.py",
+    *(f"studies/test_{name}.py" for name in ("identify", "misaligned", "trajectory_identification", "multicontact")),
+    *("tests/test_against_mujoco.py", "mechanism/test_closure.py", "docs/test_pages.py", "tests/test_tracked.py"),
+    *(f"studies/test_{name}.py" for name in ("monte_carlo", "excite", "batch")),
+    *("guesses/test_driver_logs.py", "guesses/test_laboratory_names.py", "tests/test_lone_body.py"),
 )
 """The slowest files, which start first so that none is left alone at the end."""
 

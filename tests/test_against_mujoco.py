@@ -13,7 +13,7 @@ from ident.parameters.structure import Sensors
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
-MODELS = 200
+MODELS = 100
 SEEDS = range(MODELS)
 RECORDED = SEEDS[::20]
 

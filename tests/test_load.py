@@ -17,8 +17,7 @@ from experiments.studies.person_recordings import humanoid, moved, sensed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identify
-from ident.payload.joint_fit import differing, joint_fit
-from ident.payload.load import identify_load
+from ident.payload.load import differing, identify_load, joint_fit
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism

@@ -68,7 +68,7 @@ def test_a_body_is_known_from_its_pose_and_the_wrench_on_its_sensor():
     assert (np.abs(distances) < 1.96).mean() > 0.85
 
 
-@pytest.mark.parametrize(("rpy", "sign"), [((180, 0, 0), 1), ((0, 40, 0), -1)])
+@pytest.mark.parametrize(("rpy", "sign"), [((0, 40, 0), -1), pytest.param((180, 0, 0), 1, marks=pytest.mark.slow)])
 def test_poses_in_axes_that_do_not_stand_upright_are_noticed_and_stated(rpy, sign):
     """Of a laboratory with y or -z up: forces alone, of either sign, tell where down is."""
     tool, x, names = Mechanism.lone_body("tool"), dict(columns()), [f"q{k}" for k in "wxyz"]
@@ -88,7 +88,7 @@ def test_poses_in_axes_that_do_not_stand_upright_are_noticed_and_stated(rpy, sig
 
 
 def test_the_command_takes_a_log_without_a_model(tmp_path, capsys):
-    write_csv(tmp_path / "swing.csv", columns())
+    write_csv(tmp_path / "swing.csv", columns(seconds=5.0))
     text = (
         '[base]\nposition = ["px", "py", "pz"]\nquaternion = ["qw", "qx", "qy", "qz"]\n[wrenches.ft]\nbody = "tool"\n'
     )

@@ -8,10 +8,9 @@ import pytest
 from measurements import random_measurement
 
 from ident.estimation.setup_parameters import SetupParameter, objects, setup_parameters
-from ident.judgement.evidence import place_of, sentence, setup_findings, short
-from ident.judgement.finding import Place
+from ident.judgement.finding import Place, place_of, sentence, setup_findings, short
 from ident.recordings.columns.mapping import DEVIATIONS
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Tracker
 from ident.setup import OWN, SETUP
 from ident.trajectory.setup_search import Deviation
 

@@ -14,10 +14,10 @@ import ident
 import sim
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
-from ident.estimation.tracking import aligned, measured_poses
+from ident.estimation.recorded_motion import aligned, measured_poses
 from ident.mechanism.motion import Motion
 from ident.recordings.sampled import Sampled
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Tracker
 
 JOINTS = ("turn", "lift", "bend", "roll", "tilt")
 PLACES = np.array([[0, 0, 0.1], [0, 0.05, 0.3], [0.4, 0, 0.02], [0.1, 0.03, 0], [0.3, 0, 0]])
@@ -195,7 +195,7 @@ def test_hidden_markers_are_gaps_and_a_saved_recording_keeps_its_trackers(tmp_pa
     np.testing.assert_array_equal(ident.Recording.load(tmp_path / "run.csv").trackers["flange"].frame, np.eye(4))
 
 
-@pytest.mark.parametrize("wrong", ["nothing", "body", "lag"])
+@pytest.mark.parametrize("wrong", ["nothing", "body", pytest.param("lag", marks=pytest.mark.slow)])
 def test_poses_that_do_not_fit_are_a_doubt(wrong):
     recording, *_ = recorded(seconds=4.0)
     if wrong == "body":

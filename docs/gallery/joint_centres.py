@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import multicontact as mc
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Tracker
 
 arm = mc.mechanism(Path(mc.scenes.__file__).parent / "arm.xml", base="base")
 rng, time, stated = np.random.default_rng(5), np.arange(600) / 100, 2e-3

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 import multicontact as mc
-from ident.recordings.servo import model_servo
+from ident.recordings.stated import model_servo
 from sim.simulation.commanded import rolled_out
 
 INERTIAL = '<inertial pos=".2 0 0" mass="{3}" diaginertia=".01 .03 .03"/>'

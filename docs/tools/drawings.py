@@ -1,6 +1,6 @@
 """Figures, animation and example's log of README and of the documentation."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from experiments.reports.identify_page import first_screen
 from experiments.studies.person_on_plates import USUAL
 from ident import read_log
 from ident.files.atomic import replacing
+from ident.files.table import vector_columns
 from ident.identification import identify
 from ident.recordings.recording import Recording
 from sim import mechanism
@@ -62,13 +63,18 @@ SAMPLES, SEED = 1200, 2
 
 
 def result_picture() -> str:
-    """The first screen of the report on README's arm, as one SVG drawing in the colours of pages."""
+    """Channels and parameters of the report on README's arm, as one SVG drawing in the colours of pages."""
     folder = Path(scenes.__file__).parent
     arm = mechanism(folder / "arm.xml", "base")
-    shown = first_screen(identify(arm, read_log(folder / "arm.csv", arm)))
+    return standalone([*first_screen(identify(arm, read_log(folder / "arm.csv", arm)))][:2], 360, 310)
+
+
+def standalone(shown: Iterable[str], width: int, height: int) -> str:
+    """Pictures of a page, each of this size, beside each other as one SVG drawing."""
     style = (files("experiments.document") / "templates" / "shared.css").read_text(encoding="utf-8")
-    placed = (svg.replace("<svg ", f'<svg x="{390 * k}" width="360" height="260" ') for k, svg in enumerate(shown))
-    head = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1140 260">'
+    size = f'width="{width}" height="{height}" preserveAspectRatio="xMidYMin"'
+    placed = [svg.replace("<svg ", f'<svg x="{(width + 30) * k}" {size} ') for k, svg in enumerate(shown)]
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {(width + 30) * len(placed) - 30} {height}">'
     return f"{head}<style>{style} svg {{ background: var(--paper); }}</style>{''.join(placed)}</svg>\n"
 
 
@@ -233,10 +239,7 @@ def save_log(path: Path) -> None:
     for name, values in log.measured.items():
         kind = name.rpartition("_")[2]
         if kind in DECIMALS:
-            parts = (
-                {name: values} if values.ndim == 1 else {f"{name}.{a}": x for a, x in zip("xyz", values.T, strict=True)}
-            )
-            columns |= parts
+            columns |= (parts := vector_columns(name, values))
             formats += [f"%.{DECIMALS[kind]}f"] * len(parts)
     with replacing(path) as temporary:
         rows = np.column_stack(list(columns.values()))

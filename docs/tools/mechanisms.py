@@ -29,7 +29,7 @@ from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import Linearised, linearised
 from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.rollout import steps_per_sample
+from sim.simulation.readings import steps_per_sample
 from sim.simulation.servos import servos
 from sim.simulation.simulate import LEAD_IN, RATE
 

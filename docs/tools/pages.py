@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from docs.tools import benchmark, drawings, validation_blocks
-from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture
+from docs.tools.drawings import figure_benchmark, figure_estimator, result_picture, standalone
 from experiments.data.simulated_study import SimulatedStudy, summary
 from experiments.document import figures, result_folder, tabular
-from experiments.reports import study_figures, study_tables
+from experiments.reports import study_figures, study_report
+from experiments.reports.validation_report import known_picture
 from experiments.studies.simulation import study
 from ident.errors import InputError
 from ident.files.atomic import replacing
@@ -25,7 +26,7 @@ BENCHMARK = "benchmark.json"
 def table_3(result: SimulatedStudy) -> tabular.Table:
     """Table III with our errors beside the paper's, by least squares and by the trajectory estimate."""
     by_name = dict[str, Sequence[Any]]()
-    for shown in (study_tables.table(result, name) for name in ("table_3", "table_3_searched")):
+    for shown in (study_report.table(result, name) for name in ("table_3", "table_3_searched")):
         by_name |= dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
     columns = {"parameter": by_name["parameter"]}
     for model in ("simplified", "full"):
@@ -50,7 +51,7 @@ def table_wrench_errors(result: SimulatedStudy) -> tabular.Table:
 
 def table_4(result: SimulatedStudy) -> tabular.Table:
     """Table IV with our errors beside the paper's, by least squares and by the trajectory estimate."""
-    shown = study_tables.table(result, "table_4")
+    shown = study_report.table(result, "table_4")
     name, true_paper, true_scene, error, paper_error, trajectory, _ = zip(*shown.rows, strict=True)
     columns = {
         "parameter": name,
@@ -118,6 +119,7 @@ def write_validation(root: Path, numbers: dict[str, Any]) -> None:
     for name in ("README.md", "paper.md"):
         _replace_blocks(root / name, {"validation": validation_blocks.sentence(shown)})
     with result_folder.results_folder(root / "docs") as folder:
+        (folder / "validation_known.svg").write_text(standalone([known_picture(shown)], 520, 260), encoding="utf-8")
         for name, figure in validation_blocks.page_figures(shown).items():
             figures.save(figure, folder, name, ["svg"])
         validation_blocks.write_record(folder / validation_blocks.FILE, numbers)

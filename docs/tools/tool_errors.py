@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from experiments.studies.validation.files import registry
-from experiments.studies.validation.truth import of_bodies
+from experiments.studies.validation.run import of_bodies
 from ident.geometry.inertia import parameters_from_com, symmetric
 
 DETERMINED = "hammer", "clamp", "pliers"

@@ -22,6 +22,9 @@ from ident.files.atomic import replacing
 FILE = "validation.json"
 """Record of the shown run in docs."""
 
+KNOWN = "Estimates less true values in half-widths of their 95 % intervals, by system"
+"""Words for a picture."""
+
 WIDTH = 140
 """Characters of a line of text."""
 
@@ -73,7 +76,7 @@ def page_blocks(study: Study) -> dict[str, str]:
     worse = (tables.table_worse(study), tables.table_outside(study), tables.table_missed(study))
     shown_worse = [_list(worse_lines(study)), *(table.markdown() for table in worse if table.rows)]
     return {
-        "known": _list(truth_lines(study)),
+        "known": f"**{truth_lines(study)[0]}**\n\n![{KNOWN}](validation_known.svg)\n",
         "sentences": _list(overview_lines(study)),
         "worse": "\n".join(shown_worse),
         "verdicts": _verdicts(study),
@@ -95,7 +98,7 @@ def _verdicts(study: Study) -> str:
 
 def sentence(study: Study) -> str:
     """Sentence with the main numbers, for README.md and paper.md."""
-    ratio, z = study.against_best, study.trial_z
+    ratio, (bodies, friction) = study.against_best, study.trial_z_apart
     best, worse = int((ratio <= 1).sum()), int((ratio > WORSE).sum())
     systems = len({each.entry.folder for each in study})
     text = (
@@ -103,7 +106,8 @@ def sentence(study: Study) -> str:
         f"On {len(study.validations)} public recordings of {systems} systems, identified unattended, the estimate "
         f"predicts held-out data best in {best} of {len(ratio)} channels, and in {worse} it is worse by more than 5 % "
         "than the model as it came or least squares at the best of five cut-offs. Of the differences between "
-        f"recordings of one system, {100 * inside(z):.0f} % are inside their 95 % intervals."
+        f"recordings of one system, {100 * inside(bodies):.0f} % of the bodies' and {100 * inside(friction):.0f} % of "
+        "the frictions' are inside their 95 % intervals: friction changes from trial to trial."
     )
     return f"{fill(text, WIDTH)}\n"
 

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,6 @@ LOGS = (
     "DATASET#3, or FILE+FILE: angles in one, forces in another"
 )
 """Help on the formats of a log."""
-
 
 NONE = "none"
 """Format of figures that are not drawn."""
@@ -276,6 +276,22 @@ def size_limit(args: argparse.Namespace) -> int:
     from ident.files.limits import LIMIT
 
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
+
+
+def decimal(needed: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
+    """Type of an option: a number for which a condition holds; `needed` says which, for messages."""
+
+    def number(text: str) -> float:
+        with suppress(ValueError):
+            if holds(value := float(text)):
+                return value
+        raise argparse.ArgumentTypeError(f"needs {needed}, got '{text}'")
+
+    return number
+
+
+FRACTION = decimal("a number from 0.05 to 0.9, or 0", lambda x: x == 0 or 0.05 <= x <= 0.9)
+"""Type of the fraction of a recording that is held out."""
 
 
 def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:

@@ -56,7 +56,7 @@ def _fitted(args: argparse.Namespace) -> list[Path]:
 
 
 def _files(log: Path) -> tuple[Path, ...]:
-    from ident.recordings.several_files import files_of
+    from ident.recordings.several_clocks import files_of
 
     return files_of(log)
 
@@ -124,14 +124,3 @@ def model_sum(mechanism: "Mechanism") -> str:
         return {each.name: getattr(value, each.name) for each in fields(value) if each.name != "source"}
 
     return hashlib.sha256(json.dumps(mechanism, default=plain).encode()).hexdigest()
-
-
-def fraction(text: str) -> float:
-    """Type of an option: the fraction of a recording that is held out."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if value != 0 and not 0.05 <= value <= 0.9:
-        raise argparse.ArgumentTypeError(f"needs a number from 0.05 to 0.9, or 0, got '{text}'")
-    return value

@@ -147,10 +147,6 @@ class Difference:
 Content = Mapping[str, Any]
 
 
-class _WrongError(Exception):
-    """An entry is invalid; the message is the second half of a sentence."""
-
-
 def read_results(folders: Sequence[Path]) -> list[Result]:
     """Reads folders that `identify` has written.
 
@@ -195,7 +191,7 @@ def _read(path: Path, check: Callable[[Content], None]) -> Content:
         raise InputError(f"'{path.parent}' needs to hold results of identify, but {path.name}: {error}.") from None
     try:
         check(content)
-    except _WrongError as error:
+    except InputError as error:
         raise InputError(f"'{path}' needs to be of identify, but {error}.") from None
     return content
 
@@ -249,8 +245,9 @@ def _check(what: str, content: Any, needed: Mapping[str, Any]) -> None:
 
 
 def _need(holds: bool, otherwise: str) -> None:
+    """Refuses what does not hold, by the second half of a sentence."""
     if not holds:
-        raise _WrongError(otherwise)
+        raise InputError(otherwise)
 
 
 _ESTIMATE: Mapping[str, Any] = {

@@ -9,8 +9,8 @@ import numpy as np
 from scipy import linalg
 
 from ident.estimate import Estimate
-from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import COMPONENTS
+from ident.estimation.noise import channel_scales
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import conditioned, known_covariance
 from ident.recordings.recording import Recording

@@ -23,7 +23,6 @@ SEARCHED = "searched"
 AXES = ("drawn", "recovered", "true", SEARCHED)
 """Joint axes of a model: as the scene draws them, recovered from measured poses, tilted, or searched for."""
 
-
 ALL = ("all",)
 """Ignored contacts of a model that includes none."""
 
@@ -47,11 +46,15 @@ class Scene:
     contacts: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def tilt(self) -> dict[str, float]:
+        """Tilt of the axes and its direction, by the names of their options; empty for axes as drawn."""
+        return {} if self.tilt_deg is None else {"tilt_deg": self.tilt_deg, "azimuth_deg": self.azimuth_deg}
+
+    @property
     def identity(self) -> dict[str, Any]:
         """Settings that all trials of one run share."""
-        tilt = {} if self.tilt_deg is None else {"tilt_deg": self.tilt_deg, "azimuth_deg": self.azimuth_deg}
         contact = {"contact": " ".join(self.contacts)} if self.contacts else {}
-        return {"name": self.model if isinstance(self.model, str) else self.model.name, **tilt, **contact}
+        return {"name": self.model if isinstance(self.model, str) else self.model.name, **self.tilt, **contact}
 
     def spec(self, *, tilted: bool = True) -> mujoco.MjSpec:
         """The scene, with tilted or drawn axes.
@@ -150,9 +153,8 @@ class StudyFile:
     def options(self) -> dict[str, Any]:
         """Options that a run can change, with their values."""
         scene = self.scene
-        tilt = {} if scene.tilt_deg is None else {"tilt_deg": scene.tilt_deg, "azimuth_deg": scene.azimuth_deg}
         contact = {"contact": " ".join(scene.contacts)} if scene.contacts and isinstance(scene.model, str) else {}
-        return {"seed": self.seed, "samples": self.samples, **tilt, **contact, "noise_scale": self.noise_scale}
+        return {"seed": self.seed, "samples": self.samples, **scene.tilt, **contact, "noise_scale": self.noise_scale}
 
     def with_options(self, **options: Any) -> "StudyFile":
         """The study with other values for some of its `options`.
@@ -211,14 +213,8 @@ Entries = Mapping[str, Mapping[str, Any]]
 
 QUANTITIES = (
     *("true", "true_scene", "true_paper", "estimated", "error", "std_wrench_noise", "paper_error", "regrouping"),
-    *(
-        "estimated_weighted",
-        "error_weighted",
-        "std_weighted",
-        "trajectory_estimated",
-        "trajectory_error",
-        "trajectory_std",
-    ),
+    *("estimated_weighted", "error_weighted", "std_weighted"),
+    *("trajectory_estimated", "trajectory_error", "trajectory_std"),
 )
 """Quantities of a model that a column of a parameter table can show."""
 
@@ -306,6 +302,11 @@ def _usual_quantities(model: StudyModel) -> list[str]:
     ]
 
 
+def estimator_of(quantity: str) -> str:
+    """Estimator that a quantity belongs to: `trajectory`, `weighted`, or empty for the model's first."""
+    return "trajectory" if quantity.startswith("trajectory_") else "weighted" if quantity.endswith("_weighted") else ""
+
+
 def labelled(models: Sequence[str]) -> dict[str, str]:
     """Models by label: their names in words, or unchanged names if the words are not unique.
 
@@ -361,12 +362,5 @@ def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Stud
     model = models[choice(f"{where}.groups.model", group.get("model"), models)]
     value_of(f"{where}.groups.as", group.get("as", ""), str)
     for quantity in several(f"{where}.groups.show", group.get("show", []), QUANTITIES):
-        needed = (
-            "trajectory"
-            if quantity.startswith("trajectory_")
-            else "weighted"
-            if quantity.endswith("_weighted")
-            else None
-        )
-        if needed and needed not in model.estimators:
+        if (needed := estimator_of(quantity)) and needed not in model.estimators:
             raise InputError(f"{where} shows {quantity}, but {group['model']} has no estimator '{needed}'.")

@@ -2,19 +2,24 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from ident.annotations import typed
 from ident.errors import InputError
 from ident.files.table import short
-from ident.tolerances import INTERVAL
+from ident.tolerances import DRIVE, INTERVAL
+
+T = TypeVar("T")
 
 NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
 """Form of the name of a file or folder, which no system takes for a path."""
+
+FRICTION = tuple(DRIVE[kind] for kind in ("viscous", "coulomb", "stribeck"))
+"""Beginnings of the names of friction."""
 
 
 @typed()
@@ -126,13 +131,16 @@ class Entry:
         tried: True if it has been run.
         source: Where it is published.
         files: Its files.
-        model: Name of the model's file.
+        model: Name of the model's file, one of its own or of the package's `models`.
         fitted: Names of the files of each fitted log.
         judged: Names of the files of each log to judge by; without any the end of each fitted log is held out.
         options: Options of `identify`, by name.
         sensor: Name of the wrench sensor that carries a body alone in each log, as for `payload`; empty for none.
+        body: Name of the body that carries a weighed load in `loaded` and not in `empty`; empty for none.
+        empty: Names of the files of each log without that load.
+        loaded: Names of the files of each log with it.
         true_files: Files with true parameters of a simulation: a model, or of bodies alone one for each fitted log.
-        truth: Known parameters.
+        truth: Known parameters; with a `body` quantities of its load.
         published: Published parameters.
         held_out: Published held-out residuals over signal, by channel.
         reference: Results of earlier work; None without any.
@@ -152,6 +160,9 @@ class Entry:
     judged: tuple[tuple[str, ...], ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     sensor: str = ""
+    body: str = ""
+    empty: tuple[tuple[str, ...], ...] = ()
+    loaded: tuple[tuple[str, ...], ...] = ()
     true_files: tuple[str, ...] = ()
     truth: tuple[Known, ...] = ()
     published: tuple[Published, ...] = ()
@@ -204,22 +215,19 @@ class Values:
     prior: np.ndarray
     units: tuple[str, ...] = ()
 
-    @classmethod
-    def of(cls, entries: Mapping[str, Any]) -> "Values":
-        """The values from their JSON form."""
-        numbers = {key: np.array(entries[key], float) for key in ("values", "std", "std_setup", "prior")}
-        numbers["prior"] = np.where(np.isnan(numbers["prior"]), np.inf, numbers["prior"])
-        return cls(names=tuple(entries["names"]), units=tuple(entries.get("units", ())), **numbers)
+    def __post_init__(self) -> None:
+        # JSON has no infinite numbers.
+        object.__setattr__(self, "prior", np.where(np.isnan(self.prior), np.inf, self.prior))
 
     def __getitem__(self, name: str) -> tuple[float, float, float]:
         """Estimate of a parameter, its standard deviation, and that with the set-up."""
         k = self.names.index(name)
         return float(self.values[k]), float(self.std[k]), float(self.std_setup[k])
 
-    @property
-    def from_data(self) -> np.ndarray:
-        """Mask of the parameters on which the recording says more than the prior (p,)."""
-        return self.std_setup < self.prior / np.sqrt(2)
+    def is_from_data(self, name: str) -> bool:
+        """True if the recording says more on a parameter than the prior."""
+        k = self.names.index(name)
+        return bool(self.std_setup[k] < self.prior[k] / np.sqrt(2))
 
 
 @dataclass(frozen=True)
@@ -322,17 +330,22 @@ class Validation:
 
     @property
     def trial_z(self) -> np.ndarray:
-        """Differences between trials identified alone, in their standard deviations with the set-up.
+        """Differences between trials identified alone, in their standard deviations with the set-up."""
+        return np.concatenate(self.trial_z_apart)
+
+    @property
+    def trial_z_apart(self) -> tuple[np.ndarray, np.ndarray]:
+        """These differences of bodies and rotors, and of friction, which changes from trial to trial.
 
         Of each pair of trials and each parameter on which both say more than the prior.
         """
-        out = list[float]()
+        out: tuple[list[float], list[float]] = [], []
         for a, b in combinations(self.trials.values(), 2):
-            shared = [name for name in a.names if name in b.names]
-            i, j = ([each.names.index(name) for name in shared] for each in (a, b))
-            z = (a.values[i] - b.values[j]) / np.hypot(a.std_setup[i], b.std_setup[j])
-            out += z[a.from_data[i] & b.from_data[j]].tolist()
-        return np.array(out)
+            for name in (name for name in a.names if name in b.names):
+                if a.is_from_data(name) and b.is_from_data(name):
+                    (x, _, of_x), (y, _, of_y) = a[name], b[name]
+                    out[name.startswith(FRICTION)].append((x - y) / float(np.hypot(of_x, of_y)))
+        return np.array(out[0]), np.array(out[1])
 
     @property
     def alike_z(self) -> np.ndarray:
@@ -407,14 +420,6 @@ class Truth:
     rivals: Mapping[str, np.ndarray]
     seconds: float
 
-    @classmethod
-    def of(cls, entry: Entry, numbers: Mapping[str, Any]) -> "Truth":
-        """The parameters from their JSON form."""
-        arrays = {key: np.array(numbers[key], float) for key in ("true", "tolerance", "values", "std")}
-        rivals = {name: np.array(x, float) for name, x in numbers["rivals"].items()}
-        names, units = tuple(numbers["names"]), tuple(numbers["units"])
-        return cls(entry, numbers["level"], names, units, **arrays, rivals=rivals, seconds=numbers["seconds"])
-
     @property
     def title(self) -> str:
         """Title of the recording, with the level of noise."""
@@ -433,6 +438,29 @@ class Truth:
     def errors(self, values: np.ndarray) -> np.ndarray:
         """Relative errors of estimates of the significant parameters."""
         return (values - self.true)[self.significant] / abs(self.true[self.significant])
+
+
+def from_json(kind: type[T], numbers: Mapping[str, Any], **known: Any) -> T:
+    """Data class of results from its fields in JSON's types, in which numbers that do not exist are None.
+
+    Args:
+        kind: The data class.
+        numbers: Its fields by name; others are left out.
+        known: Fields that are not in JSON's types.
+    """
+    hints = get_type_hints(kind)
+    there = [name for name in hints if name in numbers and name not in known]
+    return kind(**known, **{name: _from_json(hints[name], numbers[name]) for name in there})
+
+
+def _from_json(hint: Any, value: Any) -> Any:
+    """Value of an annotated type: an array, a mapping of arrays, a tuple or a data class; others as they are."""
+    kind, arguments = get_origin(hint) or hint, get_args(hint)
+    if kind is np.ndarray or kind is tuple:
+        return np.array(value, float) if kind is np.ndarray else tuple(value)
+    if kind is Mapping and arguments[1] is np.ndarray:
+        return {name: np.array(each, float) for name, each in value.items()}
+    return from_json(kind, value) if isinstance(kind, type) and is_dataclass(kind) else value
 
 
 def _z(a: float, std_a: float, b: float, std_b: float) -> float:
@@ -491,6 +519,7 @@ class Study:
         return np.concatenate([each.errors(each.values) for each in self.truths.values()] or [np.zeros(0)])
 
     @property
-    def trial_z(self) -> np.ndarray:
-        """Differences between two recordings of one system, of all parameters, in their standard deviations."""
-        return np.concatenate([each.trial_z for each in self] or [np.zeros(0)])
+    def trial_z_apart(self) -> tuple[np.ndarray, np.ndarray]:
+        """Differences between two recordings of one system, of bodies and rotors, and of friction."""
+        bodies, friction = zip((np.zeros(0), np.zeros(0)), *(each.trial_z_apart for each in self), strict=True)
+        return np.concatenate(bodies), np.concatenate(friction)

@@ -31,7 +31,7 @@ class Card(NamedTuple):
 
 
 class Headline(NamedTuple):
-    """A verdict in a word or two and a sentence, and its outcome: `usable`, `partly` or `not`."""
+    """A verdict in a word and a sentence, and its outcome: `usable`, `partly` or `not`."""
 
     word: str
     sentence: str

@@ -23,7 +23,10 @@ LETTERS = 15
 LEAST = 0.01
 """Smallest residual over signal on the axis, which ends at 1, or at 10 if there are larger ones."""
 
-WIDE, HIGH, POINTS = 344, 78, 300
+BEYOND = 2
+"""Errors over the half-widths of their intervals from which on they are drawn at the end of the axis."""
+
+WIDE, HIGH, POINTS = 300, 78, 300
 """Width and height of the curves, and their largest number of points, about one for each pixel."""
 
 
@@ -71,9 +74,10 @@ def candidates(channels: Sequence[str], ratios: Mapping[str, np.ndarray], idle: 
         words = ", ".join(f"{each} {x:.2g}" for each, x in zip(ratios, own, strict=True))
         marks = [(j, share(own[j])) for j in reversed(range(len(own)))]
         own_words = {"name": name, "words": f"{name}: {words}", "idle": name in idle}
-        shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[best]]})
+        shown.append(own_words | {"marks": marks, "best": [share(ratio) for ratio in own[best & (len(own) > 1)]]})
     ticks = [(f"{LEAST * 10**k:g}", k / decades) for k in range(decades + 1)]
-    return _drawn("candidates", shown, [*ratios], ticks, share(POOR), *_rows(channels))
+    minor = [share(LEAST * 10**k * first) for k in range(decades) for first in range(2, 10)]
+    return _drawn("candidates", shown, [*ratios], ticks, minor, share(POOR), *_rows(channels))
 
 
 def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], total: int) -> str:
@@ -88,8 +92,21 @@ def parameters(bodies: Mapping[str, Sequence[Interval]], known: Sequence[int], t
         total: Number of base parameters.
     """
     shown = {name: [each.to_page() for each in own] for name, own in bodies.items()}
-    last = max([9, *(each.column for own in bodies.values() for each in own)])
-    return _drawn("parameters", shown, [*known], total, last, *_rows([*bodies]))
+    every = sorted((each.column, each.name.partition("(")[0]) for own in bodies.values() for each in own)
+    kinds = {k: name for k, name in enumerate(["", *"xyz", "xx", "yy", "zz", "xy", "xz", "yz"])}
+    kinds |= {column: name for column, name in every if column not in kinds}
+    return _drawn("parameters", shown, [*known], total, [*kinds.values()], *_rows([*bodies]))
+
+
+def coverage(errors: Mapping[str, np.ndarray]) -> str:
+    """A row for each system, with a dot for each known parameter: its error over half of its 95 % interval."""
+    shown = {}
+    for name, own in errors.items():
+        # Apart from those beside them by the golden ratio, which spreads any number of dots.
+        apart = (np.arange(len(own)) * 0.618) % 1 - 0.5
+        held = f"{(abs(own) <= 1).sum()} of {len(own)}"
+        shown[name] = {"held": held, "dots": [*zip(np.clip(own, -BEYOND, BEYOND), apart, strict=True)]}
+    return _drawn("coverage", shown, BEYOND)
 
 
 def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> str:
@@ -103,7 +120,8 @@ def curves(time: np.ndarray, panels: Mapping[str, tuple[np.ndarray, np.ndarray]]
     x, shown = WIDE * (time - start) / max(end - start, 1e-12), {}
     for title, pair in panels.items():
         low, high = np.nanmin(pair), np.nanmax(pair)
-        shown[title] = [_path(x, HIGH * (high - y) / ((high - low) or 1.0)) for y in pair]
+        ends = [f"{end:.3g}".replace("-", "\N{MINUS SIGN}") for end in (high, low)]
+        shown[title] = [_path(x, HIGH * (high - y) / ((high - low) or 1.0)) for y in pair], ends
     return _drawn("curves", shown, f"{end - start:.3g} s")
 
 

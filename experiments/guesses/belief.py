@@ -16,10 +16,9 @@ from ident.errors import InputError
 from ident.files.atomic import replacing
 from ident.files.column import CURRENT, UNITS
 from ident.files.csv_file import Layout
-from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.plane import plane_normal
+from ident.mechanism.mechanism import Mechanism, plane_normal
 from ident.recordings.columns.mapping import joint_kinds
-from ident.recordings.several_files import name_of
+from ident.recordings.several_clocks import name_of
 
 SURE, LIKELY, DOUBTFUL = "sure", "likely", "doubtful"
 """Certainty of a belief: sure, by an exact name or by unambiguous numbers; likely, by likeness; doubtful, so that it is

@@ -20,7 +20,7 @@ from ident.errors import ExcitationError, InputError
 from ident.estimation.equations import COMPONENTS
 from ident.files.limits import LIMIT
 from ident.mechanism.mechanism import Mechanism
-from ident.payload.weight import TURNED, weighed
+from ident.payload.beyond_sensor import TURNED, weighed
 from ident.recordings.wrench import GROUND
 
 SIZE = 5.0

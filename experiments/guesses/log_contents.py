@@ -19,8 +19,7 @@ from ident.recordings.columns.entries import clocks
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.plausibility import with_continuous_angles
 from ident.recordings.sampled import GAP, Sampled, interpolated, rate_of, uniform_times
-from ident.recordings.several_clocks import TIME, streams_of
-from ident.recordings.several_files import files_of, name_of, read_files
+from ident.recordings.several_clocks import TIME, files_of, name_of, read_files, streams_of
 from ident.recordings.times import LEAST_SAMPLES
 
 ROWS = 20_000

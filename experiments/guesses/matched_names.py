@@ -21,6 +21,7 @@ from experiments.guesses.words import (
     without_unit,
     words,
 )
+from ident.estimation.recorded_motion import UNIT
 from ident.files.column import COMMAND, KINDS
 
 FITTING = {"position": ("position", ""), "torque": ("torque", "current", "force")}
@@ -39,9 +40,6 @@ TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
 
 MOVES = r"(?:position|pos|translation|trans|p|t)?"
 """Words between the name of a group of columns and its component."""
-
-UNIT = 0.01
-"""Largest deviation of a quaternion's norm from one."""
 
 
 def add_named(belief: Belief, *, numbered: bool = False) -> None:

@@ -19,7 +19,7 @@ from ident.files.atomic import save_arrays
 from sim.markers.lengths import Scaling
 from sim.markers.model_files import write_scaled
 from sim.markers.trial_fit import Postures
-from sim.models.names import joint_name
+from sim.models.notes import joint_name
 
 OUTPUTS = (*RESULTS, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
 """Patterns of the files that it writes."""
@@ -134,9 +134,7 @@ def document(angles: Angles, model: Path, markers: Path, provenance: dict[str, A
     tables = {"table_markers": markers_table(postures), "table_joints": joints_table(postures)}
     covariance = {"time": angles.markers.time, "names": np.array(postures.marked.dof_names)}
     covariance |= {"covariance": postures.covariance}
-    files: dict[str, Callable[[Path], object]] = {
-        "covariance.npz": lambda path: save_arrays(path, covariance),
-    }
+    files: dict[str, Callable[[Path], object]] = {"covariance.npz": lambda path: save_arrays(path, covariance)}
     if lengths is not None:
         tables["table_lengths"] = scale_table(lengths)
         files["model_scaled.xml"] = lambda path: write_scaled(path, postures.marked.spec, lengths.model)

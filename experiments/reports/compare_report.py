@@ -146,8 +146,7 @@ def document(compared: Sequence[Result], provenance: dict[str, Any]) -> Document
             tables[name] = table
     drawn = {
         f"figure_differences{end}": Plot(
-            partial(figure, pair),
-            f"Base parameters of {pair.first.name} less those of {pair.second.name}.",
+            partial(figure, pair), f"Base parameters of {pair.first.name} less those of {pair.second.name}."
         )
         for end, pair in zip(ends, pairs, strict=True)
         if not pair.shared

@@ -8,7 +8,7 @@ from ident.display import plots
 from ident.display.plots import Figure
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.units import channel_unit
+from ident.estimation.noise import channel_unit
 from ident.tolerances import INTERVAL
 
 

@@ -11,11 +11,11 @@ from experiments.document.replay import Replay, every_nth
 from experiments.document.sheet import SHEET
 from experiments.document.symbols import in_words, regrouped_in_words
 from ident.estimate import Estimate
-from ident.estimation.units import channel_unit, unit_of
+from ident.estimation.noise import channel_unit, unit_of
 from ident.geometry.inertia import body_index
-from ident.judgement.candidates import ESTIMATE
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_identified
+from ident.regression.held_out import ESTIMATE
 from ident.tolerances import DRIVE, INTERVAL
 
 LEFT_OUT = " None are drawn where samples were left out."
@@ -39,7 +39,7 @@ def prediction(result: Estimate) -> Iterator[str]:
     panels = {}
     for word, channel in dict(worst=ranked[-1], best=ranked[0]).items():
         k, unit = result.channels.index(channel), channel_unit(channel, result.prepared.mechanism.tree)
-        panels[f"{word}: {channel}, {verdict.ratios[channel]:.2g} of the signal ({unit})"] = (
+        panels[f"{word}: {channel.replace('_', ' ')}, {verdict.ratios[channel]:.2g} of the signal ({unit})"] = (
             measured[:, k],
             predicted[:, k],
         )

@@ -18,16 +18,17 @@ from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
 from ident.estimate import Estimate
-from ident.estimation.units import channel_unit, coefficient_unit
+from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import ESTIMATE, about_best
+from ident.judgement.candidates import about_best
 from ident.judgement.finding import line_of, listed, number_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.base_parameters import separating_sensors
-from ident.recordings.servo import Servo
-from ident.recordings.several_files import name_of
+from ident.recordings.several_clocks import name_of
+from ident.recordings.stated import Servo
+from ident.regression.held_out import ESTIMATE
 from ident.tolerances import DRIVE
 from sim.models.model_mechanism import Origin
 from sim.models.model_update import write_model
@@ -41,6 +42,9 @@ REMARKS, CHANNELS, LONGEST = 8, 12, 225
 """Largest numbers of remarks and of channels in the terminal, and letters of a remark: with them an arm takes 40 lines,
 four legs of twelve joints 50."""
 
+NOTHING = 1e-9
+"""Size of a model's parameter over its standard deviation up to which it is zero but for rounding."""
+
 OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", rerun_file.NAME)
 """Patterns of the files that it writes."""
 
@@ -48,7 +52,7 @@ OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim", r
 def parameters_table(result: Estimate) -> tabular.Table:
     """Base parameters with their uncertainty beside the model's own."""
     base, fit = result.base, result.fit
-    model = fit.equations.from_model.tolist()
+    model = [x if abs(x) > NOTHING * std else 0.0 for x, std in zip(fit.equations.from_model, fit.std, strict=False)]
     priors = [*model[: base.rank], *(x or None for x in model[base.rank :])]
     priors += [None] * (len(result.fit.names) - len(priors))
     regroupings = [*base.expressions(digits=4), *[""] * (len(result.fit.names) - base.rank)]
@@ -160,7 +164,7 @@ def full_table(result: Estimate) -> tabular.Table:
             quantity=[each.quantity for each in rows],
             unit=[each.unit for each in rows],
             estimate=[each.estimate for each in rows],
-            lower=[each.lower if finite(each.lower) else None for each in rows],
+            lower=[each.lower if finite(each.lower) and each.limits else None for each in rows],
             upper=[each.upper if finite(each.upper) else None for each in rows],
             from_data_percent=[100 * each.share for each in rows],
             model=[each.model for each in rows],

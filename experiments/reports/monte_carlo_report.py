@@ -15,10 +15,11 @@ from experiments.document.document import Document, Plot
 from experiments.document.styles import empty_figure
 from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.terminal import wrapped
-from experiments.reports import study_tables
+from experiments.reports import study_report
 from ident.display.plots import Axes, Figure, add_legend
 from ident.display.text import decimals_of
 from ident.errors import InputError
+from ident.tolerances import INTERVAL
 
 MEANING = (
     "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
@@ -95,7 +96,7 @@ def chart(distributions: Mapping[str, Distribution], bodies: tuple[str, ...] = (
 
 def _draw(ax: Axes, d: Distribution) -> None:
     """Draws one model's panel."""
-    rows, spread, (low, high) = np.arange(len(d.names)), 1.96 * d.predicted_std, d.interval
+    rows, spread, (low, high) = np.arange(len(d.names)), INTERVAL * d.predicted_std, d.interval
     ax.axvline(0, color="0.6", lw=0.5)
     ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
     ax.hlines(rows, low, high, color="C0", lw=1.2, label="95 % of trials")
@@ -117,10 +118,7 @@ def _limit(error: float) -> float:
 
 
 def document(
-    distributions: Mapping[str, Distribution],
-    study: SimulatedStudy,
-    redrawn: str,
-    provenance: dict[str, Any],
+    distributions: Mapping[str, Distribution], study: SimulatedStudy, redrawn: str, provenance: dict[str, Any]
 ) -> Document:
     """A table for each model, a chart and key numbers.
 
@@ -144,7 +142,7 @@ def document(
         if model.endswith(TRAJECTORY)
     )
     tables = {
-        f"monte_carlo_{name}": table(name, d, bodies, study_tables.sums(study, _model(study, name)))
+        f"monte_carlo_{name}": table(name, d, bodies, study_report.sums(study, _model(study, name)))
         for name, d in distributions.items()
     }
     return Document(

@@ -14,11 +14,11 @@ from experiments.document.terminal import wrapped
 from experiments.document.writer import environment
 from experiments.reports import identify_page, identify_report
 from experiments.reports.identify_figures import held_out_figure
+from ident.estimation.noise import offset_unit
 from ident.estimation.preparation import length
-from ident.estimation.units import offset_unit
 from ident.geometry.inertia import symmetric
 from ident.payload.identified_payload import QUANTITIES, UNITS, Payload, RigidBody, SensorParameter
-from ident.recordings.several_files import name_of
+from ident.recordings.several_clocks import name_of
 from ident.tolerances import INTERVAL
 from sim.models.model_update import write_model
 from sim.models.xml_files import parsed

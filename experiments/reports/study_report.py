@@ -1,23 +1,185 @@
-"""Report on a simulated study: tables, figures, key numbers, and the terminal's text."""
+"""Report on a simulated study: tables and figures as its file describes them, key numbers, and the terminal's text."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from experiments.data import simulated_study
+from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
 from experiments.data.simulated_study import CHANNELS, SimulatedStudy, axes, summary, touches, trajectory_summary
+from experiments.data.study_file import estimator_of
+from experiments.document import tabular
 from experiments.document.document import Document, Plot
 from experiments.document.replay import Replay, every_nth
 from experiments.document.result_folder import OUTPUTS as RESULTS
-from experiments.document.tabular import number
+from experiments.document.tabular import Decimals, Regrouped, as_stated, number, of_deviations, of_numbers
 from experiments.document.writer import sentences
-from experiments.reports import study_figures, study_tables
+from experiments.reports import study_figures
 from ident.mechanism.motion import Motion
+
+UNITS = ("N", "N", "N", "N m", "N m", "N m")
+
+PAPERS = ("paper_error", "true_paper")
+"""Columns of published numbers."""
+
+STD = {"": "std_wrench_noise", "weighted": "std_weighted", "trajectory": "trajectory_std"}
+"""Columns of standard deviations by estimator."""
 
 RECORDING = "recording.npz"
 """File of the simulated recording."""
+
+
+def table(study: SimulatedStudy, name: str) -> tabular.Table:
+    """A table of the study by file name."""
+    entry = study.file.tables[name]
+    kinds = {"parameters": parameters, "wrench errors": wrench_errors, "contacts": contacts}
+    return kinds[entry["kind"]](study, entry)
+
+
+def parameters(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
+    """The models' base parameters, a group of columns for each model."""
+    groups = entry["groups"]
+    names = study.fit(groups[0]["model"]).base.names
+    shown = {
+        f"{name}_{suffix}" if suffix else name: (group["model"], name, suffix)
+        for group in groups
+        for suffix in [group.get("as", "" if group["model"] == study.file.main else group["model"])]
+        for name in group["show"]
+    }
+    columns = {column: quantity(study, model, name, names) for column, (model, name, _) in shown.items()}
+    notes, beside_paper = _notes(study, groups), _beside_paper(study, groups)
+    return tabular.Table(
+        "; ".join([f"{entry['caption']}, kg, kg m and kg m²", *notes]),
+        *tabular.columns(parameter=names, **columns),
+        decimals=entry.get("decimals", 3),
+        digits={
+            column: _decimals(study, model, name, names, entry.get("decimals"))
+            for column, (model, name, _) in shown.items()
+        },
+        deviations=_deviations(shown),
+        marked=frozenset(entry.get("marked", ()) if beside_paper else ()),
+        footnote=entry.get("footnote", "") if beside_paper else "",
+        regrouped=Regrouped.of({_model(suffix): sums(study, model) for model, _, suffix in shown.values()}),
+        caption=entry["caption"],
+        notes=tuple(f"{note[0].upper()}{note[1:]}." for note in notes),
+        bodies=study.known.bodies,
+        heads={column: _head(name, suffix) for column, (_, name, suffix) in shown.items()},
+    )
+
+
+def _beside_paper(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> bool:
+    """False if columns of published numbers are empty because other options than the published ones are chosen."""
+    return bool(study.file.published) or not any(name in PAPERS for group in groups for name in group["show"])
+
+
+def _model(suffix: str) -> str:
+    """A model's name in words."""
+    return tabular.heading(suffix).removeprefix(", ")
+
+
+def sums(study: SimulatedStudy, model: str) -> tuple[str, ...]:
+    """Base parameters of a model as sums; recovered axes have no more than four digits."""
+    digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
+    return study.fit(model).base.expressions(**digits)
+
+
+def _decimals(study: SimulatedStudy, model: str, name: str, parameters: Sequence[str], stated: int | None) -> Decimals:
+    """Decimals of a column: as published, as the file states, or two digits of the standard deviations."""
+    if name in PAPERS:
+        return (as_stated(_published_of(study, model, name).values()),) * len(parameters)
+    if stated is not None:
+        return (stated,) * len(parameters)
+    std = np.array(quantity(study, model, STD[estimator_of(name)], parameters), float)
+    return of_deviations(std) if name in STD.values() else of_numbers(std)
+
+
+def _deviations(shown: Mapping[str, tuple[str, str, str]]) -> dict[str, str]:
+    """Columns of standard deviations by those of the estimates, or of the errors if there are no estimates."""
+    columns = {quantity: column for column, quantity in shown.items()}
+    pairs = {}
+    for column, (model, name, suffix) in shown.items():
+        if name in STD.values():
+            for kind in ("estimated", "error"):
+                form = {"trajectory": "trajectory_{}", "weighted": "{}_weighted", "": "{}"}[estimator_of(name)]
+                if (estimate := columns.get((model, form.format(kind), suffix))) is not None:
+                    pairs[estimate] = column
+                    break
+    return pairs
+
+
+def _head(quantity: str, model: str) -> str:
+    """Head of a column in words; the part after the comma is shared with neighbours."""
+    words = tabular.heading(quantity)
+    return f"{' '.join(reversed(words.split(', ')))}, {tabular.heading(model)}" if model else words
+
+
+def quantity(study: SimulatedStudy, model: str, name: str, parameters: Iterable[str]) -> Iterable[tabular.Cell]:
+    """A column of a table: one of `study_file.QUANTITIES` of a model, NaN where nothing was published."""
+    if name in PAPERS:
+        return [float(_published_of(study, model, name).get(each, np.nan)) for each in parameters]
+    if name == "regrouping":
+        return sums(study, model)
+    fit: Trial | TrajectoryTrial = study.fit(model)
+    if name.startswith("trajectory_"):
+        fit, name = study.trajectory(model), name.removeprefix("trajectory_")
+    elif name.endswith("_weighted"):
+        fit, name = study.fit(model, "weighted"), name.removesuffix("_weighted")
+    values = {"true": fit.psi_true, "error": fit.error, "std": fit.std, "estimated": fit.error + fit.psi_true}
+    if isinstance(fit, Trial):
+        values["estimated"] = fit.estimate.psi
+    return values[name.removesuffix("_wrench_noise").removesuffix("_scene")]
+
+
+def _published_of(study: SimulatedStudy, model: str, name: str) -> Mapping[str, float]:
+    """Published numbers of a column, by parameter."""
+    published = study.file.published
+    numbers: Mapping[str, float] = published.get("true", {})
+    return numbers if name == "true_paper" else published.get("error", {}).get(model, {})
+
+
+def _notes(study: SimulatedStudy, groups: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Notes that explain the heads of columns."""
+    shown = {name: group["model"] for group in groups for name in group["show"]}
+    notes = []
+    if "std_wrench_noise" in shown:
+        notes.append(f"s.d. of wrench noise, {study.fit(shown['std_wrench_noise']).estimate.noise}")
+    if any(name.startswith("trajectory_") for name in shown):
+        notes.append(f"trajectory: {ESTIMATORS['trajectory']}")
+    return notes
+
+
+def wrench_errors(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
+    """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
+    errors = simulated_study.wrench_errors(study, entry["models"])
+    columns = ("channel", *next(iter(errors.values())))
+    rows = tuple((channel, *numbers.values()) for channel, numbers in errors.items())
+    title = f"{entry['caption']}, N and N m"
+    return tabular.Table(title, columns, rows, entry.get("decimals", 3), caption=entry["caption"], units=UNITS)
+
+
+def contacts(study: SimulatedStudy, entry: Mapping[str, Any]) -> tabular.Table:
+    """Fraction and episodes of each contact, and its peak force."""
+    touching, known = simulated_study.touches(study), study.known
+
+    def each(number: str) -> list[float]:
+        return [touching[f"{site}_{number}"] for site in study.file.scene.contacts.values()]
+
+    return tabular.Table(
+        entry["caption"],
+        *tabular.columns(
+            contact=known.sites,
+            link=[body for body, _ in known.sites.values()],
+            touches=each("fraction"),
+            touches_alone=each("fraction_alone"),
+            episodes=each("episodes"),
+            peak_force_N=each("peak_force_N"),
+        ),
+        decimals=entry.get("decimals", 3),
+    )
+
 
 OUTPUTS = (*RESULTS, RECORDING)
 """Patterns of the files that it writes."""
@@ -53,7 +215,7 @@ def replay(study: SimulatedStudy) -> Replay:
         mechanism=arm,
         recording=recording,
         motion=Motion(*recording.joint_states(arm.tree.joints)),
-        channels=list(zip(CHANNELS, study_tables.UNITS, strict=True)),
+        channels=list(zip(CHANNELS, UNITS, strict=True)),
         drawn=drawn,
         curves={label: study_figures.wrench(study, what)[drawn] for label, what in curves.items()},
         inks=study_figures.page_inks(study, curves.values()),
@@ -73,14 +235,11 @@ def document(study: SimulatedStudy, provenance: dict[str, Any]) -> Document:
         file.title,
         about,
         lines=lines(study),
-        tables={name: study_tables.table(study, name) for name in file.tables},
+        tables={name: table(study, name) for name in file.tables},
         figures={
             name: Plot(partial(study_figures.figure, study, name), e["caption"]) for name, e in file.figures.items()
         },
-        numbers={
-            "summary": summary(study) | {"trajectory": trajectory_summary(study)},
-            "provenance": provenance,
-        },
+        numbers={"summary": summary(study) | {"trajectory": trajectory_summary(study)}, "provenance": provenance},
         replay=replay(study),
         recordings={RECORDING: study.problem.with_cells(study.recording)},
     )

@@ -9,7 +9,7 @@ import numpy as np
 from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, WORSE, Study, Validation
 from experiments.document import symbols
 from experiments.document.styles import empty_figure
-from ident.display.plots import Axes, Figure, add_legend
+from ident.display.plots import Axes, Figure, add_legend, few_decades
 from ident.tolerances import INTERVAL
 
 LOOKS = {MODEL: ("0.55", "D"), LEAST_SQUARES: ("C1", "s"), ESTIMATE: ("C0", "o")}
@@ -101,10 +101,7 @@ def held_out_figure(study: Study) -> Figure:
             for ax, each in zip(axes, column, strict=True):
                 _ratios(ax, each)
                 ax.set_xlim(lowest, highest)
-                shown = [x for x in TICKS if lowest <= x <= highest]
-                # More decades leave room for powers of ten alone.
-                shown = shown if len(shown) < 8 else [x for x in shown if f"{x:e}".startswith("1")]
-                ax.set_xticks(shown, [f"{x:g}" for x in shown])
+                few_decades(ax, TICKS if highest < 100 * lowest else ())
             axes[-1].set_xlabel("Held-out residual over signal", labelpad=2)
         add_legend(drawing, "lower", columns=4)
     return drawing
@@ -142,7 +139,6 @@ def _ratios(ax: Axes, validation: Validation) -> None:
     ax.set_yticks(rows, [channel_label(channel) for channel in validation.channels])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_title(validation.entry.title, fontsize=8, pad=2)
-    ax.minorticks_off()
     ax.tick_params(axis="y", labelsize=6)
 
 
@@ -195,8 +191,7 @@ def summary_figure(study: Study) -> Figure:
         left.axvspan(1, WORSE, color="0.88", lw=0)
         left.axvline(1, color="0.4", lw=0.6, label="equal")
         left.set_xscale("log")
-        left.set_xticks([0.5, 1, 2], ["0.5", "1", "2"])
-        left.minorticks_off()
+        few_decades(left, TICKS)
         left.set_xlabel("Residual over the best other candidate's", labelpad=2)
         left.set_title("(a) Held-out channels")
         for name, (color, shift, label) in GROUPS.items():

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from experiments.data.validation import ESTIMATE, WORSE, Study, Validation, inside, typical
-from experiments.document.document import Document, Plot
+from experiments.document import pictures
+from experiments.document.document import Document, Headline, Plot
+from experiments.document.terminal import sentences as split
 from experiments.document.writer import sentences
 from experiments.reports import validation_tables as tables
 from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
@@ -19,12 +21,12 @@ DIGITS = 6
 
 def numbers(study: Study) -> dict[str, Any]:
     """Key numbers in JSON types."""
-    ratio, z = study.against_best, study.trial_z
+    ratio, (bodies, friction) = study.against_best, study.trial_z_apart
     return {
         "channels": len(ratio),
         "best": int((ratio <= 1).sum()),
         "worse": int((ratio > WORSE).sum()),
-        "trials_inside_95": None if not len(z) else rounded(inside(z)),
+        "trials_inside_95": {"bodies": rounded(inside(bodies)), "friction": rounded(inside(friction))},
         "known": len(study.truth_z),
         "known_inside_95": rounded(inside(study.truth_z)),
         "truths": {name: rounded({**vars(each), "entry": each.entry.name}) for name, each in study.truths.items()},
@@ -68,7 +70,7 @@ STEEL = "double_pendulum"
 
 def lines(study: Study) -> list[str]:
     """Sentences with the main numbers, and on what was not run."""
-    out = [*main_lines(study)]
+    out = main_lines(study)
     unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
     out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
     out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
@@ -90,17 +92,22 @@ def truth_lines(study: Study) -> list[str]:
 
 def overview_lines(study: Study) -> list[str]:
     """Sentences on the channels in which the estimate is best, and on the agreement of estimates."""
-    ratio, z = study.against_best, study.trial_z
+    ratio, (bodies, friction) = study.against_best, study.trial_z_apart
     best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
         f"{alike} it is worse by at most {100 * (WORSE - 1):.0f} % than the best other candidate, and in "
-        f"{int((ratio > WORSE).sum())} by more.",
+        f"{int((ratio > WORSE).sum())} by more."
     ]
-    if len(z):
+    if len(bodies):
         out.append(
-            f"Of {len(z)} differences between parameters of two recordings of one system, each identified alone, "
-            f"{100 * inside(z):.0f} % are inside their 95 % intervals."
+            f"Of {len(bodies)} differences between bodies and rotors of two recordings of one system, each identified "
+            f"alone, {100 * inside(bodies):.0f} % are inside their 95 % intervals."
+        )
+    if len(friction):
+        out.append(
+            f"Of {len(friction)} differences between their friction, {100 * inside(friction):.0f} % are: friction "
+            "changes from trial to trial, which intervals of one trial do not contain."
         )
     return out + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
 
@@ -142,6 +149,17 @@ def _identical(validation: Validation) -> str:
     )
 
 
+def known_picture(study: Study) -> str:
+    """Picture of all known parameters' errors beside their 95 % intervals."""
+    return pictures.coverage({each.title: each.z / INTERVAL for each in study.truths.values()})
+
+
+def headline(z: np.ndarray, sentence: str) -> Headline:
+    """Headline: intervals hold unless fewer contain the truth than 95 % by two standard deviations of the count."""
+    holds = inside(z) > 0.95 - 2 * np.sqrt(0.95 * 0.05 / len(z))
+    return Headline("Validated", sentence, "usable") if holds else Headline("Overconfident", sentence, "not")
+
+
 CAPTIONS = {
     "figure_truth": "Known parameters: estimates less true values, with 95 % intervals, where these exclude zero; the "
     "narrowest on top.",
@@ -178,10 +196,13 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
         }
     if any(each.entry.published for each in study):
         figures["figure_published"] = partial(published_figure, study)
+    said = lines(study)
     return Document(
         "Validation against known parameters and real systems",
         ABOUT,
-        lines=lines(study),
+        headline=headline(study.truth_z, split(said[0])[0]) if study.truths else None,
+        pictures=[known_picture(study)] if study.truths else [],
+        lines=said,
         folded={"Verdicts in words": [f"{each.entry.title}: {each.verdict}" for each in study]},
         tables={name: table for name, table in made.items() if table.rows},
         figures={name: Plot(draw, CAPTIONS[name]) for name, draw in figures.items()},

@@ -168,20 +168,16 @@ def best(
     if collisions is not None:
         check_starts(collisions, starts, limits)
     rng, near = np.random.default_rng([seed, 1]), len(starts) // 2
-    lowest, chosen = np.inf, None
+    lowest, chosen, time = np.inf, None, np.linspace(0, starts[0].duration, 401)
     for k in tqdm(range(len(starts) + near), desc="Starts", file=sys.stderr):
         start = starts[k] if k < len(starts) else nearby_start(chosen or starts[0], limits, rng)
         trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=lowest)
-        if trajectory is not None and (reached := _value_of(value, trajectory)) < lowest:
+        if trajectory is not None and (reached := value(*trajectory.states(time))[0]) < lowest:
             lowest, chosen = reached, trajectory
     if chosen is None:
         assert collisions is not None
         raise InputError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
     return chosen
-
-
-def _value_of(value: Cost, trajectory: FourierTrajectory) -> float:
-    return value(*trajectory.states(np.linspace(0, trajectory.duration, 401)))[0]
 
 
 def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:

@@ -26,9 +26,9 @@ from ident.tolerances import STRIBECK
 from sim.models.couplings import check_torques
 from sim.models.model_mechanism import mujoco_origin
 from sim.models.mujoco_model import base_motion, gravity_of, mechanism_bodies, rest_coordinates
-from sim.models.names import joint_name
+from sim.models.notes import joint_name
 from sim.motion.excitation_design import States
-from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
+from sim.simulation.readings import ONE_DOF, torque_noise, wrench_whitening
 
 SLIP = 0.03
 """Velocity over which Coulomb friction changes its sign in a design, rad/s or m/s: a motion slower than that says

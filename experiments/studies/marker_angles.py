@@ -14,7 +14,7 @@ from ident.files.readers import read_markers
 from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
 from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions
-from sim.markers.settings import Settings, read_settings
+from sim.markers.model_files import Settings, read_settings
 from sim.markers.trial_fit import check_fit, fit_trial
 from sim.markers.trial_recording import recording, swaps
 from sim.models.opensim.reading import is_opensim

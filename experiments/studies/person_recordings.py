@@ -272,7 +272,6 @@ def sensed(
     motions: tuple[Motion, Motion],
     laboratory: Laboratory,
     rng: np.random.Generator,
-    unmeasured: np.ndarray | float = 0.0,
     faults: Faults = Faults(),
 ) -> Recording:
     """Recording of a person by a laboratory's sensors.
@@ -283,12 +282,11 @@ def sensed(
         motions: Her motion at these times, and at the earlier times that delayed plates and rail measure.
         laboratory: The laboratory.
         rng: Random generator of all noise.
-        unmeasured: Wrench on her in the world without a sensor (N, 6).
         faults: Set-up errors of sensors and joints.
     """
     true, late = motions
     measured = {}
-    for name, wrench in _wrenches(who, late, rng, laboratory, unmeasured).items():
+    for name, wrench in _wrenches(who, late, rng, laboratory).items():
         std = laboratory.force * (1 if name in PLATES else 1 / 3)
         read = faults.read(name, wrench)
         measured[f"{name}_force"] = read[:, :3] + std * rng.normal(size=(len(read), 3))
@@ -309,13 +307,13 @@ def sensed(
 
 
 def _wrenches(
-    who: Mechanism, motion: Motion, rng: np.random.Generator, laboratory: Laboratory, unmeasured: np.ndarray | float
+    who: Mechanism, motion: Motion, rng: np.random.Generator, laboratory: Laboratory
 ) -> dict[str, np.ndarray]:
-    """Wrenches on plates and rail (N, 6), which add up with the unmeasured one to the motion's wrench."""
+    """Wrenches on plates and rail (N, 6), which add up to the motion's wrench."""
     base = motion.base
     assert base is not None
     Y = base_wrench_regressor(who.tree, *motion.states, gravity=who.gravity, base=base)
-    left_over = transform_wrench(base.T, Y @ who.known) - unmeasured
+    left_over = transform_wrench(base.T, Y @ who.known)
     sensed = {}
     if laboratory.rail:
         waves = np.sin(2 * np.pi * rng.uniform(0.2, 0.8, 3) * np.arange(len(left_over))[:, None] / laboratory.rate)

@@ -25,7 +25,7 @@ from experiments.data.study_file import (
     usual,
 )
 from ident.annotations import Needs, NotNegative
-from ident.errors import InputError
+from ident.errors import InputError, about
 from ident.files.limits import toml
 from ident.files.schema import check_keys, choice, made, table, value_of
 from ident.files.table import short
@@ -78,21 +78,13 @@ def read(path: Path) -> StudyFile:
             f"'{path}': a study is a TOML file that exists; {', '.join(PACKAGED)} come with this package, by name."
         )
     content = toml(path, "a study needs")
-    try:
+    with about(path):
         return from_entries(content, path.parent)
-    except InputError as error:
-        raise type(error)(f"{path}: {error}") from None
 
 
 def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     """A study from the entries of a file; models are searched in its folder."""
-    known = {field.name for field in fields(StudyFile)} - {
-        "noise",
-        "samples",
-        "seed",
-        "noise_scale",
-        "trajectory_trials",
-    }
+    known = {field.name for field in fields(StudyFile)} - {*RECORDED, "trajectory_trials"}
     check_keys("the study", entries, sorted(known | {"recording"}))
     for needed in ("scene", "models"):
         if not entries.get(needed):
@@ -103,6 +95,8 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     check_keys("[trials]", trials, ("models", "trajectory"))
     main = choice("main", entries["main"], models) if "main" in entries else None
     tables, figures = usual(models, main)
+    if entries.get("tables") in (None, {}):
+        entries = {**entries, "tables": parameter_tables(models)}
     tried = table("trials.models", trials.get("models", {}))
     for name, model in tried.items():
         choice(f"trials.models.{name}", model, models)
@@ -115,7 +109,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
         trials=tried,
         trajectory_trials=choice("trials.trajectory", trials["trajectory"], tried) if "trajectory" in trials else None,
         published=_published(entries.get("published", {}), models),
-        tables=shown("tables", _with_tables(entries, models), TABLES, models, scene, tables),
+        tables=shown("tables", entries, TABLES, models, scene, tables),
         figures=shown("figures", entries, FIGURES, models, scene, figures),
         **_recording(table("[recording]", entries.get("recording", {}))),
     )
@@ -131,11 +125,6 @@ def with_sweep(study: StudyFile, entry: Any) -> StudyFile:
     if not values or len(set(values)) < len(values):
         raise InputError(f"sweep.values needs one value or more, all different, got {short(list(values))}.")
     return replace(study, sweep=replace(sweep, values=values))
-
-
-def _with_tables(entries: Mapping[str, Any], models: Mapping[str, StudyModel]) -> Mapping[str, Any]:
-    """The entries with tables of all parameters if they have no tables."""
-    return entries if entries.get("tables") not in (None, {}) else {**entries, "tables": parameter_tables(models)}
 
 
 def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data.fitting import Following
-from ident.errors import InputError, LogError, ModelError
+from ident.errors import InputError, LogError, ModelError, about
 from ident.estimate import Estimate
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.limits import LIMIT
@@ -20,7 +20,7 @@ from ident.parameters.person_prior import Person, with_person
 from ident.recordings.columns.entries import read_segments
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from ident.recordings.several_files import files_of
+from ident.recordings.several_clocks import files_of
 from sim.models.couplings import check_torques
 from sim.models.model_mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
@@ -79,10 +79,8 @@ def _fitted(source: Path, file: Path, base: str | None, fix: Mapping[str, Sequen
     markers = read_markers(file)
     marked, unmatched = marked_model(source, markers.labels, fix=fix)
     postures = fit_trial(marked, marked_positions(markers, unmatched, marked, None))
-    try:
+    with about(file):
         check_fit(postures)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
     trial = recording(postures, markers.time, base_of(marked.model, base) if base else None)
     still = postures.undetermined
     if still:

@@ -251,14 +251,7 @@ def _symbols(name: str, count: int) -> np.ndarray:
 
 def _each(function: Callable) -> Callable[[np.ndarray], np.ndarray]:
     """A function of arrays from a function of one entry."""
-
-    def of_array(x: np.ndarray) -> np.ndarray:
-        out = np.empty(np.shape(x), dtype=object)
-        for index, entry in np.ndenumerate(x):
-            out[index] = function(entry)
-        return out
-
-    return of_array
+    return np.vectorize(function, otypes=[object])
 
 
 def _without_rounding(tree: Tree) -> Tree:

@@ -9,31 +9,34 @@ from ident.display.bodies import BodyValue
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import Finding
-from ident.judgement.judges import summary
 from ident.judgement.verdict import Verdict
-from ident.parameters.consistency import ConsistentParameters
-from ident.regression.held_out import HeldOut
 from ident.trajectory.result import TrajectoryEstimate
 
+VERSION = 2
+"""Version of the entries; it grows when one is renamed, removed or changes its meaning."""
 
-def estimate_numbers(
-    evidence: Evidence, findings: Sequence[Finding], verdict: Verdict, held: HeldOut, full: ConsistentParameters
-) -> dict[str, Any]:
+
+def estimate_numbers(evidence: Evidence, findings: Sequence[Finding], verdict: Verdict) -> dict[str, Any]:
     """All results of an estimate for scripts, in JSON's types, but for what it alone has."""
+    fit, held, full, condition = evidence.fit, evidence.held_out, evidence.consistent(), evidence.condition_number
     keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_at_rest")
     at_rest = [x if np.isfinite(x) else None for x in held.ratio_at_rest(held.residual).tolist()]
     each = held.rms, held.signal, held.ratio, held.relative_rms
     numbers = zip(*(x.tolist() for x in each), at_rest, strict=True)
     bodies = zip(evidence.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
     return {
-        **summary(
-            evidence.fit,
-            verdict,
-            findings,
-            condition_number=evidence.condition_number,
-            offsets=evidence.offsets,
-        ),
-        "cutoff_hz": evidence.logs[0].cutoff,
+        "version": VERSION,
+        **verdict.to_dict(),
+        "findings": [finding.to_dict() for finding in findings],
+        "columns": list(fit.names),
+        "values": fit.values.tolist(),
+        "std": fit.std.tolist(),
+        "covariance": fit.covariance.tolist(),
+        "regrouping": dict(zip(fit.parameters.names, fit.parameters.expressions(12), strict=True)),
+        "condition_number": condition if np.isfinite(condition) else None,
+        "part": held.part,
+        "offsets": {channel: {"value": value, "std": std} for channel, (value, std) in evidence.offsets.items()},
+        "cutoff_hz": evidence.prepared.cutoff,
         "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(evidence.channels, numbers, strict=True)},
         "candidates": {
             name: dict(zip(evidence.channels, x.tolist(), strict=True)) for name, x in evidence.rivals.items()

@@ -11,7 +11,7 @@ from ident.arguments import is_number, near
 from ident.display.brief import Worded
 from ident.display.frames import imported_pandas
 from ident.errors import InputError
-from ident.estimation.units import coefficient_unit
+from ident.estimation.noise import coefficient_unit
 from ident.geometry.inertia import body_of_parameter
 from ident.mechanism.mechanism import Mechanism
 from ident.regression.ordinary import Fit

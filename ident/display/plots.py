@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ident.estimation.equations import Equations
-from ident.estimation.units import channel_unit
+from ident.estimation.noise import channel_unit
 from ident.files.table import vector_columns
 
 if TYPE_CHECKING:
@@ -269,14 +269,26 @@ def few_ticks(ax: Axes) -> None:
     ax.locator_params(axis="y", nbins=4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3)
 
 
-def few_decades(ax: Axes) -> None:
-    """Sets few ticks of logarithmic axes, as plain numbers, which are drawn faster than powers of ten."""
+def few_decades(ax: Axes, ticks: Sequence[float] = ()) -> None:
+    """Sets few ticks of logarithmic axes, or those of `ticks` in sight, with ticks without numbers between them."""
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "log":
+            low, high = axis.get_view_interval()
             locator: Any = axis.get_major_locator()
             locator.set_params(numticks=5)
-            axis.set_major_formatter("{x:g}")
-    ax.minorticks_off()
+            if ticks:
+                axis.set_ticks([tick for tick in ticks if low <= tick <= high])
+            axis.set_major_formatter(lambda x, _: decade(x))
+            axis.set_minor_formatter("")
+
+
+def decade(x: float) -> str:
+    """Number of a tick: plain, which is drawn faster, or a power of ten if it is long.
+
+    >>> decade(0.01), decade(1e-7)
+    ('0.01', '$10^{-7}$')
+    """
+    return f"{x:g}" if 1e-3 <= x < 1e4 else f"$10^{{{np.log10(x):.0f}}}$"
 
 
 def add_legend(figure: Figure, place: str = "upper", columns: int | None = None) -> Any:

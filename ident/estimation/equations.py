@@ -10,9 +10,8 @@ from ident.annotations import typed
 from ident.arguments import described
 from ident.errors import InputError
 from ident.estimation.samples import Samples, arrays_of, whitened
-from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.mechanism import Mechanism, out_of_plane
 from ident.mechanism.motion import Motion
-from ident.mechanism.plane import out_of_plane
 from ident.model.axes import Axes, Couplings, column_place, stated_values
 from ident.model.compiled import zeros
 from ident.model.inverse_dynamics import inverse_dynamics

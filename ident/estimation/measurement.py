@@ -1,7 +1,7 @@
 """Measurement model: the channels of `Equations` as functions of states, parameters and set-up.
 
     wrench   (1 + gain) coAd(T_sensor)⁻¹ [Y(q, q̇, q̈) ψ - Σ contacts] + offset
-    pose     F⁻¹ T(q) M, of a tracked body (`ident.estimation.tracking`)
+    pose     F⁻¹ T(q) M, of a tracked body (`ident.estimation.recorded_motion`)
     zero     Y(q, q̇, q̈) ψ - Σ contacts + offset, where nothing holds the base: contacts alone (Eq. 3)
     torque   (1 + gain) [Y_τ(q, q̇, q̈) ψ - Σ contacts + drives] + offset
 
@@ -20,9 +20,8 @@ import numpy as np
 
 from ident.estimation import loads
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.recorded_motion import base_motion, joint_states
+from ident.estimation.recorded_motion import REFERENCES, WIDTH, Tracked, base_motion, joint_states, reading
 from ident.estimation.setup_parameters import MARKERS, SetupParameter
-from ident.estimation.tracking import REFERENCES, WIDTH, Tracked, reading
 from ident.geometry.se3 import coAd, hat, inverse, pose, small_rotation
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree

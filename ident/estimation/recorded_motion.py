@@ -1,23 +1,46 @@
-"""Motion from coordinates and their derivatives: a recording's own, or low-passed ones at a chosen cut-off."""
+"""Motion from coordinates and their derivatives, a recording's own or low-passed ones, and poses of tracked bodies.
+
+    pose        F⁻¹ T_body(q) M
+    channels    p,        r - ½ (E - Eᵀ)∨,        E = Rᵀ_measured R,        to be compared with measured p and r
+
+F is the frame of the tracker, M that of the markers on the body, and r any measure of the orientation: only the turn E
+between the measured and the predicted one matters.
+"""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
-from ident.geometry.se3 import continuous_quaternions, turning, without_jumps
+from ident.estimation.setup_parameters import TRACKER
+from ident.geometry.se3 import continuous_quaternions, inverse, pose, turning, without_jumps
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
+from ident.recordings.faults import covered
 from ident.recordings.recording import Recording
+from ident.recordings.sampled import Sampled, side_by_side
 from ident.recordings.smoothing import PADDING, chosen_cutoff, smoothed
+from ident.recordings.stated import tracked_bodies
 
 Smoother = Callable[[np.ndarray, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Function of samples (N, k), their rate and a cut-off, Hz, that returns them smoothed and their derivatives."""
 
 USUAL = 0.1
 """Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
+
+WIDTH, REFERENCES = 6, 12
+"""Channels of a tracked body, and numbers of its measured orientation: rotation matrix and r."""
+
+COARSE, FINE = 20, 1000
+"""Rounds in which the rotations of both frames are fitted in turn, from each of the 24 turns by right angles, and from
+the best one of these: where the bodies hardly turn they converge slowly."""
+
+UNIT = 0.01
+"""Largest deviation of a quaternion's norm from 1."""
 
 
 def joint_states(tree: Tree, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,3 +165,113 @@ def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
     columns = [recording[f"{joint}_position"] for joint in joints]
     continuous = [without_jumps(x) if x.ndim == 2 else x[:, None] for x in columns]
     return np.hstack([np.empty((len(recording.time), 0)), *continuous])
+
+
+class Tracked(NamedTuple):
+    """Tracked body with the frames of tracker and markers.
+
+    Attributes:
+        body: Index of the body.
+        frame: Pose of the tracker's frame, as for `Tracker` (4, 4).
+        markers: Pose of the markers' frame in the body's (4, 4).
+        of_frame: Name of the tracker's frame in the set-up, of none that is stated.
+    """
+
+    body: int
+    frame: np.ndarray
+    markers: np.ndarray
+    of_frame: str
+
+
+def check_tracked(mechanism: Mechanism, recording: Recording) -> None:
+    """Refuses tracked bodies that joints do not move, or without whole poses."""
+    bodies = tracked_bodies(mechanism.tree)
+    for name, tracker in recording.trackers.items():
+        if tracker.body not in bodies:
+            raise InputError(
+                f"The tracker '{name}' needs a body that joints move, one of {', '.join(bodies)}; got '{tracker.body}'."
+            )
+        shapes = {f"{name}_{kind}": width for kind, width in (("position", 3), ("orientation", 4))}
+        for channel, width in shapes.items():
+            shape = recording.measured[channel].shape[1:] if channel in recording.measured else "none"
+            if shape != (width,):
+                raise InputError(f"The tracker '{name}' needs a channel '{channel}' (N, {width}), got {shape}.")
+        norm = np.linalg.norm(recording.as_measured(f"{name}_orientation").values, axis=1)
+        if (wrong := np.abs(norm - 1) > UNIT).any():
+            at = int(wrong.argmax())
+            raise InputError(f"'{name}_orientation' needs quaternions of norm 1; sample {at} has {norm[at]:.3g}.")
+
+
+def measured_poses(recording: Recording, name: str) -> Sampled:
+    """Channels of a tracked body and its orientations, as for `reading`, NaN where a sample is missing (N, 6 + 12)."""
+    time, x = side_by_side([recording.as_measured(f"{name}_{kind}") for kind in ("position", "orientation")])
+    there, values = np.isfinite(x).all(axis=1), np.full((len(x), WIDTH + REFERENCES), np.nan)
+    turned = Rotation.from_quat(x[there, 3:], scalar_first=True)
+    r = (turned.mean().inv() * turned).as_rotvec()
+    values[there] = np.hstack([x[there, :3], r, turned.as_matrix().reshape(-1, 9), r])
+    return Sampled(time, values)
+
+
+def reading(T: np.ndarray, references: np.ndarray) -> list:
+    """Channels of a pose in the tracker's frame (4, 4), beside the measured orientation (12,)."""
+    E = references[:9].reshape(3, 3).T @ T[:3, :3]
+    turn = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
+    return [*T[:3, 3], *(references[9:] + turn)]
+
+
+def aligned(mechanism: Mechanism, recording: Recording, motion: Motion) -> dict[str, Tracked]:
+    """Tracked bodies of a recording, with unknown frames aligned by the model's poses along a motion.
+
+    Rotations maximise `Σ tr(R_measuredᵀ X R_body Y)`, each in turn, and positions follow by least squares.
+    """
+    tree, trackers, out = mechanism.tree, recording.trackers, dict[str, Tracked]()
+    poses, base, pairs = tree.poses(motion.q), motion.base_poses, list[tuple[np.ndarray, np.ndarray]]()
+    poses = poses if base is None else base[:, None] @ poses
+    for name, tracker in trackers.items():
+        kept = covered(recording, (f"{name}_position", f"{name}_orientation"))
+        pairs.append((poses[kept, tree.names.index(tracker.body)], recording.poses(name)[kept]))
+    stated = [(None if x.frame is None else inverse(x.frame), x.markers) for x in trackers.values()]
+    turns, columns, right = _rotations(pairs, stated), list[np.ndarray](), list[np.ndarray]()
+    for k, ((A, M), (X, Y), (R, _)) in enumerate(zip(pairs, stated, turns, strict=True)):
+        own = np.zeros((len(A), 3, 3 * (1 + len(pairs))))
+        own[:, :, :3] = np.eye(3) * (X is None)
+        own[:, :, 3 + 3 * k : 6 + 3 * k] = R @ A[:, :3, :3] * (Y is None)
+        known = pose(R, np.zeros(3) if X is None else X[:3, 3]) @ A @ (np.eye(4) if Y is None else Y)
+        columns.append(own.reshape(-1, own.shape[2]))
+        right.append((M - known)[:, :3, 3].ravel())
+    x, *places = np.linalg.lstsq(np.concatenate(columns), np.concatenate(right), rcond=None)[0].reshape(-1, 3)
+    for (name, tracker), (X, Y), (R, S), place in zip(trackers.items(), stated, turns, places, strict=True):
+        frame, markers = inverse(pose(R, x) if X is None else X), pose(S, place) if Y is None else Y
+        out[name] = Tracked(tree.names.index(tracker.body), frame, markers, TRACKER if X is None else f"no {TRACKER}")
+    return out
+
+
+def _rotations(
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]], stated: Sequence[tuple[np.ndarray | None, np.ndarray | None]]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rotations X and Y with `X R_body Y` nearest to the measured ones, X the same for all that are not stated."""
+    every = [np.einsum("nij,nkl->ijkl", M[:, :3, :3], A[:, :3, :3]) for A, M in pairs]
+
+    def alternated(shared: np.ndarray, rounds: int) -> tuple[float, list[np.ndarray], list[np.ndarray]]:
+        """Score, X and Y after some rounds from the X of all that are not stated."""
+        for _ in range(rounds):
+            X = [shared if frame is None else frame[:3, :3] for frame, _ in stated]
+            free = [np.einsum("ijkl,ik->lj", K, R) for K, R in zip(every, X, strict=True)]
+            Y = [_nearest(S) if own is None else own[:3, :3] for S, (_, own) in zip(free, stated, strict=True)]
+            back = zip(every, Y, stated, strict=True)
+            shared = _nearest(
+                sum(np.einsum("ijkl,lj->ik", K, S) for K, S, (frame, _) in back if frame is None) + 0 * shared
+            )
+        return sum(float((S * own).sum()) for S, own in zip(free, Y, strict=True)), X, Y
+
+    starts = (alternated(start, COARSE) for start in Rotation.create_group("O").as_matrix())
+    best = max(starts, key=lambda each: each[0])
+    unknown = [R for R, (frame, _) in zip(best[1], stated, strict=True) if frame is None]
+    _, X, Y = alternated(unknown[0], FINE) if unknown else best
+    return list(zip(X, Y, strict=True))
+
+
+def _nearest(matrix: np.ndarray) -> np.ndarray:
+    """Rotation nearest to a matrix (3, 3)."""
+    U, _, V = np.linalg.svd(matrix)
+    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V

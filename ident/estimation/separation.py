@@ -7,8 +7,8 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation.accumulator import accumulate, triangle_of
-from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import Equations
+from ident.estimation.noise import channel_scales
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.tolerances import CONDITION_LIMIT, SINGULAR, ZERO_COLUMN

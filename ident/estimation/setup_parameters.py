@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.mechanism.body import BASE, Body
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Tracker
 from ident.recordings.wrench import GROUND
 from ident.setup import PRIORS, SETUP, SetupKind
 
@@ -185,7 +185,6 @@ link."""
 
 PARALLEL = 1e-9
 """Largest component of a unit vector across another one with which they are parallel, but for rounding."""
-
 
 OF_JOINTS = ("angles", "axes", "centres")
 """Objects of the kinds of errors that displace or turn bodies."""

@@ -5,9 +5,9 @@ from dataclasses import replace
 from ident.estimate import Estimate
 from ident.estimation.separation import excited, separable
 from ident.estimators.predictions import Candidate
-from ident.judgement.candidates import MODEL
 from ident.problem import Problem
-from ident.regression.robust import robust_fit
+from ident.regression.conventional import robust_fit
+from ident.regression.held_out import MODEL
 
 
 def ordinary(problem: Problem) -> Estimate:

@@ -14,13 +14,13 @@ from ident.estimation.samples import joined
 from ident.estimation.separation import excited, separable, undetermined
 from ident.estimators.predictions import Candidate, Predictions
 from ident.judgement.agreement import disagreement, disagreements, widening, without
-from ident.judgement.candidates import LEAST_SQUARES, MODEL
 from ident.judgement.checks import wrench_checks
+from ident.judgement.fit_findings import beyond_fast_noise
 from ident.judgement.gravity import recorded_gravity
-from ident.judgement.residual_findings import beyond_fast_noise
 from ident.judgement.torque_checks import torque_checks
 from ident.problem import Problem
-from ident.regression.filtered import FilteredLeastSquares, filtered_least_squares
+from ident.regression.conventional import FilteredLeastSquares, filtered_least_squares
+from ident.regression.held_out import LEAST_SQUARES, MODEL
 from ident.setup import PRIORS
 from ident.trajectory.corrected import as_fit
 from ident.trajectory.fit.precision import UNDETERMINED

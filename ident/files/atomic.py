@@ -36,11 +36,13 @@ def replacing(path: Path) -> Iterator[Path]:
         raise InputError(f"'{path}' cannot be written: the folder '{path.parent}' does not exist; make it first.")
 
     def made() -> Path:
+        if path.exists() and not path.is_file():
+            raise OSError("it is no regular file")
         handle, name = tempfile.mkstemp(prefix=PARTIAL, suffix=path.suffix, dir=path.parent)
         os.close(handle)
         return Path(name)
 
-    with unwritten(path), _no_device(path), claimed(path.parent, made, Path.unlink) as temporary:
+    with unwritten(path), claimed(path.parent, made, Path.unlink) as temporary:
         try:
             yield temporary
             mask = os.umask(0)
@@ -49,18 +51,6 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def _no_device(path: Path) -> Iterator[None]:
-    """Refuses to replace a device, a pipe or a folder by a file.
-
-    Raises:
-        OSError: The path exists and is no regular file.
-    """
-    if path.exists() and not path.is_file():
-        raise OSError("it is no regular file")
-    yield
 
 
 @contextmanager

@@ -19,6 +19,9 @@ LIMIT = 500_000_000
 NUMBER = 8
 """Bytes of a number in memory; in the file it may be one byte."""
 
+PIECE = 1 << 16
+"""Bytes that are unpacked or received at a time."""
+
 LONGEST = 4_000_000
 """Characters of the longest line of a log, enough for a hundred thousand columns or for metadata in JSON."""
 

@@ -18,7 +18,7 @@ from ident.display.brief import Worded
 from ident.display.html import table
 from ident.display.text import rounded
 from ident.errors import ExcitationError, InputError
-from ident.estimation.units import unit_of
+from ident.estimation.noise import unit_of
 from ident.geometry.inertia import with_bodies
 from ident.regression.ordinary import Fit
 from ident.trajectory import left_out

@@ -12,7 +12,7 @@ from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.consistency import ConsistentParameters
-from ident.parameters.prior import conditioned, known_deviations, updated
+from ident.parameters.prior import conditioned, known_deviations
 from ident.tolerances import DRIVE, INTERVAL
 
 FAR = 2.0
@@ -21,7 +21,6 @@ FAR = 2.0
 NARROWER = 0.5
 """Standard deviation of a mass over that of the prior below which the data determine it."""
 
-TINIEST = 1e-300
 
 FACTOR = 2.0
 """Factor between a body's mass and the model's above which there is a remark."""
@@ -32,11 +31,11 @@ SLIGHT = 1e-3
 
 def consistency_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on the base parameters that are moved to make the bodies physical."""
-    if evidence.consistent is not None:
-        yield _consistency(evidence.consistent, evidence.mechanism.bodies)
-        if rotors := evidence.consistent.rotors:
-            joints = tuple(column_place(name)[1] for name in rotors)
-            yield Finding.of("rotors_apart", Place(joints=joints), rotors=dict(rotors))
+    full = evidence.consistent()
+    yield _consistency(full, evidence.mechanism.bodies)
+    if full.rotors:
+        joints = tuple(column_place(name)[1] for name in full.rotors)
+        yield Finding.of("rotors_apart", Place(joints=joints), rotors=dict(full.rotors))
 
 
 def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
@@ -53,9 +52,7 @@ def _consistency(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
 
 def mass_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remarks on bodies far from the model's mass, on rotor inertia that explains it, and on heavier last links."""
-    full, mechanism = evidence.consistent, evidence.mechanism
-    if full is None:
-        return
+    full, mechanism = evidence.consistent(), evidence.mechanism
     far: dict[str, dict[str, dict[str, float | None]]] = {}
     whole = full.phi[::10].sum()
     for each, before in zip(full.rows[::10], mechanism.known[::10].tolist(), strict=True):
@@ -91,7 +88,7 @@ def rotor_findings(evidence: Evidence, far: Sequence[str]) -> Iterator[Finding]:
     ]
     columns = {name: f"{DRIVE['rotor']}({joints[name]})" for name in without}
     with_rotors = equations.with_drives((*equations.drives, *columns.values()))
-    apart = separable(with_rotors, evidence.logs[0].samples).drives if without else ()
+    apart = separable(with_rotors, evidence.prepared.samples).drives if without else ()
     for code, is_apart in (("rotor_not_fitted", True), ("rotor_inseparable", False)):
         if of := {name: str(joints[name]) for name in without if (columns[name] in apart) == is_apart}:
             yield Finding.of(code, Place(bodies=tuple(of), joints=tuple(of.values())), joints=of)
@@ -103,15 +100,13 @@ def tool_findings(evidence: Evidence) -> Iterator[Finding]:
     Data and that prior have to determine the mass; its interval and that of the first moment exclude the model's.
     """
     mechanism, base, known = evidence.mechanism, evidence.fit.parameters, evidence.known
-    psi, covariance = evidence.fit.psi - evidence.fit.equations.from_drives[: base.rank], evidence.covariance
-    if evidence.trajectory is None or not evidence.trajectory.known:
-        psi, covariance = updated(mechanism, base, psi, covariance, known)
-    after = conditioned(mechanism, base, psi, covariance, known)
+    included = evidence.trajectory is not None and evidence.trajectory.known
+    after = conditioned(mechanism, base, evidence.psi_of_links, evidence.covariance, known, included=included)
     each = (*after, mechanism.known, known_deviations(mechanism, known))
     phi, std, before, std_before = (x.reshape(-1, 10)[:, :4] for x in each)
     size = np.linalg.norm(phi[:, 1:], axis=1)
     grown = size - np.linalg.norm(before[:, 1:], axis=1)
-    std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, TINIEST)
+    std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, 1e-300)
     more, least = phi[:, 0] - before[:, 0], np.maximum(INTERVAL * std[:, 0], known["mass"] * before[:, 0])
     heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
     for k in np.flatnonzero(heavier).tolist():

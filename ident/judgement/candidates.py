@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
+from ident.judgement.finding import FINDINGS, NAMED, Finding, Place, Row, listed, percent
+from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
-
-ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"
 
 RIVALS = LEAST_SQUARES, MODEL
 """The other candidates, as they are called in `Estimate.rivals`."""
@@ -30,9 +29,6 @@ NEGLIGIBLE = 0.02
 
 CANDIDATES = {"estimate": "the estimate", "model": "the model as it came", "least squares": "least squares"}
 """Candidates in words."""
-
-NAMED = 4
-"""Largest number of channels that a sentence on candidates names; the table of channels has all."""
 
 
 def about_best(ratios: np.ndarray) -> np.ndarray:

@@ -80,10 +80,8 @@ class Checks:
         contact: Contact that would explain the residual; None where not all six components are measured.
         torques: Checks of the joint torques, None where there are none.
         unchecked: Checks that could not be made.
-        total: Check of the total wrench's sign, None where each wrench's is checked.
         gravity: Comparison of directions of gravity, None where none can be compared.
         delay: Delay of the channels that explains most, None where none can be tried.
-        largest_force: Size of the largest components of the total force, N; None where units were checked before.
     """
 
     weight: Weight | None
@@ -92,8 +90,6 @@ class Checks:
     contact: ContactCheck | None
     torques: TorqueChecks | None
     unchecked: tuple[Unchecked, ...]
-    total: FrameCheck | None = None
-    largest_force: float | None = None
     gravity: GravityCheck | None = None
     delay: DelayCheck | None = None
 

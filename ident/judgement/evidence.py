@@ -1,136 +1,35 @@
-"""Evidence on an estimate: its residuals, errors of its set-up, other candidates, and checks of the recordings."""
+"""Evidence on an estimate: its fit, predictions and residuals, errors of its set-up, and checks of the recordings."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from ident.estimation.preparation import Prepared
-from ident.estimation.setup_parameters import SetupParameter
-from ident.judgement.checks import Checks
-from ident.judgement.finding import NOWHERE, Place
+from ident.estimation.preparation import Part, Prepared
+from ident.estimation.samples import Samples, joined
+from ident.judgement.checks import Checks, checked
+from ident.judgement.finding import SetupFinding, setup_findings
+from ident.judgement.residuals import explained_by_motion, idle_channels
+from ident.judgement.torque_checks import friction_shares
 from ident.mechanism.mechanism import Mechanism
-from ident.parameters.consistency import ConsistentParameters
-from ident.parameters.prior import KNOWN
+from ident.model.axes import stated_values
+from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.body_bounds import BodyPrior, Rotors, scaled_root
+from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.parameters.prior import KNOWN, guessed
+from ident.regression.conventional import spread
+from ident.regression.held_out import ESTIMATE, HeldOut
 from ident.regression.ordinary import Fit
-from ident.setup import Unit
+from ident.tolerances import CONDITION_LIMIT
 from ident.trajectory.result import TrajectoryEstimate
 
+LINEARISED = 3
+"""Times that a prior of masses, centres and central inertias is made linear in φ about the bodies before; the third
+time no parameter of a person changes by more than .02 (kg, kg m, kg m²)."""
 
-@dataclass(frozen=True)
-class SetupFinding:
-    """Error of the set-up, which the estimate includes.
-
-    Attributes:
-        name: Name of the set-up parameter.
-        value: Its estimate, in SI units and radians.
-        std: Its standard deviation.
-        kind: Kind of the set-up parameter.
-        values: Numbers and names of its sentence.
-        alternatives: Names of other causes that the data cannot distinguish from it.
-        place: Its place.
-    """
-
-    name: str
-    value: float
-    std: float
-    kind: str
-    values: Mapping[str, Any]
-    alternatives: tuple[str, ...]
-    place: Place = NOWHERE
-
-    @property
-    def code(self) -> str:
-        """Code of its finding."""
-        return f"setup_{self.kind}"
-
-    @property
-    def text(self) -> str:
-        """The finding in one sentence."""
-        return setup_sentence(self.kind, **self.values)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Name, code, value, standard deviation, sentence, alternatives and place, in JSON's types."""
-        own = {"name": self.name, "code": self.code, "value": self.value, "std": self.std, "text": self.text}
-        return own | {"alternatives": list(self.alternatives), "place": self.place.to_dict()}
-
-
-def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
-    """Set-up errors of a trajectory estimate, the most significant first."""
-    fit, names = joint.fit, joint.fit.names
-    std = np.sqrt(np.diag(fit.covariance))
-    out = []
-    for deviation in joint.deviations:
-        k = deviation.index
-        each, alternatives = joint.setup[k], [joint.setup[a] for a in deviation.alternatives]
-        values: dict[str, Any] = {
-            **_named(each),
-            "value": float(fit.theta[k]),
-            "std": float(std[k]),
-            "log": each.log,
-            "together": deviation.together,
-            "alternatives": [{"kind": x.kind, **_named(x)} for x in alternatives],
-        }
-        others = (*deviation.together, *(names[a] for a in deviation.alternatives))
-        out.append(SetupFinding(names[k], values["value"], values["std"], each.kind, values, others, place_of(each)))
-    return out
-
-
-def _named(each: SetupParameter) -> dict[str, str | None]:
-    """Object and axis of a set-up parameter, and the joint at the other end of a link."""
-    own = {"of": each.of, "axis": None if each.axis is None else "xyz"[each.axis]}
-    return own | ({"link": each.link} if each.link else {})
-
-
-def _parameter(kind: str, of: str, axis: str | None, log: int | None = None, link: str = "") -> SetupParameter:
-    """Set-up parameter by its name."""
-    return SetupParameter(kind, of, None if axis is None else "xyz".index(axis), 0.0, log, link=link)
-
-
-def setup_sentence(
-    kind: str,
-    of: str,
-    axis: str | None,
-    value: float,
-    std: float,
-    log: int | None = None,
-    link: str = "",
-    together: Sequence[str] = (),
-    alternatives: Sequence[Mapping[str, Any]] = (),
-) -> str:
-    """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
-    text = sentence(_parameter(kind, of, axis, log, link), value, std)
-    if together or alternatives:
-        others = "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
-        text = f"{text} Other causes have the same effect: {others}."
-    return text
-
-
-def place_of(each: SetupParameter) -> Place:
-    """The wrenches, the channel or the joint that a set-up parameter belongs to."""
-    names: dict[str, Any] = dict(each.place)
-    return Place(**names, log=(each.log or 1) - 1)
-
-
-def sentence(each: SetupParameter, value: float, std: float) -> str:
-    """Error of the set-up and its size, in one sentence."""
-    size = _with_std(abs(value), std, each.row.unit)
-    text = each.text(each.row.sentence, size=size, sign=each.sign(value))
-    where = "" if each.log is None else f" in log {each.log}"
-    return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
-
-
-def short(each: SetupParameter) -> str:
-    """Set-up error in a few words."""
-    return each.text(each.row.short)
-
-
-def _with_std(value: float, std: float, unit: Unit) -> str:
-    """Value ± standard deviation in the displayed unit, with two digits of the latter."""
-    value, std = value * unit.factor, std * unit.factor
-    decimals = max(0, 1 - int(np.floor(np.log10(max(std, 1e-12))))) if std else 1
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}{unit.shown}"
+ROUNDING = 1e-9
+"""Least eigenvalue of correlations of ψ: what the set-up adds to a covariance is definite to rounding only."""
 
 
 @dataclass(frozen=True)
@@ -148,83 +47,230 @@ class Unmodelled:
     ratio: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evidence:
-    """Evidence that judges read; a judge yields no finding where an estimate lacks its entries.
+    """Base parameters from recordings, and what they are judged by.
 
     Attributes:
+        logs: Fitted recordings, and the fitted samples of each.
         fit: The fit.
-        ratios: RMS residual over the signal's standard deviation, of each channel judged.
-        part: Samples of the ratios, "held-out" or "fitted".
-        condition_number: Condition number of the unit-norm, weighted columns.
-        checks: Checks of the recording.
-        offsets: Constant offset of each channel where it is identifiable, with its standard deviation.
-        inseparable: Channels whose offset cannot be separated from parameters.
-        scale: Standard deviation of each channel's residual.
-        constant: Channels that are constant although the motion would change them.
-        logs: Fitted recordings; none where samples were read piece by piece.
-        trajectory: The trajectory estimate, None for other estimators.
-        setup: Set-up errors.
-        rivals: Ratios of other candidates on the same samples (C,), by name.
-        filtered_at: Cut-off of the candidate `least squares`, Hz.
-        disagreement: Root mean square z of the differences between two halves.
-        disagreements: The same of each recording against the others.
-        widening: Factor on the standard deviations because of the halves.
-        bounded: Drives at their bound of zero: upper limit, and standard deviation with the drive free.
-        friction: Share of each joint torque's residual that friction would explain.
-        at_rest: Ratios of the samples that are not judged, of joints that rub and rest, NaN without any, by channel.
-        in_logs: Ratios of all candidates in each recording, if each is predicted from the others (C,), by name.
-        model_error: Share of each channel's residual that the motion explains beyond chance (C,).
-        covariance_setup: Covariance of all coefficients with the uncertainty of the set-up (m, m).
-        consistent: Physical bodies near the estimate.
-        unmodelled: What the model may lack, the likeliest first; empty where residuals are no more than fast noise.
-        idle: Reason, as a key of `verdict.IDLE`, by the channels that are not predicted and in which nothing could be.
+        offsets: Constant offset of each channel where identifiable, fitted or not, with its standard deviation.
+        held_out: Samples on which the fit is judged: ends of the recordings, other recordings, each recording predicted
+            from the rest, or the fitted samples themselves.
+        singular_values: Singular values of the unit-norm columns of base parameters and drives, each channel weighted.
+        trajectory: The trajectory estimate of trajectory, parameters, set-up and noise, None for other estimators.
+        filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
+        filtered_values: Base parameters, drives and offsets of that candidate; None without it.
+        disagreement: Root mean square z of the differences between two halves, None without two.
+        disagreements: Root mean square z of each recording's parameters against the others', for three or more.
+        widening: Factor on the standard deviations from the noise because of that.
+        bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
+            the drive free.
+        unmodelled: What the model may lack, the likeliest first.
+        undetermined: Base parameters that the motion does not determine, where joints rest.
     """
 
+    logs: Sequence[Part[slice]]
     fit: Fit
-    ratios: Mapping[str, float]
-    part: str
-    condition_number: float
-    checks: Checks
-    offsets: Mapping[str, tuple[float, float]]
-    inseparable: tuple[str, ...]
-    scale: Mapping[str, float]
-    constant: tuple[str, ...] = ()
-    logs: Sequence[Prepared] = ()
+    offsets: dict[str, tuple[float, float]]
+    held_out: HeldOut
+    singular_values: np.ndarray
     trajectory: TrajectoryEstimate | None = None
-    setup: Sequence[SetupFinding] = ()
-    rivals: Mapping[str, np.ndarray] = field(default_factory=dict)
-    filtered_at: float | None = None
     disagreement: float | None = None
     disagreements: tuple[float, ...] = ()
     widening: float = 1.0
+    filtered_at: float | None = None
+    filtered_values: np.ndarray | None = None
     bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    friction: Mapping[str, float] = field(default_factory=dict)
-    at_rest: Mapping[str, float] = field(default_factory=dict)
-    in_logs: Sequence[Mapping[str, np.ndarray]] = ()
-    model_error: np.ndarray | None = None
-    covariance_setup: np.ndarray | None = None
-    consistent: ConsistentParameters | None = None
     unmodelled: Sequence[Unmodelled] = ()
-    idle: Mapping[str, str] = field(default_factory=dict)
+    undetermined: Sequence[str] = ()
 
     @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels judged."""
-        return tuple(self.ratios)
+    def prepared(self) -> Prepared:
+        """The first recording."""
+        return self.logs[0].log
+
+    @property
+    def part(self) -> slice:
+        """Fitted samples of the first recording."""
+        return self.logs[0].samples
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism, with the set-up of the first recording if there is one."""
-        return self.logs[0].mechanism if self.logs else self.fit.equations.mechanism
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance of the base parameters (r, r)."""
-        rank = self.fit.parameters.rank
-        return self.fit.covariance[:rank, :rank]
+        """The mechanism, with the set-up of the first recording."""
+        return self.prepared.mechanism
 
     @property
     def known(self) -> dict[str, float]:
         """Standard deviations of the model's φ."""
-        return {**KNOWN, **(self.logs[0].recording.known if self.logs else {})}
+        return {**KNOWN, **self.prepared.recording.known}
+
+    @property
+    def base(self) -> BaseParameters:
+        """Regrouping of the standard parameters into base parameters."""
+        return self.fit.parameters
+
+    @property
+    def psi(self) -> np.ndarray:
+        """Base parameters (r,)."""
+        return self.fit.psi
+
+    @property
+    def psi_of_links(self) -> np.ndarray:
+        """Base parameters of the links alone, without the model's rotors and friction that they absorb (r,)."""
+        return self.psi - self.fit.equations.from_drives[: self.base.rank]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the base parameters (r, r)."""
+        return self.fit.covariance[: self.base.rank, : self.base.rank]
+
+    @cached_property
+    def covariance_setup(self) -> np.ndarray:
+        """Covariance of all coefficients with the uncertainty of the set-up (m, m)."""
+        if self.trajectory is None:
+            return self.fit.covariance
+        m = len(self.fit.names)
+        added = self.trajectory.covariance_of_setup[:m, :m].copy()
+        # Variances may be negative by rounding.
+        np.fill_diagonal(added, np.maximum(np.diag(added), 0))
+        return self.fit.covariance + added
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the measured channels."""
+        return self.fit.equations.channels
+
+    @property
+    def inseparable(self) -> tuple[str, ...]:
+        """Channels whose constant offset cannot be separated from parameters."""
+        return tuple(channel for channel in self.channels if channel not in self.offsets)
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the unit-norm, weighted columns, infinite if they are dependent."""
+        return _condition(self.singular_values)
+
+    @property
+    def determined_condition(self) -> float:
+        """The condition number of `determined_values`."""
+        return _condition(self.determined_values)
+
+    @property
+    def determined_values(self) -> np.ndarray:
+        """The singular values without those of combinations that the motion does not determine, where joints rest."""
+        s = self.singular_values
+        return s[s > s[0] / CONDITION_LIMIT] if self.undetermined else s
+
+    @property
+    def rivals(self) -> dict[str, np.ndarray]:
+        """Ratios of residual to signal of other candidates on the same samples (C,), by name."""
+        return {name: self.held_out.ratio_of(x) for name, x in self.held_out.rivals.items()}
+
+    @cached_property
+    def ratios(self) -> dict[str, float]:
+        """RMS residual over the signal's standard deviation, of each channel judged."""
+        return dict(zip(self.channels, self.held_out.ratio.tolist(), strict=True))
+
+    @property
+    def at_rest(self) -> dict[str, float]:
+        """Ratios of the samples that are not judged, of joints that rub and rest, NaN without any, by channel."""
+        return dict(zip(self.channels, self.held_out.ratio_at_rest(self.held_out.residual).tolist(), strict=True))
+
+    @property
+    def in_logs(self) -> list[dict[str, np.ndarray]]:
+        """Ratios of all candidates in each recording, if each is predicted from the others (C,), by name."""
+        held = self.held_out
+        every = {ESTIMATE: held.residual, **held.rivals}
+        return [{name: held.ratio_of(x, part) for name, x in every.items()} for part in held.left_out]
+
+    @cached_property
+    def idle(self) -> dict[str, str]:
+        """Reason, as a key of `verdict.IDLE`, by the channels that are not predicted and in which nothing could be."""
+        return idle_channels(self.held_out, self.prepared)
+
+    @cached_property
+    def _fitted(self) -> Samples:
+        return joined([part.used for part in self.logs])
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Measured minus predicted channels of the fitted parts (N, C)."""
+        return np.concatenate([self.fit.residual(part.used) for part in self.logs])
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Robust standard deviation of each channel's residual (C,)."""
+        return spread(self.residual)
+
+    @cached_property
+    def model_error(self) -> np.ndarray:
+        """Share of each channel's residual that the motion explains beyond chance, held out and fitted (C,).
+
+        A held-out motion is smoothed from joint angles alone, and the error of smoothing depends on the motion. In the
+        fitted part the motion was estimated from the channels as well. A wrong model shows in both: the smaller share
+        is returned.
+        """
+        held = explained_by_motion(self.held_out.residual, self.held_out.samples.motion)
+        return np.minimum(held, explained_by_motion(self.residual, self._fitted.motion))
+
+    @cached_property
+    def friction(self) -> dict[str, float]:
+        """Share of each joint torque's residual that friction would explain, empty without torques."""
+        return friction_shares(self.fit, self._fitted) if self.fit.equations.torques else {}
+
+    @cached_property
+    def checks(self) -> Checks:
+        """Checks of recording, set-up and fit."""
+        return checked(self.prepared, self.fit, self.part)
+
+    @cached_property
+    def setup(self) -> list[SetupFinding]:
+        """Set-up errors, which the estimate includes."""
+        return [] if self.trajectory is None else setup_findings(self.trajectory)
+
+    @cached_property
+    def _consistent(self) -> ConsistentParameters:
+        arm, known = self.mechanism, self.known
+        equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
+        stated = stated_values(arm, list(equations.absorbed))
+        rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
+        prior, wider = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
+
+        def prior_at(phi: np.ndarray) -> BodyPrior:
+            return BodyPrior.of(arm, self.base, known, rotors, used=included, at=phi)
+
+        def fitted(at: np.ndarray) -> ConsistentParameters:
+            return consistent_parameters(
+                *(self.psi_of_links, self.covariance, self.base, prior),
+                bodies=arm.bodies,
+                masses=known["mass"],
+                known=prior_at(at),
+                rotors=rotors,
+            )
+
+        # Bodies have what the data say, as the total mass on a plate; their intervals allow for errors of the set-up.
+        full = fitted(prior)
+        for _ in range(LINEARISED if included else 0):
+            full = fitted(full.phi)
+        wide = replace(full.fitting, root=scaled_root(wider), prior=prior_at(full.phi if included else prior))
+        full = replace(full, fitting=wide)
+        # Frames stay without mass.
+        return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
+
+    def consistent(self) -> ConsistentParameters:
+        """Physical bodies as close to the mechanism's prior as the estimate allows."""
+        return self._consistent
+
+
+def _regular(covariance: np.ndarray) -> np.ndarray:
+    """A covariance whose correlations have eigenvalues from `ROUNDING` on."""
+    std = np.sqrt(np.diag(covariance))
+    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
+    return np.asarray((axes * np.maximum(values, ROUNDING)) @ axes.T * np.outer(std, std))
+
+
+def _condition(singular_values: np.ndarray) -> float:
+    """Ratio of the largest to the smallest of sorted singular values, infinite if that is zero."""
+    largest, smallest = singular_values[[0, -1]].tolist()
+    return largest / smallest if smallest else np.inf

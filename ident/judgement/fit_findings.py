@@ -1,4 +1,4 @@
-"""Findings on a fit: its course, agreement of its parts, the prior, postures and assumptions."""
+"""Findings on a fit: its residuals, course, agreement of its parts, the prior, postures and assumptions."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -6,11 +6,15 @@ import numpy as np
 from scipy import linalg
 
 from ident.judgement.agreement import DISAGREE
-from ident.judgement.candidates import ESTIMATE, Candidates
+from ident.judgement.candidates import NEGLIGIBLE, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, number_of, percent
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed, number_of, percent
 from ident.parameters.prior import known_covariance
-from ident.tolerances import CONDITION_LIMIT
+from ident.recordings.resolution import white_noise
+from ident.recordings.wrench import GROUND
+from ident.regression.held_out import ESTIMATE
+from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
+from ident.trajectory.fit.fitted import TrajectoryFit
 
 RESTLESS = 0.3
 """Last step of the trajectory estimate, in standard deviations, from which it counts as not converged."""
@@ -30,6 +34,16 @@ more has 4."""
 
 BEYOND, RARELY = 0.05, 0.01
 """Distance beyond a joint's range, of the range, and share of the samples up to which no remark is made."""
+
+OF_THE_MOTION = 0.5
+"""Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
+residual is not negligible."""
+
+FAR_ABOVE = 3.0
+"""Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
+
+
+_DEAD = "Residuals larger than the channel's own variation"
 
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -89,11 +103,9 @@ def _separated(evidence: Evidence) -> bool:
 
 def posture_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on joints that were recorded beyond the model's ranges."""
-    if not evidence.logs:
-        return
     mechanism = evidence.mechanism
     beyond: dict[str, float] = {}
-    coordinates = mechanism.tree.body_coordinates(evidence.logs[0].samples.motion.q)
+    coordinates = mechanism.tree.body_coordinates(evidence.prepared.samples.motion.q)
     for joint, q in zip((body.joint for body in mechanism.tree.bodies), coordinates, strict=True):
         if joint in mechanism.ranges and q.shape[1] == 1:
             low, high = mechanism.ranges[joint]
@@ -106,9 +118,9 @@ def posture_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def caveats(evidence: Evidence) -> Iterator[Finding]:
     """Remarks on the assumptions of least squares."""
-    if evidence.trajectory is not None or not evidence.logs:
+    if evidence.trajectory is not None:
         return
-    if evidence.logs[0].cutoff is None:
+    if evidence.prepared.cutoff is None:
         yield Finding.of("unfiltered_wrenches")
     yield Finding.of("joint_noise_not_included")
 
@@ -172,4 +184,85 @@ FINDINGS.update(
         "and is not in them; --estimator trajectory includes it.",
         doubt=False,
     ),
+)
+
+
+def quality_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on channels with large residuals over their signals, but for mirrored and unpredictable ones."""
+    ground = evidence.checks.frames.get(GROUND)
+    others = {*evidence.idle, *(() if ground is None else ground.mirrored)}
+    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in others}
+    kinds = (
+        ("residual_above_signal", LEFT, np.inf),
+        ("unexplained_channels", UNEXPLAINED, LEFT),
+        ("poor_prediction", POOR, UNEXPLAINED),
+    )
+    for code, low, high in kinds:
+        if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
+            yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.held_out.part)
+
+
+def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on channels whose residuals depend on the motion."""
+    if evidence.trajectory is None:
+        return
+    shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
+    if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > NEGLIGIBLE):
+        yield Finding.of("residual_follows_motion", Place(channels=channels), channels=channels)
+
+
+def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on channels whose residual is far above the sensor's noise; intervals include it."""
+    if evidence.trajectory is None:
+        return
+    if large := beyond_fast_noise(evidence.trajectory.fit, evidence.channels):
+        every = 1 < len(large) == len(evidence.channels)
+        yield Finding.of("residual_above_fast_noise", Place(channels=tuple(large)), factors=large, all_channels=every)
+
+
+def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
+    """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
+    large = dict[str, float]()
+    for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=False)):
+        fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
+        if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
+            large[channel] = float(noise / max(fast, 1e-300))
+    return large
+
+
+def _ratios(what: str, do: str = "", *, doubt: bool) -> Row:
+    def sentence(ratios: Mapping[str, float], part: str) -> str:
+        return f"{what}, {part} residual over signal in brackets: {bracketed(ratios)}.{do}"
+
+    return Row(sentence, doubt)
+
+
+def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
+    if all_channels:
+        least, most = _times(min(factors.values())), _times(max(factors.values()))
+        times = least if least == most else f"{least} to {most}"
+        what = f"In all channels the residual is far above the fast noise of the sensors, {times} times."
+    else:
+        each = listed(f"{channel} {_times(factor)} times" for channel, factor in factors.items())
+        what = f"The residual is far above the fast noise of the sensors: {each}."
+    return (
+        f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
+        "before. The standard deviations include this residual and its correlation."
+    )
+
+
+def _times(factor: float) -> str:
+    return "over 100" if factor > 100 else f"{factor:.0f}"
+
+
+FINDINGS.update(
+    residual_above_signal=_ratios(_DEAD, " Look for a constant offset or a dead sensor.", doubt=True),
+    unexplained_channels=_ratios("Not explained by this motion", doubt=False),
+    poor_prediction=_ratios("Predicted poorly", doubt=False),
+    residual_follows_motion=Row(
+        "Residuals of {channels} depend on the motion: the model lacks something of the mechanism. Check its "
+        "dimensions, joints and contacts.",
+        doubt=True,
+    ),
+    residual_above_fast_noise=Row(_beyond_fast_noise, doubt=False),
 )

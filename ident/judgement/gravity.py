@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.estimation.preparation import Prepared
 from ident.geometry.se3 import roll_pitch_yaw
+from ident.judgement.diagnosis import TIE
 from ident.judgement.model_fit import EXPLAINED, FAR_BETTER, SAMPLES, ModelFit
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -20,9 +21,9 @@ direction up to which the set-up's tilt of gravity explains it."""
 TURNS = 0.4, 0.2, 0.1, 0.05, 0.025, 0.0125
 """Turns by which a direction is searched about the best axis or corner, rad: first less than half their distance."""
 
-TIE, BRAKING = 1.25, -0.02
-"""Factor between misfits that are alike; and mean power of the torques over their size, below which they would drive
-against friction, so that their signs are wrong: masses and springs return their energy."""
+BRAKING = -0.02
+"""Mean power of the torques over their size, below which they would drive against friction, so that their signs are
+wrong: masses and springs return their energy."""
 
 
 @dataclass(frozen=True, eq=False)

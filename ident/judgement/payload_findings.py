@@ -7,14 +7,13 @@ from typing import Any, Self
 import numpy as np
 from scipy import special
 
+from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, doubts_first
-from ident.judgement.fit_findings import course_findings, halves_findings
-from ident.judgement.residual_findings import model_error_findings, quality_findings
-from ident.judgement.sensor_findings import clipped_findings, resolution_findings, stuck_findings
-from ident.judgement.setup_findings import setup_remarks
+from ident.judgement.fit_findings import course_findings, halves_findings, model_error_findings, quality_findings
+from ident.judgement.setup_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
 from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
 from ident.tolerances import INTERVAL, POOR, SIGNIFICANT
@@ -164,13 +163,16 @@ class PayloadVerdict(Verdict):
     def _numbers(self) -> str:
         known = self.inertia_within
         inertia = "inertias are not known" if known is None else f"inertias to {known:.1g} kg m²"
-        within = f"{self.mass:.4g} ± {self.mass_within:.2g} kg"
-        return f"{within}, the centre of mass to {1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
+        return f"{self._mass}, the centre of mass to {1e3 * self.centre_within:.2g} mm, {inertia} (95 %)."
+
+    @property
+    def _mass(self) -> str:
+        return f"{' ± '.join(rounded(self.mass, self.mass_within))} kg"
 
     @property
     def brief(self) -> str:
         """The load with its intervals, or why it is not to be used."""
-        alone = f"Use its mass alone, {self.mass:.4g} ± {self.mass_within:.2g} kg (95 %)."
+        alone = f"Use its mass alone, {self._mass} (95 %)."
         return {Outcome.USABLE: self._numbers, Outcome.PARTLY: alone}.get(self.outcome, super().brief)
 
 

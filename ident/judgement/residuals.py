@@ -8,14 +8,11 @@ from scipy import special
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.noise import autocovariance
 from ident.estimation.preparation import Prepared
+from ident.mechanism.mechanism import out_of_plane
 from ident.mechanism.motion import Motion
-from ident.mechanism.plane import out_of_plane
 from ident.recordings.resolution import NOISE_ALONE, white_noise
 from ident.regression.held_out import HeldOut
 from ident.tolerances import LEFT, POOR, SIGNIFICANT
-
-TINY = 1e-12
-"""Smallest size to divide by."""
 
 ENOUGH = 3000
 """Largest number of samples, evenly spread, in which residuals are compared with the motion."""
@@ -75,7 +72,7 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
 
 def _linear_functions(motion: Motion) -> np.ndarray:
     x = np.hstack([np.sin(motion.q), np.cos(motion.q), motion.dq, motion.ddq])
-    return np.asarray((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), TINY))
+    return np.asarray((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-12))
 
 
 def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float) -> np.ndarray:
@@ -88,13 +85,13 @@ def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float)
         beyond: Standard deviations of that share that count as chance.
     """
     functions, count = _orthonormal(x), len(r)
-    explained = ((functions.T @ r) ** 2).sum(axis=0) / np.maximum((r**2).sum(axis=0), TINY)
+    explained = ((functions.T @ r) ** 2).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-12)
     power = (np.abs(np.fft.rfft(functions, 2 * count, axis=0)) ** 2).sum(axis=1)
     power[1:-1] *= 2  # All frequencies but the first and the last stand for their negatives too.
     mean = power @ spectra / (2 * count) / count
     deviation = np.sqrt(2 * spectra.max(axis=0) * mean / count)
     chance = np.minimum(mean + beyond * deviation, 1)
-    return np.maximum(0, explained - chance) / np.maximum(1 - chance, TINY)
+    return np.maximum(0, explained - chance) / np.maximum(1 - chance, 1e-12)
 
 
 def _orthonormal(x: np.ndarray) -> np.ndarray:

@@ -1,13 +1,24 @@
-"""Findings on the set-up: gravity, times, its estimated errors, and what least squares take as exact."""
+"""Findings on the set-up and its sensors: gravity, times, estimated errors, ranges, steps, and checks left out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from math import degrees
 from typing import Any
 
+import numpy as np
+
 from ident.arguments import rpy_text
-from ident.judgement.evidence import Evidence, setup_sentence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row
+from ident.estimation.noise import channel_unit
+from ident.estimation.preparation import Prepared
+from ident.estimation.recorded_motion import WIDTH
+from ident.judgement.evidence import Evidence
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, in_log, listed, percent, setup_sentence
+from ident.judgement.fit_findings import FAR_ABOVE
+from ident.recordings.resolution import UNIFORM, white_noise
 from ident.setup import SETUP
+
+MOST = 0.5
+"""Share of a signal's noise variance due to its steps above which there is a remark."""
 
 
 def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -15,7 +26,7 @@ def gravity_findings(evidence: Evidence) -> Iterator[Finding]:
     check = evidence.checks.gravity
     if check is not None and check.suspicious:
         own: dict[str, Any] = {key: getattr(check, key) for key in ("rpy_deg", "stated", "misfit", "joint")}
-        yield Finding.of("gravity_direction", moving=evidence.logs[0].recording.base is not None, **own)
+        yield Finding.of("gravity_direction", moving=evidence.prepared.recording.base is not None, **own)
 
 
 def delay_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -40,10 +51,10 @@ def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
 
 def exact_setup_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on a set-up that is stated as uncertain, and that least squares take as exact; on torques a doubt."""
-    if evidence.trajectory is not None or not evidence.logs:
+    if evidence.trajectory is not None:
         return
     joints = tuple(evidence.fit.equations.scaled)
-    kinds = tuple(dict.fromkeys(kind for log in evidence.logs for kind, std in log.recording.setup.items() if std))
+    kinds = tuple(dict.fromkeys(kind for log, _ in evidence.logs for kind, std in log.recording.setup.items() if std))
     if joints:
         yield Finding.of("torque_scale_taken_as_exact", Place(channels=joints), joints=joints)
     if kinds:
@@ -102,4 +113,159 @@ FINDINGS.update(
         "deviations are without its errors; --estimator trajectory estimates them.",
         doubt=False,
     ),
+)
+
+
+def clipped_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on channels that are clipped by a sensor's range."""
+    for k, (log, _) in enumerate(evidence.logs):
+        for each in log.clipped:
+            yield Finding.of(
+                "clipped_channel",
+                _place(each.channel, k),
+                channel=each.channel,
+                limits=each.limits,
+                unit=channel_unit(each.channel.rpartition(" ")[2], log.mechanism.tree),
+                share=each.share,
+                kept=each.kept,
+                log=k + 1 if len(evidence.logs) > 1 else None,
+            )
+
+
+def _place(channel: str, log: int) -> Place:
+    """Place of a clipped channel: that of a contact belongs to its wrench."""
+    contact, _, _ = channel.rpartition(" ")
+    return Place(wrenches=(contact,), log=log) if contact else Place(channels=(channel,), log=log)
+
+
+def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on channels and coordinates whose noise is mostly quantisation."""
+    log, joint = evidence.prepared, evidence.trajectory
+    noise = dict(zip(evidence.channels, evidence.scale.tolist(), strict=True))
+    if joint is not None:
+        noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=False))
+        names = [f"{joint_}_position" for joint_ in log.mechanism.joints for _ in range(_coordinates(log, joint_))]
+        own = joint.fit.coordinate_noise[-len(names) :] if names else np.zeros(0)
+        noise |= dict(zip(names, own.tolist(), strict=True))
+    least = {name: UNIFORM * step / np.sqrt(MOST) for name, step in log.steps.items()}
+    coarse = {name: log.steps[name] for name, x in least.items() if x > noise.get(name, np.inf)}
+    if coarse:
+        place = Place(channels=tuple(name for name in coarse if name in evidence.channels))
+        yield Finding.of("coarse_steps", place, steps=[_step(log, name, step) for name, step in coarse.items()])
+
+
+def tracked_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Noise of each tracked body's poses; a doubt where it is far above their fast noise."""
+    if (joint := evidence.trajectory) is None:
+        return
+    fit, first = joint.fit, len(joint.measurement.equations.channels)
+    for name, tracked in joint.measurement.tracked.items():
+        own, first = range(first, first + WIDTH), first + WIDTH
+        fast = [white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in own]
+        noise, floor = fit.channel_noise[own.start : own.stop], np.maximum(fast, fit.noises[0].floor_channels[own])
+        position, orientation = np.sqrt((noise.reshape(2, 3) ** 2).mean(axis=1)).tolist()
+        times, place = float(np.max(noise / floor)), Place(bodies=(evidence.mechanism.tree.names[tracked.body],))
+        doubt = times > FAR_ABOVE
+        yield Finding.of(
+            "tracked_poses", place, doubt, name=name, position=position, orientation=orientation, times=times
+        )
+
+
+def unchecked_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remarks on checks that could not be made."""
+    for each in evidence.checks.unchecked:
+        yield Finding.of("unchecked", **each._asdict())
+
+
+def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on channels that never change although the model predicts it."""
+    if stuck := evidence.prepared.stuck:
+        yield Finding.of(
+            "stuck_channels",
+            Place(channels=tuple(each.channel for each in stuck)),
+            channels={each.channel: each.value for each in stuck},
+            in_fitted=tuple(each.channel for each in stuck if each.in_fitted),
+        )
+
+
+def _coordinates(log: Prepared, joint: str) -> int:
+    values = log.recording[f"{joint}_position"]
+    return 1 if values.ndim == 1 else values.shape[1]
+
+
+def _step(log: Prepared, name: str, step: float) -> dict[str, Any]:
+    """A step of a channel or of a joint's position, with its unit."""
+    joint = name.removesuffix("_position")
+    if joint == name:
+        return {"name": name, "joint": False, "step": step, "unit": channel_unit(name, log.mechanism.tree)}
+    return {"name": joint, "joint": True, "step": step, "unit": "rad" if _is_hinge(log, joint) else "m"}
+
+
+def _is_hinge(log: Prepared, joint: str) -> bool:
+    """True for a joint that turns."""
+    trees = [log.mechanism.tree, *([log.mechanism.carrier.tree] if log.mechanism.carrier else [])]
+    return next((body.turns for tree in trees for body in tree.bodies if body.joint == joint), True)
+
+
+def _clipped(channel: str, limits: Sequence[float], unit: str, share: float, kept: bool, log: int | None) -> str:
+    ends = " and ".join(f"{value:.4g} {unit}" for value in limits)
+    done = "These samples are" if kept else "The whole channel is"
+    return (
+        f"{channel} is clipped at {ends}{in_log(log)}, in {percent(share)} of its samples. {done} left out. Use a "
+        "sensor with a larger range, or move more slowly."
+    )
+
+
+def _coarse(steps: Sequence[Mapping[str, Any]]) -> str:
+    return (
+        f"Recorded in steps that are most of the noise: {listed(_step_in_words(**each) for each in steps)}. Use a "
+        "finer range of the sensor, or write more digits."
+    )
+
+
+def _step_in_words(name: str, joint: bool, step: float, unit: str) -> str:
+    """A step with its unit, of a joint's position in degrees or millimetres."""
+    if not joint:
+        return f"{name} {step:.2g} {unit}"
+    return f"joint '{name}' " + (f"{degrees(step):.2g}°" if unit == "rad" else f"{1e3 * step:.2g} mm")
+
+
+def _stuck(channels: Mapping[str, float], in_fitted: Sequence[str]) -> str:
+    each = listed(
+        f"{name} ({value:g}{' in what is fitted' if name in in_fitted else ''})" for name, value in channels.items()
+    )
+    return (
+        f"Stuck at one value, though the model predicts a change, and so left out: {each}. Mend the sensor, or map "
+        'columns that are not connected as missing, by "" in --columns.'
+    )
+
+
+def _tracked(name: str, position: float, orientation: float, times: float) -> str:
+    text = f"The poses '{name}' have noise of {1e3 * position:.2g} mm and {degrees(orientation):.2g}°"
+    if times <= FAR_ABOVE:
+        return f"{text}."
+    return (
+        f"{text}, up to {times:.0f} times what they have from sample to sample. Check the body, the units and order of "
+        "columns, and whether the tracker lags behind the joint angles."
+    )
+
+
+def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str = "") -> str:
+    checks = {"weight": "The weight", "contact": "A contact left out", "torques": "Joint torques"}
+    reasons = {
+        "no gravity": "the model has no gravity",
+        "no force": "no force is measured",
+        "not measured": f"it shows in {listed(channels)} of the sensor, not measured here",
+        "not fitted": f"it shows in {listed(channels)}, not fitted here",
+        "error": error,
+    }
+    return f"{checks[check]} could not be checked: {reasons[reason]}."
+
+
+FINDINGS.update(
+    clipped_channel=Row(_clipped, doubt=False),
+    coarse_steps=Row(_coarse, doubt=False),
+    tracked_poses=Row(_tracked, doubt=None),
+    stuck_channels=Row(_stuck, doubt=True),
+    unchecked=Row(_unchecked, doubt=False),
 )

@@ -60,7 +60,7 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
         if acting := tuple(joint for joint in joints if joint in evidence.channels):
             yield Finding.of("loop_left_out", Place(channels=acting), loop=loop, joints=acting)
     checks = evidence.checks.torques
-    if checks is None or not evidence.logs:
+    if checks is None:
         return
     others = {joint: parts for joint, parts in torque_parts(evidence).items() if not parts.moves}
     if others and not checks.grossly_wrong:
@@ -74,7 +74,7 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def torque_parts(evidence: Evidence) -> dict[str, Parts]:
     """Weight and inertia in the torques of a resting base's joints, by joint."""
-    mechanism, log = evidence.mechanism, evidence.logs[0]
+    mechanism, log = evidence.mechanism, evidence.prepared
     samples = log.samples[slice(log.edge, len(log.samples) - log.edge, max(1, len(log.samples) // ENOUGH))]
     motion, tree = samples.motion, mechanism.tree
     if motion.base is not None or mechanism.prior is None:
@@ -118,7 +118,7 @@ def _torques(evidence: Evidence) -> tuple[str, ...]:
 
 def _friction(evidence: Evidence, channels: Container[str]) -> Iterator[float]:
     """Yields the largest likely friction in each torque over its signal, or what is left of it if it was not fitted."""
-    fit, samples = evidence.fit, evidence.logs[0].samples
+    fit, samples = evidence.fit, evidence.prepared.samples
     axes, torques = fit.equations.axes, list(fit.equations.torques)
     speed = np.sqrt((axes.moved(samples.motion.dq) ** 2).mean(axis=0))
     rubs = np.zeros(len(speed))

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.units import coefficient_unit
+from ident.estimation.noise import coefficient_unit
+from ident.judgement.candidates import NEGLIGIBLE
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, followed, listed, percent
 from ident.judgement.torque_checks import SLOW, lacking_drives
@@ -18,9 +19,8 @@ from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
 
-FOLLOWS, WORTH_IT = 0.2, 0.02
-"""Share of a residual's variance that friction explains from which it is likely, and the least residual over signal for
-that."""
+FOLLOWS = 0.2
+"""Share of a residual's variance that friction explains from which it is likely, if the residual is not negligible."""
 
 SMOOTH = 0.02
 """Slip above which friction does not change its sign in a jump, rad/s or m/s."""
@@ -114,7 +114,7 @@ def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def _searched(evidence: Evidence) -> bool:
     """True if Stribeck friction was searched for."""
-    return evidence.trajectory is not None and any(log.searches_stribeck for log in evidence.logs)
+    return evidence.trajectory is not None and any(part.log.searches_stribeck for part in evidence.logs)
 
 
 def friction_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -125,7 +125,7 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
     # A low-pass over a reversal looks like friction that is more at low velocity.
     hidden = searched or evidence.trajectory is None
     kinds = {joint: own for joint, own in kinds.items() if own and not (hidden and own == [SLOW])}
-    shares = {joint: evidence.friction[joint] for joint in kinds if evidence.ratios[joint] > WORTH_IT}
+    shares = {joint: evidence.friction[joint] for joint in kinds if evidence.ratios[joint] > NEGLIGIBLE}
     shares = {joint: share for joint, share in shares.items() if share > FOLLOWS}
     if shares:
         lacking = {kind for joint in shares for kind in kinds[joint]}

@@ -46,8 +46,6 @@ mechanism, whose equations take longer to record than to evaluate. Channels are 
 SINGULAR = 1e-8
 """Singular value of unit-norm columns, over the largest, below which they are dependent."""
 
-TINY = 1e-300
-
 
 @dataclass(frozen=True, eq=False)
 class HypothesisFit:
@@ -88,13 +86,13 @@ class HypothesisFit:
         (X, left), (X_ahead, ahead) = self._parts
         more = (X[:0], X_ahead[:0]) if more is None else more
         X, X_ahead = np.concatenate([X, more[0]]), np.concatenate([X_ahead, more[1]])
-        counting, scale = self.counting & np.isfinite(left), 1 / np.maximum(_rms(ahead), TINY)
+        counting, scale = self.counting & np.isfinite(left), 1 / np.maximum(_rms(ahead), 1e-300)
         known = _root(self.prior, len(X))
         rows = np.vstack([(np.where(counting, X, 0) * scale).reshape(len(X), -1).T, known])
-        size = np.maximum(np.linalg.norm(rows, axis=0), TINY)
+        size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
         target = np.append((np.where(counting, left, 0) * scale).ravel(), np.zeros(len(known)))
         x = np.linalg.lstsq(rows / size, target, rcond=SINGULAR)[0] / size
-        return float(np.log(np.maximum(_rms(ahead - np.tensordot(x, X_ahead, axes=1)), TINY)).mean())
+        return float(np.log(np.maximum(_rms(ahead - np.tensordot(x, X_ahead, axes=1)), 1e-300)).mean())
 
     def hypotheses(self) -> Iterator[tuple[tuple[str, str], float]]:
         """Yields kind and body of each hypothesis, and its `error`."""
@@ -169,7 +167,7 @@ def _length(equations: Equations, phi: np.ndarray, i: int, motion: Motion) -> np
 def _force(equations: Equations, k: int, i: int, motion: Motion) -> np.ndarray:
     """Channels of forces at a body's centre of mass, one along each axis and one towards the origin (4, N, C)."""
     tree, own = equations.mechanism.tree, equations.mechanism.known[10 * k : 10 * k + 4]
-    point, pose = own[1:] / max(own[0], TINY) if own[0] else np.zeros(3), tree.poses(motion.q)[:, i]
+    point, pose = own[1:] / max(own[0], 1e-300) if own[0] else np.zeros(3), tree.poses(motion.q)[:, i]
     unit = np.zeros(10 * len(tree.inertial))
     unit[10 * k : 10 * k + 4] = 1, *point
     # A mass at rest is a force, along whatever axis gravity has.

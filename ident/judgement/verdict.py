@@ -1,6 +1,6 @@
-"""The verdict on an estimate: decided by its channels and codes of findings, then put into words."""
+"""All judges of an estimate, and the verdict: decided by channels and codes of findings, then put into words."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Self
@@ -11,9 +11,17 @@ from ident.display.brief import Worded
 from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import with_bodies
-from ident.judgement.candidates import CANDIDATES, Candidates
+from ident.judgement import fit_findings as fit
+from ident.judgement import setup_findings as setup
+from ident.judgement import torque_findings as torques
+from ident.judgement import weighing
+from ident.judgement import wrench_findings as wrenches
+from ident.judgement.body_findings import consistency_findings, mass_findings
+from ident.judgement.candidates import CANDIDATES, Candidates, candidate_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import Finding, listed, number_of
+from ident.judgement.finding import NAMED, Finding, doubts_first, listed, number_of
+from ident.judgement.torque_causes import cause_findings
+from ident.judgement.unmodelled import unmodelled_findings
 from ident.judgement.weighing import Mass, estimated_mass
 from ident.tolerances import POOR, UNEXPLAINED
 
@@ -32,9 +40,6 @@ WIDER = 2.0
 
 BEHIND = "worse_than_candidate", "candidate_better"
 """Codes of findings that another candidate predicts better, clearly, which is a doubt, or somewhat."""
-
-NAMED = 4
-"""Largest number of parameters, bodies or channels that a sentence names; more are counted."""
 
 IDLE = {
     "plane": "out of the plane that the model moves in",
@@ -74,10 +79,8 @@ class Precision:
     mass: Mass | None = None
 
     @classmethod
-    def of(cls, evidence: Evidence) -> Self | None:
-        """The precision of an estimate; None if its covariance with the set-up is not computed."""
-        if evidence.covariance_setup is None:
-            return None
+    def of(cls, evidence: Evidence) -> Self:
+        """The precision of an estimate."""
         base, psi, bodies = evidence.fit.parameters, evidence.fit.psi, evidence.mechanism.bodies
         C = evidence.covariance_setup[: base.rank, : base.rank]
         std, wide = (np.sqrt(np.maximum(np.diag(each), 0)) for each in (evidence.covariance, C))
@@ -126,7 +129,7 @@ class Verdict(Worded):
         part: Samples of the ratios, "fitted" or "held-out".
         candidates: The candidates, the estimate among them.
         worse: The finding that another candidate predicts better, if it does.
-        precision: Precision of the base parameters; None if it is not computed.
+        precision: Precision of the base parameters; None if they are not what is asked for.
     """
 
     outcome: Outcome
@@ -148,7 +151,7 @@ class Verdict(Worded):
             doubts=doubts,
             ratios=evidence.ratios,
             idle=evidence.idle,
-            part=evidence.part,
+            part=evidence.held_out.part,
             candidates=Candidates.of(evidence),
             worse=next((finding for finding in findings if finding.code in BEHIND), None),
             precision=Precision.of(evidence),
@@ -187,8 +190,8 @@ class Verdict(Worded):
 
     @property
     def word(self) -> str:
-        """The decision in a word or two."""
-        return {"usable": "Usable", "partly": "Partly usable", "not": "Not usable"}[self.outcome.value]
+        """The decision in a word."""
+        return {"usable": "Usable", "partly": "Partly", "not": "Unusable"}[self.outcome.value]
 
     @property
     def brief(self) -> str:
@@ -268,3 +271,28 @@ def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
         return Outcome.NOT
     explained = all(ratio <= UNEXPLAINED for ratio in moving)
     return Outcome.USABLE if explained and predicted >= MOST * len(moving) else Outcome.PARTLY
+
+
+ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
+    *(setup.gravity_findings, setup.delay_findings, candidate_findings),
+    *(wrenches.frame_findings, wrenches.base_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
+    *(setup.clipped_findings, setup.resolution_findings, setup.tracked_findings),
+    *(weighing.weight_findings, weighing.mass_by_setup_findings, weighing.common_gain_findings),
+    *(weighing.offset_findings, torques.torque_findings, cause_findings),
+    *(torques.scale_findings, torques.friction_findings, torques.bound_findings),
+    *(torques.reversal_findings, torques.low_velocity_findings, wrenches.plane_findings),
+    *(fit.quality_findings, setup.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
+    *(fit.prior_findings, fit.model_error_findings, unmodelled_findings, fit.slow_residual_findings),
+    *(fit.posture_findings, weighing.inseparable_findings, setup.stuck_findings, setup.unchecked_findings),
+    *(setup.exact_setup_findings, fit.caveats),
+)
+"""Judges of the fit, in the order of their findings."""
+
+ON_BODIES: Sequence[Callable[[Evidence], Iterator[Finding]]] = (mass_findings, consistency_findings)
+"""Judges of the updated model."""
+
+
+def findings(evidence: Evidence) -> list[Finding]:
+    """All findings on the fit, the doubts first, and then those on the updated model."""
+    on_fit, on_bodies = ([each for judge in judges for each in judge(evidence)] for judges in (ON_FIT, ON_BODIES))
+    return [*doubts_first(on_fit), *on_bodies]

@@ -10,13 +10,13 @@ import numpy as np
 from scipy import special
 
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.units import coefficient_unit
+from ident.estimation.noise import coefficient_unit
 from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.setup import SETUP
-from ident.tolerances import INTERVAL, KILONEWTONS, SIGNIFICANT
+from ident.tolerances import INTERVAL, SIGNIFICANT
 
 HEAVY = 0.05
 """Relative difference of the measured mass from the model's from which there is a remark."""
@@ -53,8 +53,6 @@ class Mass(NamedTuple):
 
 def estimated_mass(evidence: Evidence) -> Mass | None:
     """Mass of all bodies together; None if the base parameters do not determine it."""
-    if evidence.covariance_setup is None:
-        return None
     bodies = len(evidence.mechanism.bodies)
     B = evidence.fit.parameters.regroup(np.eye(10 * bodies))
     masses = np.tile(np.eye(10)[0], bodies)
@@ -67,8 +65,8 @@ def estimated_mass(evidence: Evidence) -> Mass | None:
 
 
 def weight_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on a measured mass that differs from the model's, or drifts, and on forces that are far too small."""
-    weight, largest = evidence.checks.weight, evidence.checks.largest_force
+    """Findings on a measured mass that differs from the model's, or drifts."""
+    weight = evidence.checks.weight
     if weight is None:
         return
     if abs(weight.measured - weight.model) > HEAVY * weight.model:
@@ -76,16 +74,14 @@ def weight_findings(evidence: Evidence) -> Iterator[Finding]:
         yield Finding.of("weight_differs", doubt=far, measured=weight.measured, model=weight.model)
     if abs(weight.drift) > DRIFT * weight.model:
         yield Finding.of("weight_drifts", drift=weight.drift)
-    if largest is not None and 0 < largest < evidence.mechanism.weight / KILONEWTONS:
-        yield Finding.of("kilonewtons", largest=largest, weight=evidence.mechanism.weight)
 
 
 def mass_by_setup_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on set-up errors that change the mass from that by the wrenches."""
     weight = evidence.checks.weight
-    if weight is None or not evidence.logs or not any(SETUP[each.kind].weighs for each in evidence.setup):
+    if weight is None or not any(SETUP[each.kind].weighs for each in evidence.setup):
         return
-    mass, weighed = estimated_mass(evidence), standing_mass(evidence.logs[0])
+    mass, weighed = estimated_mass(evidence), standing_mass(evidence.prepared)
     if mass is None or abs(mass.value - weighed) < max(INTERVAL * mass.std, NOTICED * weight.model):
         return
     farther = abs(mass.value - weight.model) > max(abs(weighed - weight.model), HEAVY * weight.model)
@@ -106,11 +102,11 @@ def common_gain_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def offset_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on constant offsets beyond noise, doubts if they are large relative to the weight."""
-    offsets = evidence.offsets
+    offsets, scales = evidence.offsets, dict(zip(evidence.channels, evidence.scale.tolist(), strict=True))
     large = {
         channel: (value, std, coefficient_unit(f"offset({channel})", evidence.mechanism.tree))
         for channel, (value, std) in offsets.items()
-        if abs(value) > 4 * std and abs(value) > 0.3 * evidence.scale[channel]
+        if abs(value) > 4 * std and abs(value) > 0.3 * scales[channel]
     }
     if not large:
         return
@@ -126,12 +122,10 @@ def offset_findings(evidence: Evidence) -> Iterator[Finding]:
 def _references(evidence: Evidence) -> dict[str, float]:
     """Sizes with which offsets of forces, `F` in N, and of moments, `M` in N m, are compared.
 
-    Without gravity that is the weight on Earth; without postures the mechanism's reach is not known.
+    Without gravity that is the weight on Earth.
     """
     mechanism = evidence.mechanism
-    if not evidence.logs:
-        return {"F": mechanism.weight or np.inf, "M": np.inf}
-    motion, frame = evidence.logs[0].samples.motion, evidence.logs[0].frame
+    motion, frame = evidence.prepared.samples.motion, evidence.prepared.frame
     g = float(np.linalg.norm(mechanism.gravity) or np.linalg.norm(STANDARD_GRAVITY))
     weight = max(mechanism.mass * g, 1e-12)
     origins = mechanism.tree.poses(motion.q[:: max(1, len(motion) // 100)])[..., :3, 3]
@@ -187,9 +181,6 @@ FINDINGS.update(
         "The weighed mass drifts by {drift:+.2f} kg over the recording. Look for an unmeasured contact or a drifting "
         "sensor.",
         doubt=True,
-    ),
-    kilonewtons=Row(
-        "The force is at most {largest:.3g} N, but the mechanism weighs {weight:.4g} N: its unit may be kN.", doubt=True
     ),
     mass_by_setup=Row(
         "By the estimated set-up the mechanism has {mass:.2f} ± {std:.2g} kg. The wrenches weigh {weighed:.2f} kg, the "

@@ -18,9 +18,6 @@ LARGE = 0.3
 
 def frame_findings(evidence: Evidence) -> Iterator[Finding]:
     """Doubts on wrenches of the opposite sign, in rotated axes, or with single components of the opposite sign."""
-    total = evidence.checks.total
-    if total is not None and total.suspicious:
-        yield Finding.of("total_wrench_sign", error=total.error, error_turned=total.error_turned)
     for name, check in evidence.checks.frames.items():
         if check.mirrored:
             place = Place(wrenches=(name,))
@@ -29,7 +26,7 @@ def frame_findings(evidence: Evidence) -> Iterator[Finding]:
             continue
         gravity, opposite = evidence.checks.gravity, check.sign < 0 and np.array_equal(check.rotation, np.eye(3))
         or_else = gravity.rpy_deg if opposite and gravity is not None and gravity.possible else None
-        R = evidence.logs[0].recording.wrench(name).pose[:3, :3]
+        R = evidence.prepared.recording.wrench(name).pose[:3, :3]
         frame = "transposed" if np.allclose(check.rotation, R.T @ R.T) else "turned"
         yield Finding.of(
             "wrench_sign_or_axes",
@@ -63,7 +60,7 @@ def contact_findings(evidence: Evidence) -> Iterator[Finding]:
     if check is None or check.explained < THROUGH_A_POINT or np.median(list(evidence.ratios.values())) < LARGE:
         return
     # Noise of a measured contact is a force through its sensor as well.
-    if check.body in {sensor.body for sensor in evidence.logs[0].recording.sensors.values()}:
+    if check.body in {sensor.body for sensor in evidence.prepared.recording.sensors.values()}:
         return
     # Nothing touches a body further away from it than the mechanism is long.
     if np.linalg.norm(check.point) > _length(evidence):
@@ -75,7 +72,7 @@ def contact_findings(evidence: Evidence) -> Iterator[Finding]:
 def _length(evidence: Evidence) -> float:
     """Reach of the mechanism: distance of the farthest body's frame plus twice that to its centre of mass, m."""
     mechanism = evidence.mechanism
-    poses = mechanism.tree.poses(evidence.logs[0].samples.motion.q)[:, list(mechanism.tree.inertial)]
+    poses = mechanism.tree.poses(evidence.prepared.samples.motion.q)[:, list(mechanism.tree.inertial)]
     bodies = mechanism.known.reshape(-1, 10)
     centres = np.linalg.norm(bodies[:, 1:4], axis=1) / np.maximum(bodies[:, 0], 1e-12)
     return float((np.linalg.norm(poses[..., :3, 3], axis=-1) + 2 * centres).max())
@@ -83,7 +80,7 @@ def _length(evidence: Evidence) -> float:
 
 def unmeasured_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on samples that were left out because of unmeasured contacts."""
-    for k, log in enumerate(evidence.logs):
+    for k, (log, _) in enumerate(evidence.logs):
         for start, end, carries, body in log.left_out:
             yield Finding.of(
                 "unmeasured_contact",
@@ -98,9 +95,7 @@ def unmeasured_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def plane_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on channels out of the plane of a planar model, and on the option that leaves them out."""
-    if not evidence.logs:
-        return
-    hidden = channels_out_of_plane(evidence.mechanism, evidence.logs[0].frame)
+    hidden = channels_out_of_plane(evidence.mechanism, evidence.prepared.frame)
     if set(hidden) & set(evidence.channels):
         place = Place(channels=tuple(name for name in hidden if name in evidence.channels))
         yield Finding.of("out_of_plane", place, normal=hidden[0][1], channels=tuple(hidden))
@@ -165,11 +160,6 @@ def _out_of_plane(normal: str, channels: Sequence[str]) -> str:
 FINDINGS.update(
     wrench_sign_or_axes=Row(_frame, doubt=True),
     mirrored_components=Row(_mirrored, doubt=True),
-    total_wrench_sign=Row(
-        "The total wrench seems to have the opposite sign: its relative error against the model's prediction would "
-        "fall from {error:.2f} to {error_turned:.2f}. Turn the sign of its columns.",
-        doubt=True,
-    ),
     other_base=Row(
         "The wrench 'ground' seems to be measured in the frame of '{body}'. There its relative error against the "
         "model's prediction would fall from {error:.2f} to {error_there:.2f}. Try --base {body}.",

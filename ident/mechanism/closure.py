@@ -35,9 +35,6 @@ OPEN = 1e-3
 CLOSED = 1e-9
 """Distance up to which random states are closed, likewise."""
 
-LINEAR = 2
-"""Coefficients of a linear polynomial."""
-
 SINGULAR = 0.01
 """Smallest singular value of the dependent joints' unit columns that counts as singular: a posture within 0.01 rad of
 one in which bodies are aligned."""
@@ -106,7 +103,7 @@ class Closure:
     def _linear_in(self, joints: Collection[str]) -> bool:
         """True if all constraints are linear in the coordinates of some joints."""
         bodies = [body for body in self.part.bodies if (body.follows.joint if body.follows else body.joint) in joints]
-        curved = any(body.follows and len(body.follows.coefficients) > LINEAR for body in bodies)
+        curved = any(body.follows and len(body.follows.coefficients) > 2 for body in bodies)
         names = {body.name for body in bodies}
         return not curved and all(isinstance(each, Relation) and each.linear_in(names) for each in self.constraints)
 

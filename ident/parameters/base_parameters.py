@@ -24,8 +24,7 @@ from ident.parameters.independent_columns import (
     reduced_rows,
     unit_columns,
 )
-from ident.parameters.sampled_structure import sampled_structure
-from ident.parameters.structure import Sensors, scaled_structure
+from ident.parameters.structure import Sensors, sampled_structure, scaled_structure
 from ident.parameters.tree_elimination import Elimination, elimination
 
 LARGE = 40

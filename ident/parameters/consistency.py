@@ -24,8 +24,7 @@ from ident.display.brief import Brief, listed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia, with_centers
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.body_bounds import NEAREST, Fitting, scaled_root
-from ident.parameters.body_prior import BodyPrior, Rotors
+from ident.parameters.body_bounds import NEAREST, BodyPrior, Fitting, Rotors, scaled_root
 from ident.parameters.nearest_bodies import ROOM, NearestBodies, region
 from ident.parameters.prior import KNOWN, body_covariance
 from ident.tolerances import INTERVAL, LIKELY

@@ -7,6 +7,8 @@ A body is given by its mass, its centre of mass and its inertia about that, whos
 with ξ and γ standard normal, and E symmetric with independent normal entries, of variance 1 on the diagonal and 1/2
 beside it, so that the moment of inertia about every axis through the centre of mass has the relative deviation κ.
 Deviations of φ follow: first moments and inertia about the frame's origin both depend on the centre of mass.
+
+Bodies whose mass a model does not state have a guess in its place.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -14,14 +16,17 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from ident.arguments import OF_BODIES, checked_deviations
-from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
+from ident.geometry.inertia import parameters_from_com, parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
 from ident.model.axes import column_place, stated_values
 from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.unstated import guessed, unstated
 
-KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
-"""Default standard deviations of a model's bodies: masses 20 %, centres of mass 50 mm, inertias 30 %."""
+SMALLEST = 0.1
+"""Size of a body that no model states, in a mechanism without lengths, m."""
+
+COINCIDENT = 1e-6
+"""Distance of joints that count as one compound joint, m."""
 
 DRIVE_KNOWN = 1.0
 """Relative standard deviation of the friction, rotor inertias and stiffnesses that a model states, often as a guess: a
@@ -37,6 +42,52 @@ by far than data leave them, and narrow enough to leave what is known of other b
 
 LEAST_KNOWN = 1e-6
 """Standard deviation, relative to the largest, that is added to all of ψ to keep the covariance regular."""
+
+
+def unstated(mechanism: Mechanism) -> np.ndarray:
+    """Mask of the bodies that joints move and whose mass no model states, alone or with what is welded to them (b,).
+
+    Where other moving bodies have mass, a massless one at whose very joint the next one turns is a link of a compound
+    joint, whose zero is meant; so is that of welded frames.
+    """
+    tree, masses = mechanism.tree, mechanism.known[::10]
+    carriers, together = _carriers(tree), np.zeros(len(tree.bodies))
+    np.add.at(together, [carriers[i] for i in tree.inertial], masses)
+    moving = {i for i in tree.inertial if tree.bodies[i].moves}
+    compound = {
+        carriers[body.parent]
+        for body in tree.bodies
+        if body.moves and body.parent >= 0 and not np.any(abs(body.home[:3, 3]) > COINCIDENT)
+    }
+    if not any(together[i] for i in moving):
+        compound = set()
+    return np.array([i in moving and not together[i] and i not in compound for i in tree.inertial])
+
+
+def _carriers(tree: Tree) -> list[int]:
+    """Index of the moving body that each body is welded to, its own if it moves, or of the first on the base (b,)."""
+    carriers = list[int]()
+    for i, body in enumerate(tree.bodies):
+        carriers.append(i if body.moves or body.parent < 0 else carriers[body.parent])
+    return carriers
+
+
+def guessed(mechanism: Mechanism) -> np.ndarray:
+    """The model's φ, with balls between their joint and the next for bodies whose mass it does not state (10 b,)."""
+    phi, tree = mechanism.known.reshape(-1, 10).copy(), mechanism.tree
+    usual = float(np.mean(phi[phi[:, 0] > 0, 0])) if phi[:, 0].any() else 1.0
+    lengths = [float(np.linalg.norm(body.home[:3, 3])) for body in tree.bodies]
+    typical = max(float(np.mean([x for x in lengths if x > 0] or [0])), SMALLEST)
+    for k in np.flatnonzero(unstated(mechanism)).tolist():
+        on_it = [each.home[:3, 3] for each in tree.bodies if each.parent == tree.inertial[k]]
+        center = max(on_it, key=np.linalg.norm, default=np.zeros(3)) / 2
+        size = max(2 * float(np.linalg.norm(center)), typical)
+        phi[k] = parameters_from_com(usual, center, usual * size**2 / 10 * np.eye(3))
+    return phi.ravel()
+
+
+KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
+"""Default standard deviations of a model's bodies: masses 20 %, centres of mass 50 mm, inertias 30 %."""
 
 
 def body_covariance(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.ndarray:
@@ -178,8 +229,10 @@ def conditioned(
     psi: np.ndarray,
     covariance: np.ndarray,
     known: Mapping[str, float] = KNOWN,
+    *,
+    included: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior of all parameters φ, from their prior and an estimate of ψ = B φ that includes it.
+    """Posterior of all parameters φ, from their prior and an estimate of ψ = B φ.
 
         φ̂ = φ_0 + G (ψ̂ - B φ_0),     S - G (B S Bᵀ - C) Gᵀ,     G = S Bᵀ (B S Bᵀ)⁻¹
 
@@ -188,42 +241,23 @@ def conditioned(
     Args:
         mechanism: The mechanism with the prior φ_0.
         parameters: Its base parameters.
-        psi: Their estimate ψ̂, the prior included (r,).
+        psi: Their estimate ψ̂ (r,).
         covariance: Its covariance C (r, r).
         known: Standard deviations of the prior, for S, as for `body_covariance`.
+        included: True if the estimate includes the prior; from one of the data alone follows that first.
 
     Returns:
         φ̂ (10 b,), and its standard deviations (10 b,).
     """
     S, K = known_covariances(mechanism, known), known_covariance(mechanism, parameters, known)
     G = np.linalg.solve(K, (S @ _of_bodies(parameters)).reshape(-1, parameters.rank).T).T
-    phi = mechanism.known + G @ (psi - parameters.regroup(mechanism.known))
+    before = parameters.regroup(mechanism.known)
+    if not included:
+        gain = np.linalg.solve(K + covariance, K).T
+        psi, covariance = before + gain @ (psi - before), K - gain @ K
+    phi = mechanism.known + G @ (psi - before)
     variance = np.diagonal(S, axis1=1, axis2=2).ravel() - np.einsum("pr,rs,ps->p", G, K - covariance, G)
     return phi, np.sqrt(np.maximum(variance, 0))
-
-
-def updated(
-    mechanism: Mechanism,
-    parameters: BaseParameters,
-    psi: np.ndarray,
-    covariance: np.ndarray,
-    known: Mapping[str, float] = KNOWN,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate and covariance of ψ with the prior included, as inputs of `conditioned`.
-
-    Args:
-        mechanism: The mechanism with the prior φ_0.
-        parameters: Its base parameters.
-        psi: Their estimate from the data alone (r,).
-        covariance: Its covariance (r, r).
-        known: Standard deviations of the prior, as for `body_covariance`.
-
-    Returns:
-        ψ (r,), and its covariance (r, r).
-    """
-    K, before = known_covariance(mechanism, parameters, known), parameters.regroup(mechanism.known)
-    gain = np.linalg.solve(K + covariance, K).T
-    return before + gain @ (psi - before), K - gain @ K
 
 
 def parameters_identified(

@@ -194,12 +194,12 @@ class Payload(Brief):
         """Findings on the payload, the doubts first."""
         body, prior = self.in_frame(), self.robot.prior
         robot = None if prior is None else self.robot.mass
-        return payload_findings(self.estimate.evidence, float(body.values[0]), robot, body.identifiable, self.sensor)
+        return payload_findings(self.estimate, float(body.values[0]), robot, body.identifiable, self.sensor)
 
     def verdict(self) -> PayloadVerdict:
         """Verdict on the payload with its standard deviations; a sentence when printed."""
         values, _, std, identifiable = self.in_frame()
-        return PayloadVerdict.of_body(self.estimate.evidence, self.findings, values, std, identifiable)
+        return PayloadVerdict.of_body(self.estimate, self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:
         """φ of the whole robot, with the identified values for the sensor's load (10 b,).

@@ -19,8 +19,8 @@ from ident.recordings.plausibility import turns_of, with_continuous_angles
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.saved import annotations
 from ident.recordings.standing import about_origins
+from ident.recordings.stated import TRACKED
 from ident.recordings.times import POSES
-from ident.recordings.tracker import TRACKED
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
 

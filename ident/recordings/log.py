@@ -21,13 +21,11 @@ from ident.files.table import BASE, TRUE, Table, in_pieces
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.columns.mapping import STATED, ColumnMapping, joint_kinds, read_mapping, stated_mapping
-from ident.recordings.commands import with_servos
 from ident.recordings.followers import follower_notes, moved
-from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
+from ident.recordings.plausibility import check_angles, check_rates, unit_of_force, with_servos
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
-from ident.recordings.several_clocks import mapping_of, read_streams
-from ident.recordings.several_files import check_number, files_of, read_files
+from ident.recordings.several_clocks import check_number, files_of, mapping_of, read_files, read_streams
 from ident.recordings.standing import placed
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 from ident.recordings.wrench import GROUND

@@ -1,4 +1,4 @@
-"""Faults of units and angles in a log: whole turns where a range ends, degrees for radians, kilonewtons for newtons."""
+"""Faults in a log: whole turns where a range ends, other units than meant, commands that give no torque."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -13,6 +13,8 @@ from ident.files.table import Table, short
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.recording import Recording
+from ident.recordings.sampled import Sampled
+from ident.recordings.stated import Servo, model_servo
 from ident.recordings.wrench import GROUND
 from ident.tolerances import KILONEWTONS, TURNS
 
@@ -23,6 +25,9 @@ FAST, CLOSE = 0.25, 0.05
 """Largest step beside a jump, and largest difference of a jump without its turn from the steps beside it, in turns. A
 joint that goes through less than a quarter of a turn in a sample can be followed; no joint goes through nine tenths of
 a turn in one sample and rests before and after it."""
+
+FAR_APART = 20.0
+"""Range of commands over that of the positions from which their units differ."""
 
 
 def turns_of(columns: Columns) -> dict[str, tuple[float, ...]]:
@@ -141,3 +146,56 @@ def unit_of_force(recording: Recording, mapping: ColumnMapping, mechanism: Mecha
         f"The ground's force is at most {largest:.3g} N where the mechanism weighs {mechanism.weight:.4g} N: its unit "
         f'may be kN; map it, with unit = "kN" under [wrenches.{GROUND}].'
     ]
+
+
+def with_servos(recording: Recording, servos: Mapping[str, Servo], mechanism: Mechanism, notes: list[str]) -> Recording:
+    """Recording with the servos of its commanded joints, and without commands that give no torque.
+
+    Args:
+        recording: The recording, with channels `JOINT_command`.
+        servos: Servos that the log's mapping states, by joint; others are those of the model's position actuators.
+        mechanism: The mechanism.
+        notes: Sentences on what was detected; more are appended.
+
+    Raises:
+        LogError: Commands and positions are in different units, or nothing but commands without gains is measured.
+    """
+    commanded = [joint for joint in mechanism.tree.joints if f"{joint}_command" in recording.measured]
+    used, unused = dict[str, Servo](), list[str]()
+    for joint in commanded:
+        servo = servos.get(joint) or model_servo(mechanism, joint)
+        if servo is None or f"{joint}_torque" in recording.measured:
+            unused.append(joint)
+        else:
+            _check_unit_of_command(recording, joint)
+            used[joint] = servo
+    if without := [joint for joint in unused if f"{joint}_torque" not in recording.measured]:
+        note = (
+            f"Commands of {', '.join(without)} are not used: the model has no position actuator with a gear of 1 for "
+            "them, and no kp is stated under [joints.NAME]."
+        )
+        if not (used or recording.wrenches or recording.torques(mechanism.tree.joints) is not None):
+            raise LogError(f"nothing is left to fit. {note}")
+        notes.append(note)
+    recording = recording.without([f"{joint}_command" for joint in unused])
+    measured, streams = dict(recording.measured), dict(recording.streams)
+    for body in (body for body in mechanism.tree.bodies if body.joint in used and body.turns):
+        command = f"{body.joint}_command"
+        # A command that is unwrapped may be whole turns away from its position.
+        turns = 2 * np.pi * np.round(np.median(measured[command] - measured[f"{body.joint}_position"]) / (2 * np.pi))
+        if turns:
+            measured[command] = measured[command] - turns
+            if command in streams:
+                streams[command] = Sampled(streams[command].time, streams[command].values - turns)
+    scales = {joint: std for joint, std in recording.scales.items() if joint not in without}
+    return replace(recording, measured=measured, streams=streams, servos=used, scales=scales)
+
+
+def _check_unit_of_command(recording: Recording, joint: str) -> None:
+    command, position = recording[f"{joint}_command"], recording[f"{joint}_position"]
+    size, usual = (float(np.abs(x).max()) for x in (command, position))
+    if size > FAR_APART * usual > 0 and np.ptp(command) > FAR_APART * np.ptp(position):
+        raise LogError(
+            f"the commands of joint '{joint}' reach {size:.3g}, its positions {usual:.3g}; both need one unit: map the "
+            f'command with its own, as in command = {{ column = ..., unit = "deg" }} under [joints.{joint}].'
+        )

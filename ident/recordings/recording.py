@@ -23,8 +23,7 @@ from ident.mechanism.tree import Tree
 from ident.model.axes import Couplings
 from ident.recordings import saved
 from ident.recordings.sampled import STREAMS, Sampled, at_common_times, check_times, checked_channel, checked_stream
-from ident.recordings.servo import Servo
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Servo, Tracker
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 if TYPE_CHECKING:

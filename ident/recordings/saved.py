@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
+from dataclasses import fields as data_fields
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,7 @@ from ident.files.schema import value_of
 from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.mechanism.body import Follower
 from ident.recordings.columns.entries import Row
-from ident.recordings.servo import Scale, Servo
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Scale, Servo, Tracker
 from ident.recordings.wrench import Sensor
 
 
@@ -59,24 +59,24 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     channels = {"time": fields["time"], **measured} | {f"{TRUE}{name}": x for name, x in fields["true"].items()}
     if base is not None:
         channels[BASE] = base.reshape(-1, 16)
-    metadata = {name: fields[name] for name in ("units", "noise", "provenance")}
-    sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
-    others = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
-    others["servos"] = {joint: vars(servo) for joint, servo in fields["servos"].items()}
-    others |= {name: dict(fields[name]) for name in ("setup", "known", "known_bodies", "scales", "couplings")}
-    others["followers"] = {
-        joint: {"joint": lead.joint, "coefficients": list(lead.coefficients), "span": list(lead.span)}
-        for joint, lead in fields["followers"].items()
-    }
-    others["trackers"] = {
-        name: {key: x if isinstance(x, str) else x.tolist() for key, x in vars(tracker).items() if x is not None}
-        for name, tracker in fields["trackers"].items()
-    }
+    always = {name: fields[name] for name in ("units", "noise", "provenance")}
+    others = {name: plain(fields[name]) for name in METADATA if name in fields and name not in always}
     stated = {name: fields[name] for name in ("held", "base_rpy_deg")} | {
         name: fields[name] or None for name in ("still", "loaded")
     }
     others["stated"] = {name: x for name, x in stated.items() if x is not None}
-    write_channels(path, channels, metadata | {name: content for name, content in others.items() if content})
+    write_channels(path, channels, always | {name: content for name, content in others.items() if content})
+
+
+def plain(value: Any) -> Any:
+    """Data classes, arrays and sequences in JSON's types, without entries that are None."""
+    if is_dataclass(value):
+        return {each.name: plain(x) for each in data_fields(value) if (x := getattr(value, each.name)) is not None}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(x) for key, x in value.items()}
+    return list(map(plain, value)) if isinstance(value, list | tuple) else value
 
 
 def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:

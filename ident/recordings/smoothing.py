@@ -177,11 +177,6 @@ def chosen_cutoff(x: np.ndarray, rate: float) -> float:
     return _residual_cutoff(np.diff(x, axis=0), rate / block)
 
 
-def _residuals(x: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """RMS of the residual that a filter removes, per cut-off as a share of the rate, and column (c, k)."""
-    return np.stack([_residual(x, share) for share in shares.tolist()])
-
-
 def _residual(x: np.ndarray, share: float) -> np.ndarray:
     """RMS of the residual that one filter removes, per column (k,)."""
     return np.asarray(np.sqrt(np.mean((x - _passed(x, share)) ** 2, axis=0)))
@@ -192,7 +187,7 @@ def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     x = np.asfortranarray(x)  # Columns are filtered one by one.
     shares = np.geomspace(LOWEST, HIGHEST, 80)
     tail = shares[shares >= TAIL]
-    _, noise = np.polyfit(tail, _residuals(x, tail), 1)
+    _, noise = np.polyfit(tail, np.stack([_residual(x, share) for share in tail.tolist()]), 1)
 
     def is_noise(k: int) -> bool:
         return bool((noise >= _residual(x, float(shares[k]))).all())

@@ -10,7 +10,7 @@ from ident.files.column import Columns
 from ident.files.selection import EPOCH
 from ident.files.table import Table
 from ident.recordings.sampled import AS_MEASURED, GAP, Sampled, covered, interpolated
-from ident.recordings.tracker import untracked
+from ident.recordings.stated import untracked
 
 LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""

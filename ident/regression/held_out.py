@@ -6,9 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.estimation.channel_scales import beside_others
+from ident.estimation.noise import beside_others
 from ident.estimation.samples import Samples
 from ident.regression.ordinary import Fit
+
+ESTIMATE, MODEL, LEAST_SQUARES = "estimate", "model", "least squares"
+"""Names of the candidates: the estimate, the model as it came, and least squares on filtered states."""
 
 HARDLY = 0.05
 """Share of moving samples below which a channel is judged by all of them: so few are no sample of its signal."""

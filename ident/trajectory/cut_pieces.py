@@ -8,8 +8,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
-from ident.estimation.recorded_motion import usual_cutoff
-from ident.estimation.tracking import REFERENCES, WIDTH, measured_poses
+from ident.estimation.recorded_motion import REFERENCES, WIDTH, measured_poses, usual_cutoff
 from ident.files.table import BASE
 from ident.geometry.se3 import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.channel_scales import LEAST, beside_others
 from ident.estimation.measurement import Measurement
+from ident.estimation.noise import LEAST, beside_others
 from ident.trajectory.angles_alone import Trajectory
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, clocks

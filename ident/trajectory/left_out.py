@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.errors import ExcitationError
-from ident.estimation.channel_scales import channel_scales
 from ident.estimation.measurement import Measurement
+from ident.estimation.noise import channel_scales
 from ident.recordings.sampled import Sampled
 from ident.tolerances import UNEXPLAINED
 from ident.trajectory.angles_alone import Trajectory, smoothed

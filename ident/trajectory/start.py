@@ -8,8 +8,8 @@ from typing import cast
 
 import numpy as np
 
-from ident.estimation.channel_scales import channel_scales, least_noise, rounding
 from ident.estimation.measurement import Measurement
+from ident.estimation.noise import channel_scales, least_noise, rounding
 from ident.recordings.resolution import at_rest, white_noise
 from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start

@@ -9,12 +9,12 @@ import numpy as np
 
 from ident.arguments import checked_names
 from ident.estimation.accumulator import accumulate
-from ident.estimation.channel_scales import channel_scales
 from ident.estimation.equations import Equations
 from ident.estimation.measurement import Measurement
+from ident.estimation.noise import channel_scales
 from ident.estimation.preparation import Part, Prepared, length
+from ident.estimation.recorded_motion import aligned
 from ident.estimation.setup_parameters import SetupParameter, name_in_log, setup_parameters
-from ident.estimation.tracking import aligned
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import drive_precision, known_covariance
 from ident.recordings.wrench import GROUND

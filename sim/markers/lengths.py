@@ -19,7 +19,7 @@ from ident.errors import InputError
 from sim.markers.frame_fit import Kinematics, normal_equations
 from sim.markers.marked_model import MarkedModel
 from sim.markers.trial_fit import Postures, check_fit, fit_trial, plain_fits
-from sim.models.names import body_id, body_name
+from sim.models.notes import body_id, body_name
 
 SPREAD = 0.2
 """Prior standard deviation of a factor: the variation of people's proportions about a model's."""

@@ -13,11 +13,10 @@ from ident.errors import InputError, ModelError
 from ident.files.markers import Markers
 from ident.files.table import listed, short
 from ident.mechanism.body import Follower
-from sim.markers.model_files import opensim_spec
-from sim.markers.settings import UP, MarkerPlace
+from sim.markers.model_files import UP, MarkerPlace, opensim_spec
 from sim.models.model_update import specification
 from sim.models.mujoco_model import compiled
-from sim.models.names import body_id, id_of, joint_name, name_of
+from sim.models.notes import body_id, id_of, joint_name, name_of
 from sim.models.opensim.reading import is_opensim
 
 _SITE = mujoco.mjtObj.mjOBJ_SITE

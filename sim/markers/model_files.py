@@ -1,23 +1,103 @@
-"""Marked models in files: read from OpenSim, and written with a person's lengths."""
+"""Files about marked models: settings of markers, OpenSim's models, and models written with a person's lengths."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import mujoco
 import numpy as np
 
-from ident.errors import ModelError
+from ident.annotations import Needs, Point, Positive, one_of
+from ident.errors import InputError, ModelError, about
 from ident.files.atomic import replacing
+from ident.files.column import UNITS
+from ident.files.limits import toml
+from ident.files.schema import made
 from ident.mechanism.body import BASE, Body, Follower
 from sim.models.inertials import OVERRIDING
 from sim.models.model_update import set_asset_folders
 from sim.models.notes import refusals
 from sim.models.opensim.reading import mechanism_from_opensim
-from sim.models.xml_places import digits
+from sim.models.xml_files import digits
+
+UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+}
+"""Rotations from a laboratory whose vertical axis is the key to one with Z upwards."""
 
 NOTHING = 1e-3
 """Mass in kg and moment in kg m² of every body, as MuJoCo needs some."""
+
+READ_BACK = 1e-9
+"""Tolerance of the verification: difference of a length in m, or of an inertia relative to the largest."""
+
+
+@dataclass(frozen=True)
+class MarkerPlace:
+    """Site or position of a marker on the model.
+
+    Attributes:
+        site: Name of a site, "" if a body is named.
+        body: Name of a body, "" if a site is named.
+        position: Position in the body's frame, m; None if a site is named.
+        weight: Weight of the squared distance.
+    """
+
+    site: str = ""
+    body: str = ""
+    position: Point | None = None
+    weight: Positive = 1.0
+
+    def __post_init__(self) -> None:
+        if self.site and (self.body or self.position is not None):
+            raise InputError("needs a site, or a body with a position, got both.")
+        if bool(self.body) != (self.position is not None):
+            raise InputError("needs the name of a body and a position [x, y, z] in m on it.")
+
+
+@dataclass(frozen=True)
+class ScaleTable:
+    """Table `[scale]`.
+
+    Attributes:
+        groups: Names of bodies that share a scale factor.
+    """
+
+    groups: Annotated[tuple[tuple[str, ...], ...], Needs("a list of lists of bodies", lambda _: True)] = ()
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a file.
+
+    Attributes:
+        unit: Unit of a table, None if not stated.
+        up: Axis of the laboratory that points up, None if not stated.
+        markers: Sites or positions of markers, by label.
+        scale: Bodies that share a scale factor.
+    """
+
+    unit: Annotated[str, one_of(UNITS["length"])] | None = None
+    up: Annotated[str, one_of(UP)] | None = None
+    markers: Mapping[str, MarkerPlace] = field(default_factory=dict)
+    scale: ScaleTable = ScaleTable()
+
+
+def read_settings(path: Path) -> Settings:
+    """Reads a file of settings.
+
+    Raises:
+        InputError: The file is missing or malformed; the message names the entry.
+    """
+    entries = toml(path, "settings of markers need")
+    with about(path):
+        settings = made(Settings, "", entries)
+    named = {k: x if x.site or x.body else replace(x, site=k) for k, x in settings.markers.items()}
+    return replace(settings, markers=named)
 
 
 def opensim_spec(
@@ -69,10 +149,6 @@ def _added(parent: mujoco.MjsBody, body: Body, limits: tuple[float, float] | Non
     if limits is not None:
         joint.range, joint.limited = limits, mujoco.mjtLimited.mjLIMITED_TRUE
     return out
-
-
-READ_BACK = 1e-9
-"""Tolerance of the verification: difference of a length in m, or of an inertia relative to the largest."""
 
 
 def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:

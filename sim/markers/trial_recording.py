@@ -14,7 +14,7 @@ from ident.recordings.recording import Recording
 from sim.markers.marked_model import MarkedModel
 from sim.markers.trial_fit import Postures
 from sim.models.mujoco_model import BEYOND, mechanism_bodies
-from sim.models.names import body_id, body_name, joint_name
+from sim.models.notes import body_id, body_name, joint_name
 
 _BALL, _FREE, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("BALL", "FREE", "SLIDE"))
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from ident.errors import ModelError
 from ident.mechanism.tree import Tree
-from sim.models.names import joint_name, name_of
-from sim.models.notes import note
+from sim.models.notes import joint_name, name_of, note
 
 _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
 _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))

@@ -1,14 +1,15 @@
 """Inertias of bodies in MuJoCo's form: principal moments about the centre of mass, and the principal axes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from ident.geometry.inertia import parameters_from_com, pseudo_inertia
-from sim.models.names import body_name
-from sim.models.notes import note, refusals
+from ident.mechanism.drives import Drive
+from sim.models.notes import body_name, note, refusals
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change a file's inertias."""
@@ -19,6 +20,28 @@ LIGHTEST = 1e-12
 DIGITS, SHORT = 6, 1e-4
 """Significant digits, of the largest entry, of numbers that come with an interval: no interval is narrower; and largest
 error of a body's parameters that may follow, relative to the largest: central inertias may be small beside others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """Values of a written model that differ from those of the model that it is made from.
+
+    Attributes:
+        phi: φ of the bodies, with welds not merged (10 b,).
+        drives: Drives of joints by name; others stay as they are.
+        displaced: Displacements of joints in their parents' frames, m (3,), by the names of the bodies that they carry.
+        comments: Comments on bodies by name, whose numbers are then short.
+    """
+
+    phi: np.ndarray
+    drives: Mapping[str, Drive]
+    displaced: Mapping[str, np.ndarray]
+    comments: Mapping[str, str]
+
+    @property
+    def tolerance(self) -> float:
+        """Difference with which φ may read back, relative to a body's largest parameter."""
+        return SHORT if self.comments else 1e-9
 
 
 class Inertial(NamedTuple):

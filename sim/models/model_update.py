@@ -17,11 +17,10 @@ from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters, entries
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
-from sim.models.drives_update import changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.inertials import (
     OVERRIDING,
-    SHORT,
     Inertial,
+    Update,
     compiled_as_stated,
     inertial_of,
     is_physical,
@@ -29,16 +28,15 @@ from sim.models.inertials import (
     set_inertials,
     shortened,
 )
+from sim.models.model_drives import SAME, changed_drives, changed_servos, state_drives, state_servos, urdf_dynamics
 from sim.models.model_mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
-from sim.models.names import body_name
-from sim.models.notes import refusals
+from sim.models.notes import body_name, refusals
 from sim.models.opensim.reading import OpenSimOrigin, is_opensim
 from sim.models.opensim.update import write_opensim
 from sim.models.urdf import model_from_urdf
-from sim.models.urdf_update import SAME, updated_urdf
-from sim.models.xml_files import parsed
-from sim.models.xml_places import digits, with_sections
+from sim.models.urdf_update import updated_urdf
+from sim.models.xml_files import digits, parsed, with_sections
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """A model that can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -48,7 +46,6 @@ EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 
 UNCHANGED = ("equality", "tendon")
 """Sections of MJCF, in which nothing is identified."""
-
 
 NOWHERE_ELSE: Mapping[str, np.ndarray] = MappingProxyType({})
 """Displacements of joints that are where the model says."""
@@ -121,25 +118,21 @@ def write_model(
     """
     path = checked_target(path, "the path of a file to write")
     check_type("mechanism", mechanism, Mechanism, WORDS["Mechanism"])
-    comments: Mapping[str, str] = getattr(phi, "comments", {})
+    update = Update(_numbers(phi), drives or {}, displaced, getattr(phi, "comments", {}))
     if isinstance(mechanism.source, OpenSimOrigin):
-        write_opensim(path, mechanism, _numbers(phi), comments, displaced)
+        write_opensim(path, mechanism, update)
         return
-    origin, source, phi = _given(mechanism, phi)
+    origin, source, _ = _given(mechanism, phi)
     if is_opensim(path):
         raise InputError(f"An OpenSim file can only be made from an OpenSim file; write '{path.stem}.xml' instead.")
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
-    changed, servos = changed_drives(origin.model, drives or {}), changed_servos(origin.model, drives or {})
-    if urdf:
-        data = _urdf(origin, phi, changed, comments, displaced)
-    else:
-        data = _mjcf(origin, phi, path.parent, changed, servos, comments, displaced)
+    data = _urdf(origin, update) if urdf else _mjcf(origin, update, path.parent)
     with replacing(path) as temporary:
         temporary.write_bytes(data)
         spec = model_from_urdf(temporary, meshes=False) if urdf else specification(temporary)
-        _check(_compiled(spec, path, as_stated=urdf), path, phi, origin, SHORT if comments else 1e-9)
+        _check(_compiled(spec, path, as_stated=urdf), path, update.phi, origin, update.tolerance)
 
 
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
@@ -218,20 +211,12 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
     set_inertials(spec, inertials)
 
 
-def _mjcf(
-    origin: Origin,
-    phi: np.ndarray,
-    folder: Path,
-    changed: Mapping[int, Mapping[str, float]],
-    servos: Mapping[int, tuple[float, float]],
-    comments: Mapping[str, str],
-    displaced: Mapping[str, np.ndarray],
-) -> bytes:
-    """Content of an MJCF file in a folder, with φ of bodies, and attributes of joints and actuators by their ids."""
-    source = origin.text
+def _mjcf(origin: Origin, update: Update, folder: Path) -> bytes:
+    """Content of an updated MJCF file in a folder."""
+    source, changed = origin.text, changed_drives(origin.model, update.drives)
     assert source is not None
     spec = specification(source, origin.packages)
-    inertials = _inertials(spec, origin, phi)
+    inertials = _inertials(spec, origin, update.phi)
     _write_into(spec, inertials)
     _compiled(spec, source)
     root = None if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
@@ -239,12 +224,13 @@ def _mjcf(
         root, source_text = ET.fromstring(spec.to_xml()), b""
     else:
         source_text = Path(str(source)).read_bytes()
-    named = [(b, body_name(origin.model, b), own) for b, own in _members(origin, phi).items() if own.any()]
-    noted = {b: (comments[name], shortened(*com_from_parameters(own))) for b, name, own in named if name in comments}
+    members = {b: own for b, own in _members(origin, update.phi).items() if own.any()}
+    texts = {b: update.comments.get(body_name(origin.model, b)) for b in members}
+    noted = {b: (text, shortened(*com_from_parameters(members[b]))) for b, text in texts.items() if text is not None}
     _state(root, inertials, noted)
-    _displace(root, spec, {origin.model.body(name).id: shift for name, shift in displaced.items()})
+    _displace(root, spec, {origin.model.body(name).id: shift for name, shift in update.displaced.items()})
     state_drives(root, changed)
-    state_servos(root, servos)
+    state_servos(root, changed_servos(origin.model, update.drives))
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     if isinstance(source, mujoco.MjSpec) or home.resolve() != folder.resolve():
         set_asset_folders(root, spec, home, folder)
@@ -323,21 +309,15 @@ def _from(folder: Path, other: Path) -> str:
     return Path(os.path.relpath(other, folder)).as_posix() if near else str(other)
 
 
-def _urdf(
-    origin: Origin,
-    phi: np.ndarray,
-    drives: Mapping[int, Mapping[str, float]],
-    comments: Mapping[str, str],
-    displaced: Mapping[str, np.ndarray],
-) -> bytes:
+def _urdf(origin: Origin, update: Update) -> bytes:
     """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
-    changed = {}
-    for b, own in _members(origin, phi).items():
+    changed, dynamics = {}, urdf_dynamics(origin.model, changed_drives(origin.model, update.drives))
+    for b, own in _members(origin, update.phi).items():
         before = body_parameters(origin.model, b)
         if abs(own - before).max() > SAME * abs(before).max():
             _check_physical(origin, b, own)
             changed[body_name(origin.model, b)] = own
-    return updated_urdf(Path(str(origin.text)), changed, urdf_dynamics(origin.model, drives), comments, displaced)
+    return updated_urdf(Path(str(origin.text)), changed, dynamics, update)
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin, tolerance: float = 1e-9) -> None:

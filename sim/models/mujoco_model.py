@@ -18,8 +18,7 @@ from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from sim.models.couplings import check_couplings
 from sim.models.inertials import compiled_as_stated, note_inertias
-from sim.models.names import body_id, body_name, joint_name
-from sim.models.notes import refusals
+from sim.models.notes import body_id, body_name, joint_name, refusals
 from sim.models.opensim.reading import is_opensim
 from sim.models.urdf import model_from_urdf
 from sim.models.xml_files import SUFFIX as XACRO
@@ -225,13 +224,23 @@ def base_pose(source: Source, base: str | None = None) -> np.ndarray:
 
 def place_of_site(model: mujoco.MjModel, s: int, members: Sequence[int]) -> tuple[str, np.ndarray] | None:
     """Name of the mechanism's body that a site is fixed to, and its pose in that body's frame; None without one."""
-    b, pose = model.site_bodyid[s], placed_pose(model.site_pos[s], model.site_quat[s])
+    carrier = carrier_of(model, int(model.site_bodyid[s]), members)
+    if carrier is None or carrier[0] == 0:
+        return None
+    return body_name(model, carrier[0]), carrier[1] @ placed_pose(model.site_pos[s], model.site_quat[s])
+
+
+def carrier_of(model: mujoco.MjModel, b: int, members: Sequence[int]) -> tuple[int, np.ndarray] | None:
+    """The mechanism's body, or 0 for the world, that a body is fixed to, and its pose there; None if it moves."""
+    pose = np.eye(4)
     while b not in members:
-        if b == 0 or model.body_jntnum[b]:
+        if b == 0:
+            return b, pose
+        if model.body_jntnum[b] or model.body_mocapid[b] >= 0:
             return None
         pose = placed_pose(model.body_pos[b], model.body_quat[b]) @ pose
-        b = model.body_parentid[b]
-    return body_name(model, b), pose
+        b = int(model.body_parentid[b])
+    return b, pose
 
 
 def mechanism_bodies(model: mujoco.MjModel, base: str | None, beyond: Sequence[str] = BEYOND) -> list[int]:

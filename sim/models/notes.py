@@ -1,4 +1,4 @@
-"""Remarks on models, also on units that are not plausible, and MuJoCo's errors as one line."""
+"""Names of a model's elements, generated where it gives none, remarks on it, and MuJoCo's errors as one line."""
 
 import warnings
 from collections.abc import Iterator
@@ -11,6 +11,82 @@ from ident.display.brief import listed
 from ident.errors import ModelError
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
+
+_STEMS = {
+    mujoco.mjtObj.mjOBJ_BODY: "body",
+    mujoco.mjtObj.mjOBJ_JOINT: "joint",
+    mujoco.mjtObj.mjOBJ_SITE: "site",
+    mujoco.mjtObj.mjOBJ_FLEX: "flex",
+    mujoco.mjtObj.mjOBJ_TENDON: "tendon",
+    mujoco.mjtObj.mjOBJ_EQUALITY: "equality",
+    mujoco.mjtObj.mjOBJ_SENSOR: "sensor",
+    mujoco.mjtObj.mjOBJ_ACTUATOR: "actuator",
+}
+
+LONGEST = 20.0
+"""Distance of a body from its parent, or of its centre of mass from its origin, m, above which it is in millimetres:
+links of 20 mm and more are then noted, links of real machines are shorter than 20 m."""
+
+LIGHTEST, HEAVIEST, SLENDER = 0.03, 1e5, 0.2
+"""Densities, kg/m³, below and above which a unit is wrong, and least thickness over length of the ellipsoid for that.
+Materials have 100 to 20000, real models with light or roughly stated links 1 to 60000; wrong units make a factor of
+1000 or, to the power of 3/2, of a million and more. Inertias of thin rods are often stated without their thickness."""
+
+NEGLIGIBLE = 1e-6
+"""Mass of a body, over that of the heaviest, up to which it only stands for a place."""
+
+USUAL = 1500.0
+"""Density of a usual body, kg/m³, to which the likeliest unit leads."""
+
+
+def name_of(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
+    """Unique name of an element: the model's, or its kind with its id, and `_` appended if that is taken.
+
+    Args:
+        model: Compiled model.
+        kind: Its kind: body, joint, site, flex, tendon, equality constraint, sensor or actuator.
+        index: Its id.
+    """
+    name = mujoco.mj_id2name(model, kind, index)
+    if name:
+        return name
+    name = f"{_STEMS[kind]}{index}"
+    while mujoco.mj_name2id(model, kind, name) >= 0:
+        name += "_"
+    return name
+
+
+def body_name(model: mujoco.MjModel, b: int) -> str:
+    """Name of a body."""
+    return name_of(model, mujoco.mjtObj.mjOBJ_BODY, b)
+
+
+def joint_name(model: mujoco.MjModel, j: int) -> str:
+    """Name of a joint."""
+    return name_of(model, mujoco.mjtObj.mjOBJ_JOINT, j)
+
+
+def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
+    """Id of the body, the world excepted, or of the joint with a name.
+
+    Raises:
+        ModelError: There is none.
+    """
+    first, count, several = {
+        mujoco.mjtObj.mjOBJ_BODY: (1, model.nbody, "bodies"),
+        mujoco.mjtObj.mjOBJ_JOINT: (0, model.njnt, "joints"),
+    }[kind]
+    names = [name_of(model, kind, index) for index in range(first, count)]
+    if name not in names:
+        raise ModelError(
+            f"The model has no {_STEMS[kind]} named '{name}'; its {several} are {', '.join(names) or 'none'}."
+        )
+    return first + names.index(name)
+
+
+def body_id(model: mujoco.MjModel, name: str) -> int:
+    """Id of the body with a name, the world excepted; errors as for `id_of`."""
+    return id_of(model, mujoco.mjtObj.mjOBJ_BODY, name)
 
 
 class ModelNote(UserWarning):
@@ -50,21 +126,6 @@ def refusals(source: object) -> Iterator[None]:
         text = " ".join(str(error).split())
         raise ModelError(text if text.startswith(str(source)) else f"{source}: {text}") from None
 
-
-LONGEST = 20.0
-"""Distance of a body from its parent, or of its centre of mass from its origin, m, above which it is in millimetres:
-links of 20 mm and more are then noted, links of real machines are shorter than 20 m."""
-
-LIGHTEST, HEAVIEST, SLENDER = 0.03, 1e5, 0.2
-"""Densities, kg/m³, below and above which a unit is wrong, and least thickness over length of the ellipsoid for that.
-Materials have 100 to 20000, real models with light or roughly stated links 1 to 60000; wrong units make a factor of
-1000 or, to the power of 3/2, of a million and more. Inertias of thin rods are often stated without their thickness."""
-
-NEGLIGIBLE = 1e-6
-"""Mass of a body, over that of the heaviest, up to which it only stands for a place."""
-
-USUAL = 1500.0
-"""Density of a usual body, kg/m³, to which the likeliest unit leads."""
 
 UNITS = {"kg cm², or in g mm² with masses in g": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7, "g mm²": 1e-9}
 """Units in which inertias are given by mistake, kg m²."""

@@ -1,7 +1,8 @@
 """Shapes of a model for drawing: its geoms as few triangles, each on a body of a mechanism."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
+from itertools import combinations
 from typing import NamedTuple
 
 import mujoco
@@ -12,8 +13,8 @@ from ident.geometry import se3
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from sim.models.model_mechanism import Origin
-from sim.models.mujoco_model import mechanism_bodies
-from sim.models.names import body_name
+from sim.models.mujoco_model import carrier_of, mechanism_bodies, placed_pose
+from sim.models.notes import body_name
 
 HIDDEN = 3
 """First group of geoms that is not shown, as in MuJoCo's viewer, such as collision shapes."""
@@ -62,28 +63,15 @@ def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.
     """
     model, members = origin.model, mechanism_bodies(origin.model, origin.base, origin.beyond)
     for g in range(model.ngeom):
-        place = _place(model, int(model.geom_bodyid[g]), members)
+        place = carrier_of(model, int(model.geom_bodyid[g]), members)
         if place is None or model.geom_group[g] >= HIDDEN or model.geom_rgba[g, 3] == 0:
             continue
         b, carrier = place
-        T = carrier @ _pose(model.geom_pos[g], model.geom_quat[g])
+        T = carrier @ placed_pose(model.geom_pos[g], model.geom_quat[g])
         if b in members:
             yield g, arm.tree.names.index(body_name(model, b)), T
         else:
             yield g, BASE, se3.inverse(arm.pose) @ T
-
-
-def _place(model: mujoco.MjModel, b: int, members: Sequence[int]) -> tuple[int, np.ndarray] | None:
-    """The mechanism's body, or 0 for the world, that a body is fixed to, and its pose there; None if it moves."""
-    pose = np.eye(4)
-    while b not in members:
-        if b == 0:
-            return b, pose
-        if model.body_jntnum[b] or model.body_mocapid[b] >= 0:
-            return None
-        pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
-        b = int(model.body_parentid[b])
-    return b, pose
 
 
 def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:
@@ -129,14 +117,6 @@ def _directions() -> np.ndarray:
     """Corners and edge midpoints of an icosahedron, scaled to unit length (42, 3)."""
     golden = (1 + np.sqrt(5)) / 2
     corners = np.array([np.roll([0, x, y], k) for k in range(3) for x in (-1, 1) for y in (-golden, golden)])
-    edges = [(a + b) / 2 for a, b in _pairs(corners) if np.isclose(np.linalg.norm(a - b), 2)]
+    edges = [(a + b) / 2 for a, b in combinations(corners, 2) if np.isclose(np.linalg.norm(a - b), 2)]
     points = np.concatenate([corners, edges])
     return points / np.linalg.norm(points, axis=1)[:, None]
-
-
-def _pairs(points: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    return ((a, b) for k, a in enumerate(points) for b in points[:k])
-
-
-def _pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    return se3.pose(se3.rotation(np.asarray(quaternion)), position)

@@ -8,12 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.geometry.inertia import com_from_parameters
-from sim.models.inertials import shortened
-from sim.models.xml_files import text_of
-from sim.models.xml_places import Edit, Element, digits, edited, root_of, with_comment
-
-SAME = 1e-12
-"""Difference, relative to the largest number of a vector or a matrix, that counts as rounding: the number is kept."""
+from sim.models.inertials import Update, shortened
+from sim.models.model_drives import SAME
+from sim.models.xml_files import Edit, Element, digits, edited, root_of, text_of, with_comment
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 """Attributes of `<inertia>` and their indices in the matrix."""
@@ -22,11 +19,7 @@ _WORD = re.compile(rb"\S+")
 
 
 def updated_urdf(
-    path: Path,
-    links: Mapping[str, np.ndarray],
-    dynamics: Mapping[str, Mapping[str, float]] | None = None,
-    comments: Mapping[str, str] | None = None,
-    displaced: Mapping[str, np.ndarray] | None = None,
+    path: Path, links: Mapping[str, np.ndarray], dynamics: Mapping[str, Mapping[str, float]], update: Update
 ) -> bytes:
     """Bytes of a URDF file with other inertias of some links, and other friction and places of some joints.
 
@@ -36,8 +29,7 @@ def updated_urdf(
         path: The file, which has already been read as a model.
         links: φ (10,) of the links, about their frames, by name.
         dynamics: Attributes of the joints' `<dynamics>`, by name.
-        comments: Comments on links with inertias, whose numbers are then short.
-        displaced: Displacements of joints in their parents' frames, m (3,), by the names of their child links.
+        update: Comments on links with inertias, and displacements of joints.
 
     Raises:
         ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
@@ -45,16 +37,16 @@ def updated_urdf(
     data = text_of(path)
     root = root_of(path, data)
     of_links, of_joints = (_first_of_each_name(root, tag) for tag in ("link", "joint"))
-    comments = comments or {}
+    comments, displaced = update.comments, update.displaced
     edits = [e for name, phi in links.items() for e in _edits(data, of_links[name], phi, comments.get(name, ""))]
     for name in comments.keys() - links.keys():
         if (inertial := of_links[name].child("inertial")) is not None:
             edits.append(with_comment(data, inertial, comments[name]))
-    for name, attributes in (dynamics or {}).items():
+    for name, attributes in dynamics.items():
         edits += _dynamics_edits(data, of_joints[name], {key: [value] for key, value in attributes.items()})
-    for joint in of_joints.values() if displaced else ():
+    for joint in of_joints.values():
         child = joint.child("child")
-        if displaced and child and (name := child.attributes.get("link", "")) in displaced:
+        if child and (name := child.attributes.get("link", "")) in displaced:
             edits += _origin_edits(data, joint, displaced[name])
     return edited(data, edits)
 

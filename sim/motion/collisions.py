@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from ident.mechanism.tree import Tree
-from sim.models.names import body_name, id_of
-from sim.models.notes import refusals
+from sim.models.notes import body_name, id_of, refusals
 
 
 class _Contacts(NamedTuple):
@@ -29,7 +28,6 @@ class _Contacts(NamedTuple):
 
 
 NONE = _Contacts(np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
-
 
 ROUND = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE
 """Kinds of geoms that are points and lines with a radius."""

@@ -10,12 +10,11 @@ from ident.errors import InputError
 from ident.mechanism.drives import Drive
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.recording import Recording
-from sim.models.drives_update import changed_drives
+from sim.models.model_drives import changed_drives
 from sim.models.model_mechanism import mujoco_origin
 from sim.models.model_update import updated_spec
-from sim.models.names import joint_name
-from sim.models.notes import without_log
-from sim.simulation.sensors import ONE_DOF
+from sim.models.notes import joint_name, without_log
+from sim.simulation.readings import ONE_DOF
 
 LONGEST_STEP = 1e-3
 """Longest time step, s: servos of light joints oscillate with some tens of hertz."""

@@ -9,9 +9,8 @@ from ident.annotations import typed
 from ident.arguments import described, is_number
 from ident.errors import InputError
 from sim.models.mujoco_model import mechanism_bodies
-from sim.models.names import body_name
-from sim.models.notes import without_log
-from sim.simulation.rollout import steps_per_sample
+from sim.models.notes import body_name, without_log
+from sim.simulation.readings import steps_per_sample
 from sim.simulation.simulate import RATE
 
 

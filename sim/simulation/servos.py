@@ -15,8 +15,8 @@ from ident.model.tape import Program, Tape
 from sim.models.couplings import couplings
 from sim.models.model_mechanism import mechanism
 from sim.models.mujoco_model import rest_coordinates
-from sim.models.names import body_name, joint_name
-from sim.simulation.sensors import ONE_DOF
+from sim.models.notes import body_name, joint_name
+from sim.simulation.readings import ONE_DOF
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Hand:
         """
         shift = np.array(self.shift) * np.sin(2 * np.pi * np.outer(time, self.shift_frequency))
         turn = np.array(self.turn) * np.sin(2 * np.pi * np.outer(time, self.turn_frequency))
-        turned = _product(quaternion, Rotation.from_rotvec(turn).as_quat(scalar_first=True))
-        return position + np.array(self.lift) + shift, turned
+        turned = Rotation.from_quat(quaternion, scalar_first=True) * Rotation.from_rotvec(turn)
+        return position + np.array(self.lift) + shift, turned.as_quat(scalar_first=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ class Servos:
             desired: Motion of the driven joints at these times.
 
         Returns:
-            Rows of `sim.simulation.rollout.COMMAND` (N, nu + 7 nmocap).
+            Rows of `sim.simulation.readings.COMMAND` (N, nu + 7 nmocap).
         """
         q, dq = desired.q, desired.dq
         kp, kv = self.model.actuator_gainprm[:, 0], -self.model.actuator_biasprm[:, 2]
@@ -156,9 +156,3 @@ def _held(model: mujoco.MjModel) -> tuple[str, ...]:
             raise ModelError(f"Mocap body '{body_name(model, body)}' needs a weld whose body1 is what it holds.")
         held.append(body_name(model, ties[body]))
     return tuple(held)
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Products of quaternions (N, 4)."""
-    scalar = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
-    return np.hstack([scalar, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])])

@@ -15,11 +15,9 @@ from ident.arguments import described, is_number
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
-from sim.models.names import joint_name
-from sim.models.notes import refusals
+from sim.models.notes import joint_name, refusals
 from sim.motion.excitation import DesiredMotion
-from sim.simulation.rollout import play, steps_per_sample
-from sim.simulation.sensors import QUATERNION, sensors
+from sim.simulation.readings import QUATERNION, play, sensors, steps_per_sample
 from sim.simulation.servos import servos
 
 RATE = 100.0

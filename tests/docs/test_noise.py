@@ -10,12 +10,10 @@ import pytest
 
 from docs.tools.noise import __main__ as noise
 from docs.tools.noise import counts, estimators
-from docs.tools.noise.conditions import CONDITIONS, SUBJECTS, Condition
+from docs.tools.noise.conditions import CONDITIONS, SUBJECTS
 from docs.tools.noise.estimators import ESTIMATORS, Case
 from docs.tools.noise.recordings import noisy_recording
-from experiments.studies.person_recordings import autoregressive
 from ident.mechanism.motion import Motion
-from ident.model.regressor import base_wrench_regressor
 
 PERSON, PENDULUM = SUBJECTS["person"], SUBJECTS["pendulum"]
 IXX2 = PERSON.parameters.names.index("Ixx2")
@@ -47,29 +45,6 @@ def test_exact_states_give_the_truth_whatever_the_instruments():
     for instruments in (None, who.commanded, Motion(*(x + 0.1 for x in motion.states))):
         psi, _ = estimators.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
         np.testing.assert_allclose(psi, who.true, atol=2e-3)
-
-
-def test_with_its_own_instruments_it_is_weighted_least_squares():
-    recording = noisy_recording(CONDITIONS["pendulum_x3"], 0, 0)
-    who, motion = PENDULUM, states(PENDULUM, recording)
-    psi, _ = estimators.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=10)
-    Y = base_wrench_regressor(who.mechanism.tree, *motion.states, gravity=who.mechanism.gravity)
-    weights = np.repeat([1 / recording.noise["ground_force"], 1 / recording.noise["ground_torque"]], 3)[:, None]
-    rows = (Y[10:-10][..., list(who.parameters.kept)] * weights).reshape(-1, len(who.true))
-    expected = np.linalg.lstsq(rows, (recording.wrench("ground").values[10:-10] * weights.T).ravel(), rcond=None)[0]
-    np.testing.assert_allclose(psi, expected, rtol=1e-8, atol=1e-10)
-
-
-def test_noise_is_as_large_and_as_correlated_as_it_says():
-    x = autoregressive(np.random.default_rng(0), 200_000, 0.95)
-    assert x.std() == pytest.approx(1, abs=0.03)
-    assert (x[1:] * x[:-1]).mean() == pytest.approx(0.95, abs=0.03)
-    for condition, decay in ((Condition("person", ""), 0.0), (Condition("person", "", scale=2, decay=0.9), 0.9)):
-        recording = noisy_recording(condition, 0, 0)
-        error = recording["hip_position"] - recording.true["hip_position"]
-        level = np.radians(0.5) * condition.scale
-        assert error.std() == pytest.approx(level, rel=0.2)
-        assert (error[1:] * error[:-1]).mean() / level**2 == pytest.approx(decay, abs=0.2)
 
 
 @pytest.fixture

@@ -41,8 +41,13 @@ EXPECTED = {
 """Output of each page's examples, as a regular expression."""
 
 
+LONGEST = ("python.md", "identify.md")
+
+
 @pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
-@pytest.mark.parametrize("page", list(blocks("python")))
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=[pytest.mark.slow] * (page in LONGEST)) for page in blocks("python")]
+)
 def test_examples_run(page, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").symlink_to(Path(scenes.__file__).parent)

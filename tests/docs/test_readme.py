@@ -12,7 +12,7 @@ import experiments
 from docs.tools import benchmark
 from docs.tools import pages as blocks
 from experiments.data.simulated_study import summary
-from experiments.reports import study_tables
+from experiments.reports import study_report
 from experiments.studies.simulation import study as study_of
 
 ROOT = Path(experiments.__file__).parents[1]
@@ -35,7 +35,7 @@ def cells(markdown):
 @pytest.mark.parametrize(
     ("name", "table", "study"),
     [
-        ("table 3", blocks.table_3, "misaligned"),
+        pytest.param("table 3", blocks.table_3, "misaligned", marks=pytest.mark.slow),
         ("table 4", blocks.table_4, "multicontact"),
     ],
 )
@@ -68,12 +68,12 @@ def test_errors_of_the_wrench_are_not_stale():
     assert [re.sub(r"[\d.]+", "#", cell) for row in printed for cell in row] == [
         re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
     ]
-    for row, expected in zip(printed[2:], study_tables.table(study, "table_wrench_errors").rows, strict=True):
+    for row, expected in zip(printed[2:], study_report.table(study, "table_wrench_errors").rows, strict=True):
         std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
         np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
         np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
     share = {
-        name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in study_tables.table(study, "table_wrench_errors").rows
+        name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in study_report.table(study, "table_wrench_errors").rows
     }
     share["epsilon"] = (
         f"{study.fit('simplified').estimate.epsilon / np.linalg.norm(study.recording.wrench('ground').values):.1%}"

@@ -5,8 +5,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 import experiments
+from ident.display.plots import few_decades
 
 ROOT = Path(experiments.__file__).parents[1]
 
@@ -46,3 +48,12 @@ def test_what_draws_nothing_imports_no_matplotlib(code, unused):
     run = [sys.executable, "-c", f"{code}\nprint('unused:', *({unused} & set(sys.modules)))"]
     printed = subprocess.run(run, check=True, cwd=ROOT, capture_output=True, text=True).stdout
     assert printed.splitlines()[-1] == "unused:"
+
+
+def test_logarithmic_axes_have_ticks_without_numbers_between_decades():
+    ax = Figure().subplots()
+    ax.loglog([1e-7, 1e3], [0.03, 3])
+    few_decades(ax)
+    assert len(ax.get_yticks(minor=True)) > 10 and not any(label.get_text() for label in ax.get_yticklabels(minor=True))
+    assert {"0.1", "1"} <= {label.get_text() for label in ax.get_yticklabels()}
+    assert "$10^{-6}$" in {label.get_text() for label in ax.get_xticklabels()}

@@ -6,9 +6,9 @@ from recorded_faults import PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_o
 from slow_pendulum import recorded
 
 import ident
-from ident.estimation.channel_scales import LEAST, least_noise
+from ident.estimation.noise import LEAST, least_noise
 from ident.estimation.preparation import Part, prepared
-from ident.regression.filtered import filtered_least_squares
+from ident.regression.conventional import filtered_least_squares
 from ident.trajectory.late_start import unexplained
 
 NOTHING = np.zeros(len(TRUTH)), np.zeros((len(TRUTH), len(TRUTH)))

@@ -61,7 +61,7 @@ def stated(measurement, states, wrenches, theta):
     return out
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_channels_at_the_stated_set_up_are_those_of_the_regressors(seed):
     rng = np.random.default_rng(seed)
     which = {0: range(6), 1: (0, 2, 4), 2: (5,)}[seed % 3]
@@ -80,7 +80,7 @@ def with_plate(m):
     return replace(m, contacts={**m.contacts, name: replace(hand, frame="world")})
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_plate_in_the_world_is_what_the_body_feels_wherever_it_is(seed):
     """The wrench is transformed to the body's frame, sample by sample, by the poses of base and body."""
     rng = np.random.default_rng(seed)
@@ -98,7 +98,7 @@ def test_a_plate_in_the_world_is_what_the_body_feels_wherever_it_is(seed):
     np.testing.assert_allclose(plate.values(states, wrenches, theta), expected, atol=1e-11 * abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_derivatives_are_central_differences(seed):
     """With respect to states and all kinds of parameters, including the set-up's."""
     rng = np.random.default_rng(seed)
@@ -162,7 +162,7 @@ def vector(kind, of, value):
     return {f"{kind}_{axis}({of})" if of else f"{kind}_{axis}": x for axis, x in zip("xyz", value, strict=True)}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_origin_and_rotation_place_the_sensors_frame_in_the_one_stated(seed):
     """For the ground's sensor and for a contact's, whose average over neighbours moves, but not the noise beside it."""
     rng = np.random.default_rng(seed)
@@ -185,7 +185,7 @@ def test_origin_and_rotation_place_the_sensors_frame_in_the_one_stated(seed):
     np.testing.assert_allclose(own - before, expected, atol=1e-9 * abs(expected).max())
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_gains_gravity_and_axes_are_those_of_another_laboratory(seed):
     rng = np.random.default_rng(seed)
     m = random_measurement(rng, 3, SCREWS, moving=bool(seed % 2), contacts=0)
@@ -224,7 +224,7 @@ def _turned(body, turn):
     return replace(body, twist=np.concatenate([np.cross(point, turn @ w) + pitch * (turn @ w), turn @ w]))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_rates_of_coordinates_are_those_of_their_rotations_and_poses(seed):
     rng, h = np.random.default_rng(seed), 1e-4
     tree = random_tree(rng, 3, ("ball", "revolute", "free"))

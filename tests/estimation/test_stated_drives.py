@@ -14,7 +14,7 @@ from ident.mechanism.drives import Drive
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 
-MODELS = 200
+MODELS = 100
 
 
 def states(rng, model, samples=2):

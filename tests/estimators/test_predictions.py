@@ -87,7 +87,7 @@ def test_each_of_several_logs_is_smoothed_and_judged_by_the_others():
     estimate = ident.identify(PENDULUM, logs, setup=EXACT)
     held = estimate.held_out
     assert [part.stop - part.start for part in held.left_out] == [len(held.time) // 3] * 3
-    (first, *_) = estimate.evidence.in_logs
+    (first, *_) = estimate.in_logs
     assert set(first) == {"estimate", "model", "least squares"} and first["estimate"].shape == (6,)
     wrong = ident.identify(PENDULUM, [spoilt(logs[0], 1.5), *logs[1:]], setup=EXACT).held_out
     # What is predicted of a log depends on the others alone, and so does its smoothing.

@@ -20,7 +20,7 @@ from ident.files.table import Table
 from ident.mechanism.body import Body
 from ident.mechanism.tree import Tree
 from ident.recordings.columns.mapping import read_mapping
-from sim.markers.settings import read_settings
+from sim.markers.model_files import read_settings
 
 
 @dataclass(frozen=True)

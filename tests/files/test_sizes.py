@@ -12,7 +12,7 @@ from written_formats import write_bag
 
 from ident.errors import LogError
 from ident.files import csv_file, text_file
-from ident.files.formats.bag_chunks import largest_chunk
+from ident.files.formats.bag import largest_chunk
 from ident.files.readers import read_clocks, read_tables
 
 LIMIT = 2_000_000

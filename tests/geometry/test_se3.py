@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from ident.geometry import inertia, se3
 
-SEEDS = range(20)
+SEEDS = range(6)
 
 
 @pytest.fixture(params=SEEDS)
@@ -107,13 +107,13 @@ def test_names_are_those_of_the_papers_tables():
     assert inertia.parameter_names(2)[13] == "m2rz2"
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_com_form_and_back(seed):
     phi = random_phi(np.random.default_rng(seed), 1)
     np.testing.assert_allclose(inertia.parameters_from_com(*inertia.com_from_parameters(phi)), phi, rtol=1e-13)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_pseudo_inertia_is_the_second_moment_of_point_masses(seed):
     rng = np.random.default_rng(seed)
     m, x = rng.uniform(0.1, 1, 7), rng.normal(size=(7, 3))

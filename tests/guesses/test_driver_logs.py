@@ -61,7 +61,16 @@ def judged(log, folder):
     return "wrong" if wrong else "asked" if lacking or open_ones else "right", wrong or lacking, belief
 
 
-@pytest.mark.parametrize("log", logs(), ids=lambda log: log.name)
+def all_logs():
+    """All logs; of each tool the first, and those with a question, are fast enough for every run."""
+    tools = set()
+    for log in logs():
+        fast = log.asked or log.tool not in tools
+        tools.add(log.tool)
+        yield pytest.param(log, id=log.name, marks=() if fast else pytest.mark.slow)
+
+
+@pytest.mark.parametrize("log", list(all_logs()))
 def test_what_is_guessed_is_right_or_asked(log, tmp_path):
     outcome, about, belief = judged(log, tmp_path)
     assert outcome == ("asked" if log.asked else "right"), about

@@ -1,11 +1,8 @@
 """Odd logs are mapped as by a person, and ambiguous quantities stay open."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
-import walker
 import wrist
 from guesses.odd_logs import DEG, GAINS, LOGS, arm, motors, recording, text, vector, write
 from scipy.spatial.transform import Rotation
@@ -103,22 +100,6 @@ def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
     assert sensor.body == "tool" and sensor.applied_to_link and belief.open == []
 
 
-def test_plates_of_a_walker_find_their_feet(tmp_path):
-    columns, both = walker.columns(), walker.wrenches()
-    for name, wrench in (("r", both["right"] + both["rail"]), ("l", both["left"])):
-        point, free = walker.centre_of_pressure(wrench)
-        point = np.nan_to_num(np.column_stack([point, 0 * free]), posinf=0, neginf=0)
-        columns |= vector(f"{name}_ground_force_v{{}}", wrench[:, :3]) | vector(f"{name}_ground_force_p{{}}", point)
-        columns |= vector(f"{name}_ground_torque_{{}}", np.column_stack([0 * free, 0 * free, free]))
-    path = tmp_path / "walk.csv"
-    path.write_text(text(columns), encoding="utf-8")
-    belief = believed(walker.mechanism(), [path])
-    write_mapping(tmp_path / "guessed.toml", belief)
-    sensors = ident.read_log(path, walker.mechanism(), tmp_path / "guessed.toml").sensors
-    assert [sensor.body for sensor in sensors.values()] == ["foot_r", "foot_l"] and belief.open == []
-    assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}
-
-
 HIP = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
 KNEE = Body("shank", 0, np.eye(4), np.eye(6)[4], "knee")
 TURNS = Rotation.from_rotvec(np.random.default_rng(1).normal(size=(40, 3))).as_quat(scalar_first=True)
@@ -151,19 +132,6 @@ def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
     assert (orientation * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
     np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
     assert belief.open == [] and belief.complete
-
-
-@pytest.mark.parametrize(("pattern", "place"), [("pelvis_q{}", "pelvis_p{}"), ("trunk rot {}", "trunk pos {} [mm]")])
-def test_poses_of_a_base_are_found_by_their_names(tmp_path, pattern, place):
-    mechanism = Mechanism(Tree((replace(KNEE, parent=-1),)), np.zeros(3))
-    factor = 1000 if "mm" in place else 1
-    columns = posed(pattern, TURNS, "wxyz") | posed(place, factor * PLACES, "xyz") | {"knee_angle": PLACES[:, 0]}
-    log, belief = read_as_guessed(tmp_path, columns, mechanism, base="pelvis")
-    np.testing.assert_allclose(log.base[:, :3, 3], PLACES, atol=1e-9)
-    expected = Rotation.from_quat(TURNS, scalar_first=True).as_matrix()
-    np.testing.assert_allclose(log.base[:, :3, :3], expected, atol=1e-6)
-    assert belief.unused == []
-    assert believed_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
 
 
 def believed_of(tmp_path, columns, mechanism):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from guesses.driver_logs import stamped, states
 from guesses.odd_logs import arm, recording, text
-from guesses.robots import FINGERS, seven, ur
+from guesses.robots import seven, ur
 
-import sim
 from experiments.guesses.guess import believed
 
 
@@ -23,19 +22,6 @@ def test_without_wrench_and_torque_numbers_that_fit_are_taken_and_others_asked(t
         belief = believed_of(tmp_path, robot, stamped(robot) | states(robot, "q_{}", "dq_{}", ""))
         assert belief.complete == taken and bool(belief.open) != taken
         assert all("nothing in the log can confirm" in x.why[0] for x in belief.of("position").values())
-
-
-def test_fixing_the_fingers_as_advised_leaves_nothing_open(tmp_path):
-    hand = seven(fingers=True)
-    columns = stamped(hand) | states(hand, "q_{}", "dq_{}", "tau_{}")
-    belief = believed_of(tmp_path, hand, columns)
-    (sentence,) = belief.open
-    assert all(f"--fix {name}" in sentence for name in FINGERS) and len(belief.of("position")) == 7
-    model = tmp_path / "hand.xml"
-    sim.write_model(model, hand.mechanism, hand.mechanism.known)
-    fixed = sim.mechanism(model, base="base", fix={name: [] for name in FINGERS})
-    belief = believed_of(tmp_path, hand, columns, fixed)
-    assert belief.open == [] and belief.complete
 
 
 @pytest.mark.parametrize("name", ["may", "in", "position"])

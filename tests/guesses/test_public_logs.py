@@ -3,11 +3,8 @@
 import json
 from importlib.resources import files
 
-import mujoco
 import numpy as np
 import pytest
-import wrist
-from guesses.odd_logs import text
 from guesses.test_laboratory_names import ARM, JOINTS, TAU, TIME, Q, belief_of, columns_of, mapped
 
 import ident
@@ -17,24 +14,6 @@ from experiments.guesses.belief import DOUBTFUL, write_mapping
 from experiments.guesses.guess import believed
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-
-
-@pytest.mark.parametrize(
-    ("patterns", "unit"), [(["FT{}"], "N"), (["force_{}", "torque_{}"], "N"), (["wrench[{}]"], "mN")]
-)
-def test_a_numbered_wrist_sensor_leads_to_its_body(tmp_path, patterns, unit):
-    robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
-    recording, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
-    both = np.hstack([recording["wrist_force"], recording["wrist_torque"]]) * (1e3 if unit == "mN" else 1)
-    names = [p.format(k) for p in patterns for k in range(6 // len(patterns))]
-    columns = {"time": recording.time} | {f"{j}_position": recording[f"{j}_position"] for j in wrist.JOINTS}
-    path.write_text(text(columns | dict(zip(names, both.T, strict=True))), encoding="utf-8")
-    belief = believed(robot, [path])
-    (group,) = belief.groups.values()
-    assert (group.entries["body"].value, group.entries["unit"].value, belief.open) == ("tool", unit, [])
-    write_mapping(tmp_path / "c.toml", belief)
-    read = ident.read_log(path, robot, tmp_path / "c.toml")
-    np.testing.assert_allclose(read[f"{group.name}_force"], recording["wrist_force"], atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -80,21 +59,6 @@ def test_json_lines_of_three_joints_are_no_vectors(tmp_path, stamp, torque):
     write_mapping(tmp_path / "c.toml", belief)
     read = ident.read_log(tmp_path / "log.jsonl", ARM, tmp_path / "c.toml")
     np.testing.assert_allclose(read["lift_torque"], TAU[:, 1], atol=1e-6)
-
-
-@pytest.mark.parametrize("pose", [("tool_pos_{}", "tool_quat_{}"), ("/tool/position/{}", "/tool/orientation/{}")])
-def test_a_lone_body_has_pose_and_wrench(tmp_path, pose):
-    spec = '<mujoco><worldbody><body name="tool"><freejoint/><geom size=".1" pos="0 0 .1"/></body></worldbody></mujoco>'
-    turn = np.column_stack([np.cos(TIME), np.sin(TIME), 0 * TIME, 0 * TIME])
-    columns = {pose[0].format(x): own for x, own in zip("xyz", Q.T, strict=True)}
-    columns |= {pose[1].format(x): own for x, own in zip("wxyz", turn.T, strict=True)}
-    columns |= dict(zip(WRENCH, np.hstack([Q, TAU]).T, strict=True))
-    path = tmp_path / "log.csv"
-    path.write_text(text({"time": TIME} | columns))
-    belief = believed(sim.mechanism(mujoco.MjSpec.from_string(spec), base="tool"), [path], base="tool")
-    entries = belief.poses["base"].entries
-    assert entries["position"].value == [pose[0].format(x) for x in "xyz"]
-    assert entries["quaternion"].value == [pose[1].format(x) for x in "wxyz"]
 
 
 def test_a_wrench_that_no_model_could_place_is_asked_about(tmp_path):

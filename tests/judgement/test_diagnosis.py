@@ -29,7 +29,7 @@ def test_there_are_24_right_angled_rotations():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("k", range(24))
+@pytest.mark.parametrize("k", range(0, 24, 3))
 def test_a_turned_or_flipped_wrench_is_recognised(k, sign):
     R = diagnosis.right_angled_rotations()[k]
     noisy = WRENCH + RNG.normal(size=WRENCH.shape)

@@ -4,9 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from ident.judgement.evidence import SetupFinding
-from ident.judgement.fit_findings import course_findings
-from ident.judgement.residual_findings import quality_findings
+from ident.judgement.finding import SetupFinding
+from ident.judgement.fit_findings import course_findings, quality_findings
 from ident.judgement.setup_findings import setup_remarks
 
 
@@ -50,7 +49,7 @@ def test_residuals_over_signals_are_sorted_by_what_they_mean():
     ratios = {"a": 0.2, "b": 0.6, "c": 0.97, "d": 1.7, "e": 0.61}
     frames = {"ground": SimpleNamespace(mirrored=("f",))}
     given = {"ratios": ratios | {"f": 2.0, "g": 2.0}, "checks": SimpleNamespace(frames=frames), "idle": {"g": "noise"}}
-    findings = judged_by(quality_findings, part="held-out", **given)
+    findings = judged_by(quality_findings, held_out=SimpleNamespace(part="held-out"), **given)
     assert [(finding.code, finding.doubt, finding.place.channels) for finding in findings] == [
         ("residual_above_signal", True, ("d",)),
         ("unexplained_channels", False, ("c",)),

@@ -44,10 +44,3 @@ def test_channels_in_time_or_of_the_opposite_sign_are_not_late(kind):
     for sign in (1, -1):
         measured = {name: x if "position" in name else sign * x for name, x in log.measured.items()}
         assert not delay_check(prepared(ARM, replace(log, measured=measured), filters=False)).suspicious
-
-
-def test_the_finding_says_the_delay_and_what_to_write():
-    late = ident.identify(ARM, recording("torque", 0.4, 20), estimator="weighted", cutoff=4.0)
-    finding = next(each for each in late.findings if each.code == "channels_late")
-    assert finding.doubt and "constant = -0.4 for its times" in finding.text
-    assert finding.values["delay"] == pytest.approx(0.4, abs=0.01)

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coded import coded
-from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, leaning, wrench_of
+from recorded_faults import JOINTS, PENDULUM, angles_and_wrench, leaning, wrench_of
 
-import ident
 from ident.estimation.preparation import prepared
 from ident.judgement.unmeasured import unmeasured_contacts
 
@@ -34,19 +32,3 @@ def test_nothing_is_found_where_the_weight_is_not_measured():
     wrench[:, 2] = np.nan
     level = angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), wrench)
     assert not unmeasured_contacts(prepared(PENDULUM, level))
-
-
-@pytest.mark.parametrize("estimator", ["trajectory", "weighted"])
-def test_an_identification_says_so_and_does_without_these_samples(estimator):
-    estimate = ident.identify(PENDULUM, leaning([(2, 3), (6, 9)], FORCE, seed=1), estimator=estimator)
-    contacts = coded(estimate, "unmeasured_contact")
-    assert len(contacts) == 2 and all(finding.values["body"] == "link2" for finding in contacts)
-    for finding, (start, end) in zip(contacts, [(2, 3), (6, 9)], strict=True):
-        place = finding.place
-        assert place.bodies == ("link2",) and place.log == 0 and place.span == pytest.approx((start, end), abs=0.3)
-    for time in (estimate.held_out.time, estimate.prepared.recording.time[estimate.prepared.taken(estimate.part)]):
-        assert not ((time > 2) & (time < 3) | (time > 6) & (time < 9)).any()
-    assert len(estimate.residual) == len(estimate.prepared.taken(estimate.part))
-    if estimator == "trajectory":
-        assert (np.abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
-        assert estimate.verdict().usable

@@ -91,13 +91,13 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
 
 def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):
     doubted = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1, 1, 1, 1, 1])
-    verdict = Verdict.of(doubted.evidence, [Finding.of("weight_drifts", drift=2.0)])
+    verdict = Verdict.of(doubted, [Finding.of("weight_drifts", drift=2.0)])
     assert verdict.outcome is Outcome.NOT and verdict.doubts == ("weight_drifts",) and verdict.best == "estimate"
     assert verdict.brief == "One finding speaks against it; it predicts all 5 channels that count."
     residual = estimate.held_out.residual * 1e6
     rivals = {"model": 9 * residual, "least squares": 8 * residual}
     nothing = replace(estimate, held_out=replace(estimate.held_out, residual=residual, rivals=rivals))
-    verdict = Verdict.of(nothing.evidence, [])
+    verdict = Verdict.of(nothing, [])
     assert verdict.outcome is Outcome.NOT and verdict.best is None and not verdict.predicted
     assert str(verdict).startswith("Not usable: it predicts none of 6 channels (held-out).")
     assert "No candidate explains any channel, so that none is best." in str(verdict)
@@ -117,7 +117,9 @@ def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(es
 def test_a_verdict_counts_all_channels_that_move(estimate, ratios, outcome, predicted):
     """Three quarters are predicted, and none is unexplained."""
     every = dict(zip(estimate.channels, [*ratios, *(6 - len(ratios)) * [0.1]], strict=True))
-    verdict = Verdict.of(replace(estimate.evidence, ratios=every, idle={}), [])
+    judged = replace(estimate)
+    vars(judged).update(ratios=every, idle={})
+    verdict = Verdict.of(judged, [])
     assert verdict.outcome is outcome and len(verdict.predicted) == predicted and len(verdict.counted) == 6
     assert set(verdict.missed) == set(verdict.ratios) - set(verdict.predicted) and not verdict.idle
     shown = verdict.to_dict()

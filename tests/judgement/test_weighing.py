@@ -13,7 +13,7 @@ from ident.judgement.weighing import estimated_mass
 
 def test_the_mass_of_an_estimate_is_that_of_all_bodies():
     estimate = estimated()
-    mass = estimated_mass(estimate.evidence)
+    mass = estimated_mass(estimate)
     assert mass.value == pytest.approx(estimate.psi[0]) and mass.std == pytest.approx(estimate.std[0])
     assert mass.std_setup == pytest.approx(estimate.std_setup[0])
     assert not coded(estimate, "mass_by_setup", "mass_or_common_gain")

@@ -24,14 +24,14 @@ def test_a_contact_left_out_is_on_a_body_and_is_not_measured(measured_on, distan
         checks=SimpleNamespace(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0)),
         ratios=dict.fromkeys(range(6), 0.5),
         mechanism=PENDULUM,
-        logs=[SimpleNamespace(recording=recording, samples=SimpleNamespace(motion=motion))],
+        prepared=SimpleNamespace(recording=recording, samples=SimpleNamespace(motion=motion)),
     )
     assert [finding.doubt for finding in contact_findings(evidence)] == [True] * doubted
 
 
 def weighed(*weight):
     """Findings on a weight; its arguments are measured and modelled mass, and drift."""
-    return list(weight_findings(SimpleNamespace(checks=SimpleNamespace(weight=Weight(*weight), largest_force=None))))
+    return list(weight_findings(SimpleNamespace(checks=SimpleNamespace(weight=Weight(*weight)))))
 
 
 @pytest.mark.parametrize("drift", [0.015, 0.025, -0.015, -0.025])

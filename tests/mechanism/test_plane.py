@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import scenes
 import sim
 from ident.geometry.se3 import pose
-from ident.mechanism.plane import out_of_plane, plane_normal
+from ident.mechanism.mechanism import out_of_plane, plane_normal
 
 AT_REST = np.eye(4)
 

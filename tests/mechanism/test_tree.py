@@ -2,8 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
-from scipy.spatial.transform import Rotation
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree
 
 from ident.errors import InputError, ModelError
 from ident.mechanism.body import BASE, Body, ball_twist, free_joint
@@ -21,15 +20,6 @@ def test_table_2_is_a_double_pendulum():
     np.testing.assert_allclose(poses[2][:3, 3], elbow, atol=1e-15)
     np.testing.assert_allclose(end[:3] - elbow, [0, -np.sin(q1 + q2), np.cos(q1 + q2)], atol=1e-15)
     assert tree.joints == ("link1", "link2")
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_home_poses_come_back_at_zero(seed):
-    rng = np.random.default_rng(seed)
-    T_0i = np.stack([random_pose(rng) for _ in range(4)])
-    xi = np.stack([random_twist(rng, k) for k in ("welded", "revolute", "prismatic", "helical")])
-    tree = Tree.from_home_poses("abcd", T_0i, xi, parents=[BASE, 0, 1, 0])
-    np.testing.assert_allclose(tree.poses(np.zeros(3)), T_0i, atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +44,7 @@ def test_a_free_joint_has_seven_coordinates():
         BaseMotion.from_free_joint(*np.ones((3, 3, 6)))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_merged_welds_need_the_same_wrench_and_torques(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, 8, kinds=("revolute", "ball", "welded", "welded"), massless=0.3)
@@ -123,13 +113,3 @@ def test_a_mechanism_floats_where_the_joints_of_its_first_body_leave_it_free():
     assert not Tree((*free.bodies, Body("chair", -1, np.eye(4), np.zeros(6)))).floats
     assert not free.fixed({"root:x": [0.0]}).floats
     assert not tree.floats and not double_pendulum().floats
-
-
-@pytest.mark.parametrize("center", [(0.1, 0.2, 0.3), (-0.4, 0.0, 0.7)])
-def test_a_ball_turns_about_its_center(center):
-    body = Body("head", -1, np.eye(4), ball_twist(np.array(center)), "neck")
-    q = np.random.default_rng(0).normal(size=(5, 4))
-    poses = body.joint_pose(q)
-    for pose, R in zip(poses, Rotation.from_quat(q, scalar_first=True).as_matrix(), strict=True):
-        np.testing.assert_allclose(pose[:3, :3], R, atol=1e-14)
-        np.testing.assert_allclose(pose @ [*center, 1], [*center, 1], atol=1e-14)

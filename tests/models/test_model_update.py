@@ -146,21 +146,6 @@ def test_a_urdf_keeps_its_root_and_needs_no_meshes(tmp_path, extension):
 
 
 @NO_MESHES
-@pytest.mark.parametrize("suffix", [".urdf", ".xml"])
-def test_urdf_in_gives_urdf_or_mjcf_out(tmp_path, urdf, suffix):
-    phi = random_phi(np.random.default_rng(0), 4)
-    phi[-10:] = 0
-    out = tmp_path / f"new{suffix}"
-    write_model(out, mechanism(urdf, "root"), phi)
-    again = model_from_urdf(out) if suffix == ".urdf" else out
-    np.testing.assert_allclose(parameters_from_model(again, "root"), phi, rtol=1e-9, atol=1e-12)
-    assert tree_from_model(again, "root").names == ("root", "upper", "tool", "flange")
-    if suffix == ".urdf":
-        text = out.read_text(encoding="utf-8")
-        assert text.count("package://gone/a.stl") == 3 and "<!-- kept -->" in text and "fusestatic" not in text
-
-
-@NO_MESHES
 def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path, urdf):
     path = written(tmp_path, MJCF.format(compiler=""), "arm.xml")
     phi = random_phi(np.random.default_rng(0), 3)

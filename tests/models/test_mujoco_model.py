@@ -10,7 +10,6 @@ from sim.models.mujoco_model import (
     gravity_in_base,
     mechanism_bodies,
     parameters_from_model,
-    state_columns,
     tree_from_model,
 )
 from sim.models.notes import ModelNote
@@ -35,26 +34,6 @@ ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
 TOOL = ARM.replace("</body>", '<body name="tool" pos="0 0 .2"><geom size=".1"/></body></body>')
 SITES = '<body name="arm"><joint name="elbow"/><geom size=".1"/><site name="tip"/></body>'
 HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
-
-
-def test_only_the_bodies_on_the_base_belong_to_the_tree():
-    other = '<body name="pad"><joint type="slide"/><geom size=".1"/></body>'
-    m = model(ARM, other)
-    assert tree_from_model(m, "base").names == ("base", "arm")
-    assert tree_from_model(m, "base").joints == ("elbow",)
-    assert parameters_from_model(m, "base").shape == (20,)
-    assert tree_from_model(m).names == ("pad", "base", "arm")
-    assert [list(x) for x in state_columns(m, "base")] == [[1], [1]]
-
-
-def test_a_model_comes_compiled_as_a_specification_or_as_a_file(tmp_path):
-    text = xml(ARM)
-    path = tmp_path / "arm.xml"
-    path.write_text(text, encoding="utf-8")
-    sources = (mujoco.MjModel.from_xml_string(text), mujoco.MjSpec.from_string(text), path, str(path))
-    for source in sources:
-        assert tree_from_model(source).names == ("base", "arm")
-        np.testing.assert_array_equal(parameters_from_model(source), parameters_from_model(sources[0]))
 
 
 def test_welded_bodies_are_kept_or_merged():
@@ -214,12 +193,6 @@ def test_a_mechanism_without_mass_is_refused():
     light = world('<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>')
     with pytest.raises(ModelError, match="A mechanism needs mass; ghost have none"):
         parameters_from_model(light, "ghost")
-
-
-@pytest.mark.parametrize("function", [tree_from_model, parameters_from_model, gravity_in_base, state_columns])
-def test_unknown_bases_are_refused(function):
-    with pytest.raises(ModelError, match="no body named 'foot'; its bodies are base, arm"):
-        function(model(ARM), "foot")
 
 
 def test_bodies_with_numbers_that_are_not_finite_are_named():

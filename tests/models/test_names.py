@@ -1,13 +1,9 @@
 """Bodies and joints without names, through all code that names them."""
 
-import mujoco
-import numpy as np
 import pytest
 
 from experiments import excite
 from ident.recordings.recording import Recording
-from sim.motion.excitation import Excitation
-from sim.simulation.simulate import simulate
 
 UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/>
 <body><geom size=".1"/><site/>
@@ -30,9 +26,3 @@ def test_joints_without_names_are_excited(path, tmp_path):
     assert excite.main([*arguments, "--collisions", "ignore", "--formats", "png", "--out", str(tmp_path)]) == 0
     channels = Recording.load(next(tmp_path.rglob("trajectory.npz"))).measured
     assert {"joint1_position", "joint1__position"} <= set(channels)
-
-
-def test_scenes_with_joints_without_names_are_simulated():
-    excitation = Excitation([0.1], [[1.0]], [[1.0]], [[0.0]])
-    recording = simulate(mujoco.MjSpec.from_string(UNNAMED), excitation, samples=5)
-    np.testing.assert_allclose(recording.true["sensor0"], 0.1, atol=0.1)

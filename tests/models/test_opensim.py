@@ -248,20 +248,6 @@ def linkage(version, first="rod", second="rocker"):
 
 
 @pytest.mark.parametrize("version", [3, 4])
-def test_a_point_constraint_closes_a_loop(tmp_path, version):
-    arm = read(written(tmp_path, linkage(version)))
-    assert "joints: crank\n  dependent: rod, rocker" in str(arm)
-    tree = arm.closed(("rod", "rocker")).tree
-    x = np.linspace(-1, 1, 7)[:, None]
-    np.testing.assert_allclose(tree.dependent_states(x)[0], np.hstack([-x, x]), atol=1e-9)
-    sim.write_model(tmp_path / "new.osim", arm, 1.1 * arm.known)
-    element = re.compile("<PointConstraint.*</PointConstraint>")
-    assert element.search((tmp_path / "new.osim").read_text())[0] in linkage(version)
-    assert not read(tmp_path / "model.osim", ignore=["pin"]).constraints.rows
-    assert read(tmp_path / "model.osim", fix={"crank": 0.3}).tree.joints == ()
-
-
-@pytest.mark.parametrize("version", [3, 4])
 def test_a_weld_closes_a_loop(tmp_path, version):
     """A coupler in halves, one on the crank and one on the rocker, whose frames are turned by half a right angle."""
     if version == 3:

@@ -44,7 +44,7 @@ def test_double_pendulum_has_the_papers_base_parameters():
     }
 
 
-@pytest.mark.parametrize("tilt_deg", [10.0**-k for k in range(-1, 13)])
+@pytest.mark.parametrize("tilt_deg", [10.0**-k for k in range(-1, 13, 3)])
 def test_parallel_axes_have_rank_13_however_little_they_tilt(tilt_deg):
     axis = tilted_axis(tilt_deg, 120)
     tree = double_pendulum(axis, axis)
@@ -63,7 +63,7 @@ def test_axes_that_are_not_parallel_have_rank_15(difference_deg):
     assert base_of(double_pendulum(tilted_axis(5, 120), tilted_axis(5 + difference_deg, 120))).rank == 15
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_regrouping_predicts_the_same_wrench(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng)

@@ -14,11 +14,10 @@ from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import BASE, Tree
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
-from ident.parameters.body_prior import BodyPrior, Rotors
+from ident.parameters.body_bounds import BodyPrior, Rotors
 from ident.parameters.consistency import consistent_parameters
-from ident.parameters.prior import KNOWN
+from ident.parameters.prior import KNOWN, guessed
 from ident.parameters.structure import Sensors
-from ident.parameters.unstated import guessed
 from ident.payload.identified_payload import GUESSED
 
 EVERY = BaseParameters(parameter_names(1), tuple(range(10)), (), np.zeros((10, 0)), (1.0, 0.0))

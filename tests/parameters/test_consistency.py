@@ -10,7 +10,7 @@ from ident.geometry.inertia import PARAMETERS, parameters_from_pseudo_inertia, p
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.consistency import consistent_parameters, physical_prior
 
-SEEDS = range(8)
+SEEDS = range(4)
 
 
 def mechanism(seed, bodies=None):

@@ -35,7 +35,7 @@ def test_coefficients_are_exact():
         assert abs(coefficients[round(exact, 9)] - exact) < 1e-15
 
 
-@pytest.mark.parametrize("seed", range(18))
+@pytest.mark.parametrize("seed", range(9))
 def test_structure_equals_the_regressor_at_random_states(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, int(rng.integers(2, 9)), massless=0.2)
@@ -105,7 +105,7 @@ def test_exact_numbers_give_exact_coefficients():
 @pytest.mark.parametrize("moving_base", [False, True], ids=["resting", "moving"])
 def test_channels_of_the_base_wrench_see_what_their_regressor_shows(moving_base):
     """Ranks and regroupings of some rows of the regressor, in frames at any pose and along frame axes, 24 trees."""
-    for seed in range(24):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         kinds = ("helical", "revolute") if seed % 4 == 0 else JOINTS
         tree = random_tree(rng, int(rng.integers(2, 6)), kinds=kinds, massless=0.1)

@@ -46,7 +46,7 @@ def check_equal(along, whole):
     assert along.gap[1] < 1e-12
 
 
-@pytest.mark.parametrize("seed", range(28))
+@pytest.mark.parametrize("seed", range(10))
 def test_elimination_along_the_tree_equals_the_whole_matrix(seed, monkeypatch):
     _, tree, gravity = tree_of_any_kind(seed, 2 + seed // 2)
     check_equal(*both_ways(monkeypatch, tree, gravity, SENSORS[seed % len(SENSORS)]))

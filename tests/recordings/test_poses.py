@@ -10,8 +10,7 @@ from mechanisms import random_tree
 import ident
 from ident.errors import InputError, LogError
 from ident.mechanism.mechanism import Mechanism
-from ident.parameters.sampled_structure import sampled_structure
-from ident.parameters.structure import Sensors, structure_matrix
+from ident.parameters.structure import Sensors, sampled_structure, structure_matrix
 from ident.recordings.log import read_log
 from sim.models.model_mechanism import mechanism
 
@@ -50,8 +49,7 @@ def sensor():
     return pose
 
 
-@pytest.mark.parametrize("times", [None, "minutes", "backwards"])
-@pytest.mark.parametrize("poses", [10, 17])
+@pytest.mark.parametrize(("poses", "times"), [(10, None), (10, "minutes"), (17, "backwards")])
 def test_ten_poses_give_mass_and_centre(poses, times):
     distances = []
     for seed in range(2):

@@ -8,8 +8,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
-from ident.recordings.servo import Servo
-from ident.recordings.tracker import Tracker
+from ident.recordings.stated import Servo, Tracker
 from ident.recordings.wrench import Sensor
 
 RNG = np.random.default_rng(0)
@@ -96,27 +95,6 @@ def test_a_saved_recording_is_read_as_a_log_with_what_it_states(tmp_path, suffix
     mapping = {"setup": {"gain": 0.01, "delay": 0.0}, "base": {"rpy_deg": [0, 0, 0]}}
     stated = read_log(tmp_path / f"r.{suffix}", arm, mapping)
     assert stated.setup == {"gain": 0.01, "delay": 0.0} and stated.base_rpy_deg == (0, 0, 0) and stated.held
-
-
-def test_channels_by_role():
-    q, dq, ddq = RECORDING.joint_states(["elbow"])
-    np.testing.assert_array_equal(q[:, 0], CHANNELS["elbow_position"])
-    np.testing.assert_array_equal(ddq[:, 0], CHANNELS["elbow_acceleration"])
-    assert dq.shape == (20, 1)
-    ground, plate = RECORDING.wrench("ground"), RECORDING.wrench("plate")
-    np.testing.assert_array_equal(ground.values[:, 3:], CHANNELS["ground_torque"])
-    assert ground.body is None and ground.applied_to_link and ground.covariance is None
-    assert plate.body == "arm" and not plate.applied_to_link and plate.pose is PLATE.pose
-    noisy = Recording(RECORDING.time, CHANNELS, noise={"ground_force": 2, "ground_torque": 3}).wrench("ground")
-    np.testing.assert_array_equal(noisy.covariance, np.diag([4, 4, 4, 9, 9, 9]))
-    assert RECORDING.wrenches == ("ground", "plate")
-    assert RECORDING.torques(["elbow"]) is None and np.isclose(RECORDING.rate, 3)
-    np.testing.assert_array_equal(RECORDING.of_joints([], "torque"), np.empty((20, 0)))
-    np.testing.assert_array_equal(RECORDING.poses("arm")[:, :3, 3], CHANNELS["arm_position"])
-    w, x, y, z = CHANNELS["arm_orientation"][4] / np.linalg.norm(CHANNELS["arm_orientation"][4])
-    assert np.isclose(RECORDING.poses("arm")[4, 2, 1], 2 * (y * z + w * x))
-    np.testing.assert_array_equal(RECORDING.joint_noise(["elbow"])[0], [0.01])
-    np.testing.assert_array_equal(RECORDING.joint_noise(["elbow"])[1], [0.0])
 
 
 def test_missing_channels_are_named_with_those_there_are():

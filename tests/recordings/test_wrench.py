@@ -9,7 +9,7 @@ from ident.model import dim
 from ident.recordings.wrench import Wrench, total_wrench, transform_wrench
 
 
-@pytest.fixture(params=range(10))
+@pytest.fixture(params=range(4))
 def rng(request):
     return np.random.default_rng(request.param)
 

@@ -14,7 +14,7 @@ import sim
 from ident.estimation.preparation import Part, filtered, prepared
 from ident.estimation.samples import Samples
 from ident.estimators.predictions import Candidate
-from ident.regression.filtered import _Sums, filtered_least_squares
+from ident.regression.conventional import _Sums, filtered_least_squares
 from ident.regression.held_out import HeldOut
 
 
@@ -50,7 +50,7 @@ def test_samples_near_reversals_are_left_alone(monkeypatch):
     moving = np.abs(wrist.motion(10.0, 100.0)[2][judged]) > 0.2
     errors = []
     for slow in (0.1, 0.0):
-        monkeypatch.setattr("ident.regression.filtered.SLOW", slow)
+        monkeypatch.setattr("ident.regression.conventional.SLOW", slow)
         fit = filtered_least_squares([Part(log, fitted)], [Part(log, judged)], log.equations, known)
         error = log.recording.torques(arm().tree.joints)[judged] - predicted(log, judged, fit)
         errors.append(np.sqrt((error[moving] ** 2).mean()))

@@ -91,7 +91,7 @@ def test_a_covariance_must_be_one(covariance):
         identified(Y @ PHI, covariance=covariance)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_any_split_gives_the_same_answer(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, 4, kinds=("revolute", "ball"))

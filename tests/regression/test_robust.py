@@ -12,7 +12,7 @@ from ident.estimation.equations import Equations
 from ident.estimation.noise import Sandwich, innovations, remembered
 from ident.estimation.samples import Samples
 from ident.model.axes import Axes
-from ident.regression.robust import robust_fit, spread
+from ident.regression.conventional import robust_fit, spread
 
 TRUE = np.array([2.0, -1.0, 0.5])
 

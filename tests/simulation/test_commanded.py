@@ -13,7 +13,7 @@ from experiments.data.fitting import Following
 from experiments.reports.identify_report import following_lines, following_table
 from experiments.studies.user_files import following
 from ident.errors import InputError
-from ident.recordings.commands import with_servos
+from ident.recordings.plausibility import with_servos
 from sim.simulation.commanded import rolled_out
 
 

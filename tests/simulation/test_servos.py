@@ -5,8 +5,8 @@ from random_models import inverse_dynamics, random_model
 
 import scenes
 from ident.mechanism.motion import Motion
-from sim.models.names import body_name
-from sim.simulation.sensors import ONE_DOF
+from sim.models.notes import body_name
+from sim.simulation.readings import ONE_DOF
 from sim.simulation.servos import moved_by
 
 TIME = np.arange(-20, 20) / 20

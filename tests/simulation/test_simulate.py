@@ -7,8 +7,8 @@ from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM, Trapezoids
-from sim.simulation.sensors import sensors
-from sim.simulation.simulate import RATE, SAMPLES, simulate
+from sim.simulation.readings import sensors
+from sim.simulation.simulate import RATE, simulate
 
 
 @pytest.fixture(scope="module")
@@ -19,12 +19,6 @@ def spec():
 @pytest.fixture(scope="module")
 def recording(spec):
     return simulate(spec, DOUBLE_PENDULUM, seed=1)
-
-
-def test_recording_is_the_papers_in_length_and_rate(recording):
-    assert len(recording.time) == SAMPLES == 943
-    np.testing.assert_allclose(np.diff(recording.time), 0.01, atol=1e-12)
-    assert recording.time[-1] == pytest.approx(9.42)
 
 
 def test_servos_track_the_excitation(recording):
@@ -65,13 +59,6 @@ def test_noise_has_the_declared_levels_and_is_white(spec, recording):
         flat = noise.reshape(len(noise), -1)
         correlation = np.mean(flat[1:] * flat[:-1]) / std**2
         assert abs(correlation) < 4 / np.sqrt(flat[1:].size), name
-
-
-def test_same_seed_same_numbers_other_seed_other_noise(spec, recording):
-    again, other = simulate(spec, DOUBLE_PENDULUM, seed=1), simulate(spec, DOUBLE_PENDULUM, seed=2)
-    for name, x in recording.measured.items():
-        np.testing.assert_array_equal(again[name], x)
-        assert (other[name] != x).any()
 
 
 @pytest.mark.parametrize(

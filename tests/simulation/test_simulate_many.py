@@ -7,8 +7,7 @@ import pytest
 import scenes
 from ident.mechanism.motion import Motion
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.rollout import COMMAND, STATE
-from sim.simulation.sensors import sensors
+from sim.simulation.readings import COMMAND, STATE, sensors
 from sim.simulation.servos import servos
 from sim.simulation.simulate import LEAD_IN, RATE, SAMPLES, TOGETHER, simulate, simulate_many
 

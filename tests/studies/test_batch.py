@@ -173,25 +173,6 @@ def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch
     assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
 
 
-def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsys, monkeypatch, here):
-    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
-    assert batch.main(command) == 0
-    before = (folder / "out" / batch.PROGRESS).read_bytes()
-
-    def full(*_):
-        raise batch.FullDiskError("run0.csv: full")
-
-    def unsaved(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(batch, "outcome_of", full)
-        patched.setattr(workers, "save_arrays", unsaved)
-        assert batch.main(command) == 2
-    assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
-    assert batch.main([*command, "--resume"]) == 0
-
-
 def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here):
     one = batch.outcome_of
 
@@ -248,9 +229,7 @@ def test_a_log_with_the_name_of_a_file_of_the_batch_is_refused_at_first(folder, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "content"), [("estimate.json", None), ("report.html", b"{}"), ("table_base_parameters.csv", b"")]
-)
+@pytest.mark.parametrize(("name", "content"), [("estimate.json", None), ("table_base_parameters.csv", b"")])
 def test_results_that_are_not_as_they_were_written_are_done_again(folder, monkeypatch, here, name, content):
     command = ["arm.xml", "run0.csv", "run1.csv", "--out", "out", *OPTIONS]
     assert batch.main(command) == 0

@@ -4,8 +4,7 @@ import re
 from pathlib import Path
 
 import ident
-from ident.judgement.evidence import SetupFinding
-from ident.judgement.finding import FINDINGS
+from ident.judgement.finding import FINDINGS, SetupFinding
 
 PAGE = Path(ident.__file__).parents[1] / "docs" / "reading_a_report.md"
 ROW = re.compile(r"\| (`\w+`(?:, `\w+`)*) \| (.+) \|")

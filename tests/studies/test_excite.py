@@ -261,7 +261,7 @@ ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body><
     [
         ("arm", ["--joints", "elbow"], "Joint 'elbow' does not exist; the joints to choose from are lift, fold."),
         ("arm", ["--seconds", "0.1"], "5 harmonics at 100 Hz need 0.5 s to 10000 s"),
-        ("arm", ["--velocity", "fast"], "needs a number within ±1e+08, got 'fast'"),
+        ("arm", ["--velocity", "fast"], "needs a positive number, 1e-08 or more, got 'fast'"),
         ("arm", ["--acceleration", "1e-300"], "needs a positive number, 1e-08 or more, got '1e-300'"),
         ("arm", ["--harmonics", "1"], "needs a whole number of 2 to 100, got '1'"),
         ("arm", ["--position", "1", "-1"], "a lower limit below the upper one, got 1 to -1 rad"),

@@ -3,10 +3,9 @@
 import mujoco
 import numpy as np
 import pytest
-from random_models import ARM, inverse_dynamics
+from random_models import inverse_dynamics
 
 from experiments.studies.user_files import prepare
-from ident.estimation.equations import COMPONENTS
 from ident.identification import identified
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import STATES
@@ -54,36 +53,6 @@ def joint_columns(joints, states):
 def write(path, columns):
     header, values = ",".join(columns), np.column_stack(list(columns.values()))
     np.savetxt(path, values, delimiter=",", header=header, comments="", fmt="%.17g")
-
-
-@pytest.mark.parametrize("wrench", [True, False])
-def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
-    model = mujoco.MjModel.from_xml_string(ARM)
-    states = waves(np.random.default_rng(0), 2)
-    torque, ground = inverse_dynamics(model, *states)
-    joints = ("shoulder", "elbow")
-    columns = joint_columns(joints, states) | {f"{joint}_torque": x for joint, x in zip(joints, torque.T, strict=True)}
-    if wrench:
-        columns |= {f"ground_{c}": x for c, x in zip(("fx", "fy", "fz", "mx", "my", "mz"), ground.T, strict=True)}
-    path, log = tmp_path / "arm.xml", tmp_path / "log.csv"
-    path.write_text(ARM, encoding="utf-8")
-    write(log, columns)
-    prepared = prepare(path, log, base="base", drive=("rotor", "viscous"))
-    assert prepared.equations.channels == (COMPONENTS if wrench else ()) + (
-        "shoulder",
-        "elbow",
-    )
-    result = identified(prepared)
-    values = dict(zip(result.fit.names, result.fit.values, strict=True))
-    if not wrench:
-        assert "Ia(shoulder)" not in result.fit.names
-        assert any("Ia(shoulder)" in note and "cannot be told" in note for note in prepared.notes)
-    else:
-        np.testing.assert_allclose([values["Ia(shoulder)"], values["Ia(elbow)"]], [0.05, 0.02], atol=1e-6)
-    np.testing.assert_allclose([values["Fv(shoulder)"], values["Fv(elbow)"]], [0.4, 0.2], atol=1e-6)
-    if wrench:
-        truth = prepared.equations.parameters.regroup(parameters_from_model(model, "base"))
-        np.testing.assert_allclose(result.psi, truth, atol=1e-6)
 
 
 def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):

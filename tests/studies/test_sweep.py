@@ -93,6 +93,7 @@ def test_several_contacts_are_a_value_like_one(tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn", "here")
+@pytest.mark.slow
 def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, capsys):
     out = run(tmp_path, over=("noise_scale", "1", "-1"), seeds=1)
     sentence = "noise_scale -1.0, seed 0: The noise scale must be from 0 to 1000, got -1.0."

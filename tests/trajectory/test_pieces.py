@@ -13,8 +13,6 @@ from ident.trajectory.trajectory_estimate import trajectory_estimate
 
 CASES = {
     "rates": {"wrench": 250.0, "jitter": 2e-3},
-    "missing": {"missing": 0.05},
-    "gap": {"gap": (4.0, 4.3)},
     "all": {"wrench": 250.0, "jitter": 2e-3, "missing": 0.05, "gap": (4.0, 4.3)},
 }
 

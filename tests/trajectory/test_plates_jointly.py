@@ -10,7 +10,7 @@ import ident
 import scenes
 import sim
 from ident.estimation.preparation import Part, prepared
-from ident.judgement.evidence import setup_findings
+from ident.judgement.finding import setup_findings
 from ident.recordings.wrench import transform_wrench
 from ident.setup import PRIORS
 from ident.trajectory.trajectory_estimate import trajectory_estimate

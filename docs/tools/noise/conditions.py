@@ -20,7 +20,7 @@ from ident.model.regressor import drive_names
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.prior import KNOWN
 from sim.models.model_mechanism import mechanism
-from sim.models.names import joint_name
+from sim.models.notes import joint_name
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 from sim.simulation.simulate import RATE
 

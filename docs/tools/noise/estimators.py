@@ -34,8 +34,8 @@ from ident.model.regressor import base_wrench_regressor
 from ident.payload.beyond_sensor import identify_payload
 from ident.payload.identified_payload import described
 from ident.recordings.recording import Recording
-from ident.recordings.servo import model_servo
 from ident.recordings.smoothing import chosen_cutoff, settling, smoothed
+from ident.recordings.stated import model_servo
 from ident.setup import SETUP
 from sim.models.model_mechanism import Origin
 

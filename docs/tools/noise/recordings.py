@@ -14,11 +14,10 @@ from ident.geometry.se3 import inverse
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor, drive_columns, joint_torque_regressor
 from ident.recordings.recording import STATES, Recording
-from ident.recordings.servo import Servo, model_servo
+from ident.recordings.stated import Servo, model_servo
 from ident.recordings.wrench import Sensor, transform_wrench
 from sim.motion.excitation import DesiredMotion, Excitation, Trapezoids
-from sim.simulation.rollout import play, steps_per_sample
-from sim.simulation.sensors import sensors
+from sim.simulation.readings import play, sensors, steps_per_sample
 from sim.simulation.servos import servos
 from sim.simulation.simulate import LEAD_IN, simulate, with_noise
 

@@ -6,9 +6,9 @@ function unfold(anchor) {
   return target;
 }
 
-// Without the page that this one may be a frame of.
+// Without the page that this one may be a frame of, which browsers move for anchors that they know: those without a tilde.
 function unfoldHash() {
-  const target = unfold(location.hash.slice(1));
+  const target = unfold(location.hash.replace(/^#~?/, ""));
   if (target) window.scrollTo(0, target.getBoundingClientRect().top + window.scrollY);
 }
 

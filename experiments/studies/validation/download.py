@@ -14,7 +14,7 @@ from urllib.request import urlopen
 from experiments.data.validation import Entry, SourceFile
 from ident.errors import InputError
 from ident.files.atomic import replacing, unwritten
-from ident.files.limits import reason
+from ident.files.limits import PIECE, reason
 
 HOST = "https://raw.githubusercontent.com"
 """Server of the files of repositories."""
@@ -24,9 +24,6 @@ TIMEOUT = 30.0
 
 DEADLINE = 1800.0
 """Time for a whole file, s: one of 30 MB at 20 kB/s; a server that sends byte by byte is left then."""
-
-PIECE = 1 << 16
-"""Bytes that are read and written at a time."""
 
 LARGEST = 1 << 30
 """Largest file that is downloaded, bytes; those of the registry have a few MB."""

@@ -19,23 +19,15 @@ from ident.files.limits import toml
 from ident.files.schema import made
 
 
-def folder() -> Path:
-    """Folder of the registry's files."""
-    return Path(str(files("experiments.studies.validation").joinpath("recordings")))
+def columns_file(name: str, kind: str = "columns") -> Path:
+    """Path of an entry's columns file, or of another file of the package."""
+    return Path(str(files("experiments.studies.validation").joinpath(kind))) / name
 
 
-def columns_file(name: str) -> Path:
-    """Path of an entry's columns file."""
-    return Path(str(files("experiments.studies.validation").joinpath("columns"))) / name
-
-
-def registry(where: Path | None = None) -> dict[str, Entry]:
-    """All entries by name, those that have been tried first.
-
-    Args:
-        where: Folder of the entries, by default that of this package.
-    """
-    entries = [read_entry(path) for path in sorted((where or folder()).glob("*.toml"))]
+def registry() -> dict[str, Entry]:
+    """All entries by name, those that have been tried first."""
+    folder = Path(str(files("experiments.studies.validation").joinpath("recordings")))
+    entries = [read_entry(path) for path in sorted(folder.glob("*.toml"))]
     return {entry.name: entry for entry in sorted(entries, key=lambda entry: not entry.tried)}
 
 
@@ -96,7 +88,7 @@ class Places:
         Raises:
             InputError: No folder holds all of them; the message says what would do.
         """
-        *given, downloads = self._folders(entry)
+        *given, downloads = (where / entry.folder for where in (*self.data, cache()))
         for place in given:
             if _complete(entry, place):
                 return place
@@ -105,10 +97,6 @@ class Places:
         if not self.fetch:
             raise InputError(_missing(entry, given))
         return fetched(entry, downloads, self.host)
-
-    def _folders(self, entry: Entry) -> list[Path]:
-        """Folders where an entry may be, that of downloads last."""
-        return [where / entry.folder for where in (*self.data, cache())]
 
 
 def _complete(entry: Entry, folder: Path) -> bool:
@@ -193,16 +181,12 @@ def converted(entry: Entry, folder: Path, scratch: Path) -> Mapping[str, Path]:
     for file in entry.files:
         path = folder / file.name
         if file.converter:
-            target = scratch / _read_as(file)
+            # A bag becomes a table.
+            target = scratch / (f"{Path(file.name).stem}.csv" if file.converter == "joint_states" else file.name)
             convert(file.converter, path, target)
             path = target
         out[file.name] = path
-    return out
-
-
-def _read_as(file: SourceFile) -> str:
-    """Name of a converted file: a bag becomes a table."""
-    return f"{Path(file.name).stem}.csv" if file.converter == "joint_states" else file.name
+    return {entry.model: columns_file(entry.model, "models"), **out}
 
 
 def convert(name: str, source: Path, target: Path) -> None:

@@ -1,8 +1,10 @@
 """Identification of one recording with the command's defaults, in JSON types, so that any process can do it."""
 
+import json
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,25 +12,119 @@ from typing import Any
 import numpy as np
 
 from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
-from experiments.studies.user_files import prepare
-from experiments.studies.validation.files import checked, columns_file, converted
+from experiments.studies.user_files import prepare, read_mechanism
+from experiments.studies.validation.files import checked, columns_file, convert, converted
 from experiments.studies.validation.peers import compared
-from experiments.studies.validation.truth import of_bodies, of_estimate
 from ident.errors import InputError
 from ident.estimate import Estimate
+from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
-from ident.estimation.units import channel_unit
+from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.judgement.agreement import differences
+from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
+from ident.payload.beyond_sensor import identify_payload
+from ident.payload.identified_payload import QUANTITIES, UNITS, described
+from ident.payload.load import identify_load
+from ident.recordings.log import read_log
 from ident.tolerances import HOLDOUT
 from sim.models.notes import ModelNote
 
-Log = tuple[str, ...]
-"""Names of the files of a log."""
+BODY = "tool"
+"""Name of a body alone in the columns files."""
 
 MOST_ALONE = 3
 """Largest number of logs that are identified one by one."""
+
+
+def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping[str, Any]) -> dict[str, Any]:
+    """Known base parameters and drives of an entry, empty without any.
+
+    Args:
+        entry: The recording.
+        folder: Folder of its files.
+        estimate: Its estimate.
+        results: Results of that in JSON types.
+    """
+    own, known = results["values"], dict[str, tuple[float, float]]()
+    if entry.true_files:
+        model = read_mechanism(folder / entry.true_files[0], base=entry.options.get("base"))
+        true = replace(estimate.fit.equations, mechanism=model).from_model
+        known |= {name: (float(x), 0.0) for name, x in zip(own["names"], true, strict=False)}
+    known |= {each.name: (each.value, each.tolerance) for each in entry.truth if not entry.body}
+    if not known:
+        return {}
+    at = [own["names"].index(name) for name in known]
+    columns = {"names": "names", "units": "units", "values": "values", "std": "std_setup"}
+    return {
+        **{name: [own[key][k] for k in at] for name, key in columns.items()},
+        "true": [value for value, _ in known.values()],
+        "tolerance": [tolerance for _, tolerance in known.values()],
+        "rivals": {name: [x[k] for k in at] for name, x in results["rivals"].items()},
+    }
+
+
+def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
+    """Known quantities of a load that a body carries in some logs of an entry.
+
+    Args:
+        entry: The recording.
+        paths: Paths of its files by name.
+    """
+    start, robot = time.process_time(), read_mechanism(paths[entry.model], base=entry.options.get("base"))
+    columns = columns_file(entry.options["columns"])
+    logs = ([read_log(paths[name], robot, columns) for (name,) in several] for several in (entry.empty, entry.loaded))
+    body = identify_load(robot, *logs, body=entry.body).in_frame()
+    at = [QUANTITIES.index(each.name) for each in entry.truth]
+    rows = {"names": [QUANTITIES[k] for k in at], "units": [UNITS[k] for k in at]}
+    numbers = {"values": body.values[at].tolist(), "std": body.std_setup[at].tolist()}
+    known = {"true": [each.value for each in entry.truth], "tolerance": [each.tolerance for each in entry.truth]}
+    return {**rows, **numbers, **known, "rivals": {}, "seconds": time.process_time() - start}
+
+
+def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
+    """Known mass, centre and inertia of bodies, each alone on a wrench sensor in a log, by level of added noise.
+
+    Args:
+        entry: The recording.
+        folder: Folder of its files.
+        scratch: Folder for files with noise.
+    """
+    return {level: _at_level(entry, folder, scratch, name) for level, name in entry.options["noise"].items()}
+
+
+def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict[str, Any]:
+    """Known parameters of bodies, with the noise of a converter."""
+    start, out = time.process_time(), dict[str, list[Any]]()
+    for (log,), file in zip(entry.fitted, entry.true_files, strict=True):
+        alone = Mechanism.lone_body(BODY)
+        convert(converter, folder / log, scratch / log)
+        recording = read_log(scratch / log, alone, columns_file(entry.options["columns"]))
+        offsets = entry.options.get("offsets", True)
+        body = identify_payload(
+            alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets, holdout=0.0
+        ).in_frame()
+        true = _body(folder / file)
+        rows = {"values": body.values, "std": body.std_setup, "true": true, "tolerance": np.zeros(len(true))}
+        names = [f"{Path(log).stem} {name}" for name in QUANTITIES]
+        for key, x in ({name: x.tolist() for name, x in rows.items()} | {"names": names, "units": UNITS}).items():
+            out.setdefault(key, []).extend(x)
+    return {**out, "rivals": {}, "seconds": time.process_time() - start}
+
+
+def _body(path: Path) -> np.ndarray:
+    """Quantities of a body (10,) in a JSON file, with `mass`, `centre` and `inertia_about_centre`."""
+    try:
+        known = json.loads(path.read_text(encoding="utf-8"))
+        inertia = np.array(known["inertia_about_centre"], float)
+        return described(parameters_from_com(known["mass"], np.array(known["centre"], float), inertia))
+    except (ValueError, LookupError, TypeError) as error:
+        raise InputError(f"'{path}' needs mass, centre and inertia_about_centre of a body ({error}).") from None
+
+
+Log = tuple[str, ...]
+"""Names of the files of a log."""
 
 
 def trial_name(trial: Sequence[Log]) -> str:
@@ -71,24 +167,22 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: 
             judges = [_prepared(entry, paths, log) for log in entry.judged]
             made["peers"] = compared(paths[entry.model], estimate, judges)
         known = of_estimate(entry, folder, estimate, made)
-        known = known and known | {"seconds": seconds}
-        return {**made, "seconds": seconds, "unchecked": list(unchecked), "truths": {"": known} if known else {}}
+        truths = {"": known | {"seconds": seconds}} if known else {}
+        if entry.body:
+            truths["load"] = of_load(entry, paths)
+        return {**made, "seconds": seconds, "unchecked": list(unchecked), "truths": truths}
 
 
 def _check_parameters(entry: Entry, names: Sequence[str]) -> None:
     """Refuses parameters to compare with that the estimate does not have."""
-    compared = [*(each.name for each in entry.published), *(each.name for each in entry.truth)]
+    compared = [each.name for each in (*entry.published, *(() if entry.body else entry.truth))]
     compared += [name for group in entry.alike for name in group]
     if unknown := [name for name in compared if name not in names]:
         raise InputError(f"{entry.name} compares '{unknown[0]}', but its parameters are {', '.join(names)}.")
 
 
 def _identified(
-    entry: Entry,
-    paths: Mapping[str, Path],
-    fitted: Sequence[Log],
-    judged: Sequence[Log],
-    holdout: float = HOLDOUT,
+    entry: Entry, paths: Mapping[str, Path], fitted: Sequence[Log], judged: Sequence[Log], holdout: float = HOLDOUT
 ) -> tuple[Estimate, float]:
     """Estimate from logs, and its CPU time in s, reading included."""
     start = time.process_time()

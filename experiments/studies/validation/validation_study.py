@@ -7,9 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from experiments.data.validation import Entry, Study, Truth, Validation, Values
+from experiments.data.validation import Entry, Study, Truth, Validation, Values, from_json
 from experiments.runs.workers import Checkpoint, Workers
 from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import Log, estimates, trial_name, trials_of
@@ -112,7 +110,7 @@ def collected(
             if not task.entry.sensor:
                 made[name] = answer
         else:
-            trials.setdefault(name, {})[trial_name(task.trial)] = Values.of(answer["values"])
+            trials.setdefault(name, {})[trial_name(task.trial)] = from_json(Values, answer["values"])
     if not made and not truths:
         raise InputError(next(iter(sentences.values()), "No recording was chosen."))
     by_name = {entry.name: entry for entry in entries}
@@ -127,7 +125,7 @@ def collected(
 
 def _truths(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> dict[str, Truth]:
     """Known parameters from their JSON form."""
-    return {name: Truth.of(entries[each["entry"]], each) for name, each in numbers.items()}
+    return {name: from_json(Truth, each, entry=entries[each["entry"]]) for name, each in numbers.items()}
 
 
 def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
@@ -139,7 +137,7 @@ def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
     """
     made = {}
     for name, answer in numbers["recordings"].items():
-        trials = {trial: Values.of(each) for trial, each in answer["trials"].items()}
+        trials = {trial: from_json(Values, each) for trial, each in answer["trials"].items()}
         made[name] = validation(entries[name], answer, trials)
     untried = tuple(entry for entry in entries.values() if not entry.tried and entry.name not in made)
     return Study(made, numbers["not_run"], untried, _truths(numbers["truths"], entries))
@@ -147,24 +145,5 @@ def study_of(numbers: Mapping[str, Any], entries: Mapping[str, Entry]) -> Study:
 
 def validation(entry: Entry, answer: Mapping[str, Any], trials: Mapping[str, Values]) -> Validation:
     """Results of a recording from their JSON form."""
-    fitted, judged = answer["samples"]
-    return Validation(
-        entry=entry,
-        values=Values.of(answer["values"]),
-        rivals={name: np.array(x, float) for name, x in answer["rivals"].items()},
-        channels=tuple(answer["channels"]),
-        units=tuple(answer["units"]),
-        ratios={name: np.array(x, float) for name, x in answer["ratios"].items()},
-        at_rest={name: np.array(x, float) for name, x in answer["at_rest"].items()},
-        halves=np.array(answer["halves"], float),
-        widening=answer["widening"],
-        trials={name: trials[name] for name in map(trial_name, trials_of(entry)) if name in trials},
-        outcome=answer["outcome"],
-        verdict=answer["verdict"],
-        doubts=tuple(answer["doubts"]),
-        samples=(fitted, judged),
-        cutoff=answer["cutoff"],
-        seconds=answer["seconds"],
-        unchecked=tuple(answer["unchecked"]),
-        peers=answer.get("peers", {}),
-    )
+    own = {name: trials[name] for name in map(trial_name, trials_of(entry)) if name in trials}
+    return from_json(Validation, answer, entry=entry, trials=own)

@@ -9,14 +9,11 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.files.limits import NUMBER, check_size, undamaged
+from ident.files.limits import NUMBER, PIECE, check_size, undamaged
 from ident.files.table import Table, vector_columns
 
 COMPRESSED = 15
 """Type of a compressed element, of version 7."""
-
-PIECE = 1 << 16
-"""Bytes that are unpacked at a time."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:

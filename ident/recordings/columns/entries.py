@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.annotations import Needs
 from ident.arguments import is_number
-from ident.errors import LogError
+from ident.errors import LogError, about
 from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
 from ident.files.csv_file import Layout
 from ident.files.limits import toml
@@ -17,7 +17,7 @@ from ident.files.schema import check_keys, choice, made, table, value_of, vector
 from ident.files.selection import Selection, clock_of_rate
 from ident.files.table import short
 from ident.parameters.person_prior import Placed
-from ident.recordings.columns.external_loads import LOADS
+from ident.recordings.columns.plates import LOADS
 
 TERM = ("column", "columns", "weights", "gain", "constant")
 """Keys of the entry of a computed column, except for its unit."""
@@ -210,10 +210,8 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
     if path.suffix.lower() == LOADS:
         return None
     entries = toml(path, "a mapping of columns needs")
-    try:
+    with about(path):
         return segments_of(entries["segments"]) if "segments" in entries else None
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from None
 
 
 def segments_of(entries: Any) -> dict[str, Placed]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.arguments import OF_BODIES, checked_by_joint, checked_deviations, checked_rpy
-from ident.errors import LogError
+from ident.errors import LogError, about
 from ident.files.column import BALL, KINDS, Columns, Sum
 from ident.files.csv_file import Layout
 from ident.files.limits import toml
@@ -27,10 +27,8 @@ from ident.recordings.columns.entries import (
     several,
     single,
 )
-from ident.recordings.columns.external_loads import LOADS, external_loads
-from ident.recordings.columns.plates import Plate
-from ident.recordings.servo import GAINS, SCALES, Servo, scale_of, servo_of
-from ident.recordings.tracker import Tracker, tracked_bodies
+from ident.recordings.columns.plates import LOADS, Plate, external_loads
+from ident.recordings.stated import GAINS, SCALES, Servo, Tracker, scale_of, servo_of, tracked_bodies
 from ident.recordings.wrench import GROUND, Sensor
 from ident.setup import ANGLE, SETUP
 
@@ -137,10 +135,8 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
     """
     loads = path.suffix.lower() == LOADS
     entries = external_loads(path, tree.names) if loads else toml(path, "a mapping of columns needs")
-    try:
-        return _mapping(entries, tree)
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from None
+    with about(path):
+        return stated_mapping(entries, tree)
 
 
 def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
@@ -149,30 +145,6 @@ def stated_mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     Raises:
         LogError: It is malformed, or names joints or bodies that the mechanism does not have.
     """
-    return _mapping(dict(entries), tree)
-
-
-def check_text_alone(mapping: ColumnMapping) -> None:
-    """Refuses selected rows and layouts of text, for files with several tables that are no text."""
-    if any(layout != Layout() for layout in mapping.layouts):
-        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
-    if mapping.selection.rows:
-        raise LogError("[select] rows are those of one table, but this file has several; select by time.")
-
-
-def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
-    """Refuses a column that is mapped to two quantities; in sums with others it may occur any number of times."""
-    users: dict[str, str] = {}
-    for user, used in columns.items():
-        for name in used.alone:
-            if name in users:
-                shared = all(each.startswith("joints.") and each.endswith(".position") for each in (user, users[name]))
-                hint = " Joints that share it, as coupled fingers, need it under [joints] each." * shared
-                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.{hint}")
-            users[name] = user
-
-
-def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     joints, bodies, of_rows = joint_kinds(tree), tree.names, ("time", "rate", "poses")
     tables = (*of_rows, "joints", "motors", "wrenches", "base", "load", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, (*tables, "tracked"))
@@ -240,6 +212,26 @@ def _mapping(entries: Mapping[str, Any], tree: Tree) -> ColumnMapping:
     # Joints that share a column of positions follow each other, which shows when all columns are known.
     check_no_column_twice({k: used for k, used in mapping.columns.items() if not k.startswith("joints.")})
     return _without_still(mapping, tree.still)
+
+
+def check_text_alone(mapping: ColumnMapping) -> None:
+    """Refuses selected rows and layouts of text, for files with several tables that are no text."""
+    if any(layout != Layout() for layout in mapping.layouts):
+        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
+    if mapping.selection.rows:
+        raise LogError("[select] rows are those of one table, but this file has several; select by time.")
+
+
+def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
+    """Refuses a column that is mapped to two quantities; in sums with others it may occur any number of times."""
+    users: dict[str, str] = {}
+    for user, used in columns.items():
+        for name in used.alone:
+            if name in users:
+                shared = all(each.startswith("joints.") and each.endswith(".position") for each in (user, users[name]))
+                hint = " Joints that share it, as coupled fingers, need it under [joints] each." * shared
+                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.{hint}")
+            users[name] = user
 
 
 def _without_still(mapping: ColumnMapping, still: Sequence[str]) -> ColumnMapping:

@@ -1,13 +1,15 @@
-"""Force plates and handles that rest in the world, from the entries of a mapping file."""
+"""Force plates and handles that rest in the world, from entries of a mapping file or OpenSim's ExternalLoads."""
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.annotations import NotNegative
-from ident.errors import LogError
+from ident.errors import LogError, about
 from ident.files import schema
 from ident.files.table import short
 from ident.geometry.se3 import pose as pose_of
@@ -27,6 +29,15 @@ THRESHOLD = 20.0
 
 RECTANGLE = 0.01
 """Largest deviation of corners from a rectangle, relative to its shorter side; a tape measure is more accurate."""
+
+LOADS = ".xml"
+"""Suffix of OpenSim's files of external loads."""
+
+GROUND_FRAMES = ("", "ground", "/ground")
+"""OpenSim's names for the ground's frame, in which forces and points must be expressed."""
+
+SIDES = (("_r", "_l"), ("_l", "_r"))
+"""Ends of the names of bodies on the right and the left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,3 +184,82 @@ def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
     T = pose_of_corners(f"{where}.corners", np.array([schema.vector(f"{where}.corners", x, 3) for x in corners]))
     T[:3, 3] += T[:3, :3] @ schema.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
     return T
+
+
+QUANTITIES = {"force": "force_identifier", "point": "point_identifier", "free_moment": "torque_identifier"}
+"""Elements that hold the prefix of the columns' names; x, y and z follow."""
+
+
+def external_loads(path: Path, bodies: Sequence[str]) -> dict[str, Any]:
+    """Entries as in a mapping file: a plate for each `<ExternalForce>`, in the world's axes.
+
+    Such files easily name the wrong foot. The body on a plate is therefore found by its force, among the named bodies
+    and their counterparts on the other side; a note says where the file has another.
+
+    Args:
+        path: The file.
+        bodies: Names of the mechanism's bodies.
+
+    Raises:
+        LogError: The file is missing or malformed, has no force, or one that is not in the ground's frame, lacks
+            columns, or acts on a body that the mechanism does not have.
+    """
+    try:
+        root = ET.parse(path).getroot()
+    except OSError:
+        raise LogError(f"{path}: OpenSim's ExternalLoads are an XML file that exists.") from None
+    except (ET.ParseError, LookupError, ValueError) as error:
+        raise LogError(f"{path}: no XML that can be read: {error}.") from None
+    loads = root if root.tag == "ExternalLoads" else root.find("ExternalLoads")
+    forces = [] if loads is None else [force for force in loads.iter("ExternalForce") if _acts(force)]
+    if not forces:
+        raise LogError(
+            f"{path}: OpenSim's ExternalLoads have an <ExternalForce> that acts, this <{root.tag}> has none."
+        )
+    with about(path):
+        by_name = {force.get("name", "") or f"plate{k}": force for k, force in enumerate(forces, start=1)}
+        if len(by_name) < len(forces):
+            raise LogError("every <ExternalForce> needs a name of its own.")
+        stated = {name: _body(name, force, bodies) for name, force in by_name.items()}
+        among = _with_other_sides(list(stated.values()), bodies)
+        return {"wrenches": {name: _plate(name, force, stated[name], among) for name, force in by_name.items()}}
+
+
+def _plate(name: str, force: ET.Element, body: str, among: Sequence[str]) -> dict[str, Any]:
+    """Entry of one force."""
+    for frame in ("force_expressed_in_body", "point_expressed_in_body"):
+        if (stated := _text(force, frame)) not in GROUND_FRAMES:
+            raise LogError(f"<ExternalForce name=\"{name}\"> needs the ground as its {frame}, got '{short(stated)}'.")
+    entry: dict[str, Any] = {"frame": "world"}
+    for quantity, tag in QUANTITIES.items():
+        if not (begin := _text(force, tag)):
+            raise LogError(f'<ExternalForce name="{name}"> needs a <{tag}>, what the names of its columns begin with.')
+        entry[quantity] = [f"{begin}{axis}" for axis in "xyz"]
+    if len(among) == 1:
+        return entry | {"on": body}
+    return entry | {"on": AUTO, "among": list(among), "expected": body}
+
+
+def _body(name: str, force: ET.Element, bodies: Sequence[str]) -> str:
+    """Body that a force acts on, by the file."""
+    body = _text(force, "applied_to_body").rpartition("/")[2]
+    if body not in bodies:
+        raise LogError(
+            f"<ExternalForce name=\"{name}\"> acts on '{short(body)}', which is no body of the model; those are "
+            f"{', '.join(bodies)}."
+        )
+    return body
+
+
+def _with_other_sides(named: Sequence[str], bodies: Sequence[str]) -> list[str]:
+    """Bodies and their counterparts on the other side, each once."""
+    both = [body.removesuffix(end) + other for body in named for end, other in SIDES if body.endswith(end)]
+    return list(dict.fromkeys([*named, *(body for body in both if body in bodies)]))
+
+
+def _acts(force: ET.Element) -> bool:
+    return _text(force, "appliesForce") != "false" and _text(force, "isDisabled") != "true"
+
+
+def _text(element: ET.Element, tag: str) -> str:
+    return (element.findtext(tag) or "").strip()

@@ -10,13 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import ModelError
 from ident.geometry import se3
-from sim.models.xml_files import parsed
+from sim.models.xml_files import LARGEST, parsed
 
 OLDEST = 30000
 """The oldest version of the format that is read, in the file's notation."""
-
-LARGEST = 1e100
-"""Upper limit of a model's numbers, so that products of them are finite."""
 
 
 def model_element(path: Path) -> ET.Element:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.arguments import checked_coordinates
-from ident.errors import ModelError
+from ident.errors import ModelError, about
 from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.mechanism.body import BASE
 from ident.mechanism.drives import NO_DRIVE, Drive
@@ -148,10 +148,8 @@ def mechanism_from_opensim(
     """
     path = Path(path)
     model, fix = model_element(path), checked_coordinates("fix", fix or ())
-    try:
+    with about(path):
         return _mechanism(model, OpenSimOrigin(path, base, tuple(beyond)), ignore, fix, drives=drives)
-    except ModelError as error:
-        raise ModelError(f"{path}: {error}") from None
 
 
 def _mechanism(

@@ -10,31 +10,23 @@ from ident.errors import InputError, ModelError
 from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters, entries
 from ident.mechanism.mechanism import Mechanism
-from sim.models.inertials import SHORT, is_physical, shortened
+from sim.models.inertials import Update, is_physical, shortened
 from sim.models.opensim.elements import Frames, model_element, text
 from sim.models.opensim.joints import links_in_order
 from sim.models.opensim.reading import MOMENTS, OpenSimOrigin, body_parameters
-from sim.models.xml_places import Edit, Element, digits, edited, root_of, with_comment
+from sim.models.xml_files import Edit, Element, digits, edited, root_of, with_comment
 
 BODIES = ("Model", "BodySet", "objects", "Body")
 """Path of tags from below the root to a body."""
 
 
-def write_opensim(
-    path: Path,
-    mechanism: Mechanism,
-    phi: np.ndarray,
-    comments: Mapping[str, str] | None = None,
-    displaced: Mapping[str, np.ndarray] | None = None,
-) -> None:
+def write_opensim(path: Path, mechanism: Mechanism, update: Update) -> None:
     """Writes the file of a mechanism with other inertial parameters, and perhaps other places of joints.
 
     Args:
         path: File to write; its folder must exist.
         mechanism: The mechanism, from an OpenSim file.
-        phi: φ of its bodies, with welds not merged (10 b,).
-        comments: Comments on bodies, whose numbers are then short.
-        displaced: Displacements of joints in their parents' frames, m (3,), by the names of the bodies that they carry.
+        update: Its new values; drives stay as they are.
 
     Raises:
         ModelError: A joint has no offset frame to displace, or the file is in UTF-16 or UTF-32, has elements in
@@ -45,7 +37,7 @@ def write_opensim(
     if path.suffix.lower() != ".osim":
         raise InputError(f"An OpenSim model is written as an OpenSim file; write '{path.stem}.osim' instead.")
     before = Frames(model_element(origin.path)).bodies
-    names = mechanism.bodies
+    names, phi = mechanism.bodies, update.phi
     if phi.shape != (10 * len(names),) or not np.isfinite(phi).all() or not set(names) <= set(before):
         raise InputError(
             f"The bodies {', '.join(names)} need {10 * len(names)} finite parameters, welds kept, got {phi.shape}."
@@ -60,24 +52,22 @@ def write_opensim(
         if own.any() and not is_physical(own):
             raise InputError(f"The parameters of '{name}' are not those of a physical body.")
     with replacing(path) as temporary:
-        temporary.write_bytes(_replaced(origin.path, changed, comments or {}, displaced or {}))
+        temporary.write_bytes(_replaced(origin.path, changed, update))
         after = Frames(model_element(temporary)).bodies
         for name, own in new.items():
-            if abs(body_parameters(after[name]) - own).max() > (SHORT if comments else 1e-9) * abs(own).max():
+            if abs(body_parameters(after[name]) - own).max() > update.tolerance * abs(own).max():
                 raise ModelError(f"{path}: the parameters of '{name}' do not read back as they were written.")
 
 
-def _replaced(
-    path: Path, bodies: Mapping[str, np.ndarray], comments: Mapping[str, str], displaced: Mapping[str, np.ndarray]
-) -> bytes:
+def _replaced(path: Path, bodies: Mapping[str, np.ndarray], update: Update) -> bytes:
     """Bytes of a file with other φ (10,) of some bodies, comments, and displaced joints."""
-    data = path.read_bytes()
+    data, comments = path.read_bytes(), update.comments
     places: dict[str, Element] = {}
     for body in root_of(path, data).below(*BODIES):
         places.setdefault(body.attributes.get("name", "").strip(), body)
     edits = [edit for name, phi in bodies.items() for edit in _edits(data, places[name], phi, short=name in comments)]
     noted = [with_comment(data, places[name], text) for name, text in comments.items()]
-    moved = [_offset_edit(path, data, name, shift) for name, shift in displaced.items()]
+    moved = [_offset_edit(path, data, name, shift) for name, shift in update.displaced.items()]
     return edited(data, [*noted, *edits, *moved])
 
 

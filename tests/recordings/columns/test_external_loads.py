@@ -8,7 +8,7 @@ from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.columns.entries import read_segments
-from ident.recordings.columns.external_loads import external_loads
+from ident.recordings.columns.plates import external_loads
 from ident.recordings.log import read_log
 
 FORCE = """<ExternalForce name="{name}">{more}<applied_to_body>{body}</applied_to_body>

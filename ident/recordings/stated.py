@@ -1,14 +1,18 @@
-"""Servos of position-controlled joints: the torque that a command makes, by gains of the log's mapping or the model."""
+"""What a log states beside its columns: servos of commanded joints, and frames of tracked bodies."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
-from ident.annotations import Needs, NotNegative, Positive
+import numpy as np
+
+from ident.annotations import Needs, NotNegative, Positive, typed
 from ident.errors import LogError
 from ident.files.schema import made, value_of
+from ident.mechanism.body import is_rigid
 from ident.mechanism.drives import NO_DRIVE
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
 
 GAINS = ("kp", "kv")
 """Keys of a joint's entry in a mapping that state the gains of its servo."""
@@ -18,6 +22,9 @@ SCALES = {"kp_std": "command", "torque_std": "torque"}
 
 Scale = Annotated[float, Needs("a number above 0 and at most 1", lambda x: 0 < x <= 1)]
 """Relative standard deviation of a scale, which is positive."""
+
+TRACKED = "tracked."
+"""Start of the keys of poses in a mapping. Samples of them may always be missing: markers are hidden now and then."""
 
 
 @dataclass(frozen=True)
@@ -71,3 +78,38 @@ def model_servo(mechanism: Mechanism, joint: str) -> Servo | None:
     if len(actuators) != 1 or actuators[0].gear != 1:
         return None
     return Servo(actuators[0].kp, actuators[0].kv)
+
+
+Stream = TypeVar("Stream")
+
+
+@typed()
+@dataclass(frozen=True, eq=False)
+class Tracker:
+    """Frames of a tracked body, whose poses a recording has as `NAME_position` and `NAME_orientation`.
+
+    Attributes:
+        body: Name of the body.
+        markers: Pose of the tracked frame in the body's frame (4, 4); None if it is unknown.
+        frame: Pose of the tracker's frame in the base frame, of a moving base in the frame of its poses (4, 4); None if
+            it is unknown. All trackers of unknown frames share one.
+    """
+
+    body: str
+    markers: np.ndarray | None = None
+    frame: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        for name, T in (("markers", self.markers), ("frame", self.frame)):
+            if T is not None and not (np.shape(T) == (4, 4) and is_rigid(T)):
+                raise LogError(f"The tracker of '{self.body}' needs a rigid pose (4, 4) as {name}, got {np.shape(T)}.")
+
+
+def untracked(streams: Mapping[str, Stream]) -> dict[str, Stream]:
+    """Streams without those of tracked poses: these do not limit the common times."""
+    return {key: stream for key, stream in streams.items() if not key.startswith(TRACKED)}
+
+
+def tracked_bodies(tree: Tree) -> list[str]:
+    """Names of the bodies that joints move."""
+    return [body.name for i, body in enumerate(tree.bodies) if any(tree.bodies[k].moves for k in tree.chain(i))]
