@@ -301,7 +301,7 @@ class Table:
 
     def _owner(self, cell: Cell) -> str:
         """Body of a parameter or of the joint of a drive such as `Fc(elbow)`, empty for other rows."""
-        joint = str(cell).removesuffix(")").partition("(")[2]
+        joint = str(cell).partition("(")[2].rpartition(")")[0]
         return body_of_parameter(str(cell), self.bodies) or self.carriers.get(joint, "") if self.bodies else ""
 
     def _units(self) -> tuple[str, ...]:

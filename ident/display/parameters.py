@@ -95,7 +95,7 @@ def intervals(values: Sequence[float] | np.ndarray, std: Sequence[float] | np.nd
 
 def body_of(name: str, bodies: Sequence[str]) -> str:
     """Body of a base parameter, joint of a drive, or channel of an offset, by the coefficient's name."""
-    return body_of_parameter(name, bodies) or name.removesuffix(")").partition("(")[2]
+    return body_of_parameter(name, bodies) or name.partition("(")[2].rpartition(")")[0]
 
 
 def parameters_of(

@@ -68,7 +68,7 @@ def _place(evidence: Evidence, names: Iterable[str]) -> Place:
 
 def _joint(drive: str) -> str:
     """Name of a drive's joint or motor."""
-    return drive.partition("(")[2].rstrip(")")
+    return drive.partition("(")[2].rpartition(")")[0]
 
 
 def torque_findings(evidence: Evidence) -> Iterator[Finding]:

@@ -78,14 +78,21 @@ def test_hostile_texts_are_shown_and_do_nothing(tmp_path, place):
 
 def test_rows_stand_in_groups_whose_heads_have_their_units(tmp_path):
     """A drive stands beside the body that its joint moves; sums are folded."""
-    rows = (("m1", 2.0, "m1 + m2"), ("m2rz2", 1.0, "m2rz2"), ("Fc(a)", 0.5, ""), ("Fc(b)", 0.1, ""))
+    rows = (("m1", 2.0, "m1 + m2"), ("m2rz2", 1.0, "m2rz2"), ("Fc(a)", 0.5, ""), ("Fc(b) of log 2", 0.1, ""))
     units = ("kg", "kg m", "N m", "N m")
     names = {"bodies": ("arm", "hand"), "units": units, "carriers": {"a": "arm", "b": "hand"}}
     table = Table("Title", ("parameter", "estimate", "regrouping"), rows, **names)
     assert table.groups() == [("arm", "kg, N m", [0, 2]), ("hand", "kg m, N m", [1, 3])]
     page = read(table, tmp_path)
     assert [text for _, text in page.rows[0]] == ["parameter", "estimate", "regrouping"]
-    assert [row[0][1] for row in page.rows[1:]] == ["arm kg, N m", "m1", "Fc(a)", "hand kg m, N m", "m2rz,2", "Fc(b)"]
+    assert [row[0][1] for row in page.rows[1:]] == [
+        "arm kg, N m",
+        "m1",
+        "Fc(a)",
+        "hand kg m, N m",
+        "m2rz,2",
+        "Fc(b) of log 2",
+    ]
     assert page.rows[2][2][1] == "summ1 + m2" and page.rows[5][2][1] == ""
     full = Table("t", ("body", "quantity", "unit", "x"), (("arm", "mass", "kg", 1.0), ("arm", "centre", "m", 2.0)))
     assert full.groups() == [("arm", "kg, m", [0, 1])]

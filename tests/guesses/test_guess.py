@@ -1,5 +1,7 @@
 """Odd logs are mapped as by a person, and ambiguous quantities stay open."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -132,6 +134,19 @@ def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
     assert (orientation * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
     np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
     assert belief.open == [] and belief.complete
+
+
+@pytest.mark.parametrize(("pattern", "place"), [("pelvis_q{}", "pelvis_p{}"), ("trunk rot {}", "trunk pos {} [mm]")])
+def test_poses_of_a_base_are_found_by_their_names(tmp_path, pattern, place):
+    mechanism = Mechanism(Tree((replace(KNEE, parent=-1),)), np.zeros(3))
+    factor = 1000 if "mm" in place else 1
+    columns = posed(pattern, TURNS, "wxyz") | posed(place, factor * PLACES, "xyz") | {"knee_angle": PLACES[:, 0]}
+    log, belief = read_as_guessed(tmp_path, columns, mechanism, base="pelvis")
+    np.testing.assert_allclose(log.base[:, :3, 3], PLACES, atol=1e-9)
+    expected = Rotation.from_quat(TURNS, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(log.base[:, :3, :3], expected, atol=1e-6)
+    assert belief.unused == []
+    assert believed_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
 
 
 def believed_of(tmp_path, columns, mechanism):

@@ -110,7 +110,6 @@ T = np.arange(300) / 100
 SWING = 0.6 * np.sin(3 * T)
 
 
-@pytest.mark.slow
 def test_the_trajectory_of_a_four_bar_is_that_of_its_crank():
     arm, rng, t = closed("four-bar"), np.random.default_rng(0), np.arange(300) / 100
     q, dq, ddq = swings(t, [0.8, 0.25], [2, 5.3])

@@ -173,6 +173,25 @@ def test_a_full_disk_ends_the_batch_which_is_resumed(folder, capsys, monkeypatch
     assert tries == ["run0", "run1", "run1"] and [each["folder"] for each in logs()] == ["run0", "run1"]
 
 
+def test_without_room_even_for_that_an_earlier_run_stays_resumable(folder, capsys, monkeypatch, here):
+    command = ["arm.xml", "run0.csv", "--out", "out", *OPTIONS]
+    assert batch.main(command) == 0
+    before = (folder / "out" / batch.PROGRESS).read_bytes()
+
+    def full(*_):
+        raise batch.FullDiskError("run0.csv: full")
+
+    def unsaved(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(batch, "outcome_of", full)
+        patched.setattr(workers, "save_arrays", unsaved)
+        assert batch.main(command) == 2
+    assert (folder / "out" / batch.PROGRESS).read_bytes() == before and "--resume" not in capsys.readouterr().err
+    assert batch.main([*command, "--resume"]) == 0
+
+
 def test_the_log_at_which_a_worker_died_is_named(folder, capsys, monkeypatch, here):
     one = batch.outcome_of
 

@@ -16,7 +16,7 @@ MODEL = next(iter(scenes.__path__)) + "/double_pendulum.xml"
 
 
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("log", [laboratory, motors], ids=lambda log: log.__name__)
+@pytest.mark.parametrize("log", [laboratory, pytest.param(motors, marks=pytest.mark.slow)])
 def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
     path, _ = write(tmp_path, log)
     assert columns.main([MODEL, str(path), "--base", "base"]) == 0

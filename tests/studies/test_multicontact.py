@@ -61,6 +61,7 @@ def test_without_noise_the_estimate_is_exact(contact):
     assert np.abs(study("multicontact", contact=contact, noise_scale=0).fit("contact").error).max() < 1e-6
 
 
+@pytest.mark.parametrize("contact", ["pad", "pad handle"], indirect=True)
 def test_command_line_writes_everything(results, contact, result):
     more = ("contacts",) if result.several else ()
     tables = [f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")]

@@ -82,7 +82,7 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     assert (out / "figure_sweep.png").exists()
 
 
-@pytest.mark.usefixtures("undrawn", "here")
+@pytest.mark.usefixtures("undrawn", "here", "no_trajectory")
 def test_several_contacts_are_a_value_like_one(tmp_path):
     out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
     expected = summary(study("multicontact", contact="pad handle"))
@@ -105,7 +105,7 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     assert (refused["runs"], refused["mean"]) == ("0", "")
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "undrawn", "no_trajectory")
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -123,4 +123,4 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path, capsys, command, message):
-    assert message in refusal(main, [*command, "--out", str(tmp_path)], capsys)
+    assert message in refusal(main, [*command, "--seeds", "1", "--out", str(tmp_path)], capsys)

@@ -223,7 +223,6 @@ def test_bodies_are_physical_where_that_is_asked_for():
         ident.identify(wrong, faulty(), estimator="ordinary", physical=True)
 
 
-@pytest.mark.slow
 def test_pieces_may_be_worked_on_elsewhere():
     ready = prepared(PENDULUM, shortened(faulty(), 400))
     here = identified(ready)

@@ -33,7 +33,7 @@ def identified(**known):
     return ident.identify(driven_arm.mechanism(), driven_arm.log(), **known)
 
 
-@pytest.mark.parametrize("determined", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("determined", [True, False])
 def test_a_share_decides_and_all_is_fitted_at_the_end(determined, counted, monkeypatch):
     """Of a share that does not determine the parameters, twice as much is taken."""
     first = identified()

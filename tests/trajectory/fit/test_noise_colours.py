@@ -8,6 +8,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.studies.person_recordings import autoregressive
+from ident.trajectory.fit import noise_colours
 from ident.trajectory.fit.noise_colours import _amplitudes, _Bands
 
 TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
@@ -53,3 +54,12 @@ def test_noise_is_found_from_some_pieces_of_logs_with_offsets_of_their_own(monke
     logs = [shortened(faulty(seed), 400) for seed in range(3)]
     estimate = ident.identify(PENDULUM, logs, own=["offset"])
     assert np.isfinite(estimate.std).all() and (estimate.std > 0).all()
+
+
+@pytest.mark.parametrize(("room", "chosen"), [(1e9, range(6)), (40_000, [0, 2, 3, 5]), (1.0, [0, 3])])
+def test_noise_of_many_streams_is_estimated_from_fewer_pieces_of_every_recording(monkeypatch, room, chosen):
+    pieces = [SimpleNamespace(when=np.zeros(100), log=k // 3) for k in range(6)]
+    streams = {"coordinate_noise": np.ones(7), "channel_noise": np.ones(6), "theta": np.ones(10)}
+    monkeypatch.setattr(noise_colours, "ROOM", room)
+    monkeypatch.setattr(noise_colours, "response_of", lambda measurement, fit, k: k)
+    assert [*noise_colours.some_responses(None, SimpleNamespace(pieces=pieces, **streams))] == [*chosen]
