@@ -175,7 +175,8 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: 
 
 def _check_parameters(entry: Entry, names: Sequence[str]) -> None:
     """Refuses parameters to compare with that the estimate does not have."""
-    compared = [each.name for each in (*entry.published, *(() if entry.body else entry.truth))]
+    compared = [each.name for each in entry.published]
+    compared += [each.name for each in entry.truth if not entry.body]
     compared += [name for group in entry.alike for name in group]
     if unknown := [name for name in compared if name not in names]:
         raise InputError(f"{entry.name} compares '{unknown[0]}', but its parameters are {', '.join(names)}.")
