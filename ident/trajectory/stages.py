@@ -232,7 +232,7 @@ class Stages:
         beyond = np.array([each.index for each in search.deviations if each.gross], int)
         prior = self.prior.weighted(before.prior.weight).loosened(beyond, self._gross)
         fit = replace(before, names=self.names, selections=selections, prior=prior, theta=theta, free=free)
-        fit = replace(fit, bounded=bounded, scatters=None, left=None)
+        fit = replace(fit, bounded=bounded, scatters=None)
         measured = self.measured(estimate.reversals)
         estimate = replace(estimate, measurement=measured, search=search, setup=self.setup, known=self.known)
         if before.shares and set(self.names) <= set(before.names):
@@ -352,7 +352,7 @@ class Stages:
         refit = self.refit_of(estimate)
 
         def scattered(begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
-            return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False, like=estimate.fit)
+            return with_scatter(estimate.measurement, refit(begin, free, rounds), every=False)
 
         far = [at for at, each in self.setup.items() if each.row.far and self.search]
         delays = {at: partial(likely_delay, estimate.measurement, at) for at in far}

@@ -78,7 +78,6 @@ class TrajectoryFit:
         scatters: Covariance of every piece's right side under the estimated noise (p, p); None for that of the working
             model, which is its precision.
         bounded: Mask of the parameters at a bound (p,), None for none.
-        left: `NoiseColours.left` of a fit with `scatters`, None if it is not known.
     """
 
     names: Sequence[str]
@@ -94,7 +93,6 @@ class TrajectoryFit:
     status: str
     scatters: Sequence[np.ndarray] | None = None
     bounded: np.ndarray | None = None
-    left: Sequence[np.ndarray] | None = None
 
     @property
     def end(self) -> Start:

@@ -72,13 +72,10 @@ class NoiseColours:
     Attributes:
         times: Correlation times, s, zero for white noise (b,).
         amplitudes: Variances relative to those of the fit, for each stream (b, s).
-        left: Numbers of frequencies in the bands of each stream, power of the other streams' noise and of motions, and
-            what the fit leaves of every kind of noise (s, 2 + b, B).
     """
 
     times: np.ndarray
     amplitudes: Sequence[np.ndarray]
-    left: Sequence[np.ndarray]
 
 
 def some_responses(measurement: Measurement, fit: TrajectoryFit) -> dict[int, Response]:
@@ -101,40 +98,22 @@ def response_of(measurement: Measurement, fit: TrajectoryFit, k: int) -> Respons
     return response(measurement, piece, fit.coefficients[k], theta, fit.noises[piece.log])
 
 
-def noise_colours(
-    fit: TrajectoryFit, responses: Mapping[int, Response], left: Sequence[np.ndarray] | None = None
-) -> NoiseColours:
+def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> NoiseColours:
     """Noise spectrum from a fit's residuals.
 
     Args:
         fit: The fit.
         responses: Linear responses of some of its pieces, by index.
-        left: `NoiseColours.left` of a similar fit, by default computed.
     """
+    root = embedded(root_of_inverse(fit.precision[np.ix_(fit.free, fit.free)]), fit.free)
     streams, longest = next(iter(responses.values())).streams, max(np.ptp(fit.pieces[k].time) for k in responses)
     edges = np.geomspace(0.5 / longest, 0.5 / min(stream.step for stream in streams), BANDS + 1)
     shortest = SHORTEST * streams[-1].step
     number = max(int(np.log(longest / LONGEST / shortest) / np.log(FACTOR)) + 1, 1)
     times = np.append(0.0, shortest * FACTOR ** np.arange(number))
-    bands = {k: [_Bands.of(stream, edges, times) for stream in here.streams] for k, here in responses.items()}
-    left = left or _left(fit, responses, bands, edges)
-    white = np.eye(len(times))[:, :1]
-    amplitudes = list[np.ndarray]()
-    for which, (stream, own) in enumerate(zip(streams, left, strict=True)):
-        observed = np.sum([each[which].observed for each in bands.values()], axis=0).T
-        alone = np.array([_amplitudes(*each) for each in zip(observed, *own.swapaxes(0, 1), strict=True)]).T
-        amplitudes.append(np.where(_at_floor(fit, stream), white, alone))
-    return NoiseColours(times, amplitudes, left)
-
-
-def _left(
-    fit: TrajectoryFit, responses: Mapping[int, Response], bands: "Mapping[int, Sequence[_Bands]]", edges: np.ndarray
-) -> list[np.ndarray]:
-    """`NoiseColours.left` of the fit."""
-    root = embedded(root_of_inverse(fit.precision[np.ix_(fit.free, fit.free)]), fit.free)
-    streams, number = next(iter(responses.values())).streams, len(next(iter(bands.values()))[0].kinds)
     kinds = [stream.by_row is not None for stream in streams]
     total = root.T @ (fit.precision - fit.prior.precision) @ root
+    bands = {k: [_Bands.of(stream, edges, times) for stream in here.streams] for k, here in responses.items()}
     parts = {
         k: [
             _Absorbed.of(stream, rows @ root[fit.selections[k]], own)
@@ -143,7 +122,7 @@ def _left(
         for k, here in responses.items()
     }
     share = sum(len(piece.when) for piece in fit.pieces) / sum(len(fit.pieces[k].when) for k in responses)
-    pulls = {kind: np.zeros((number, *total.shape)) for kind in kinds}
+    pulls = {kind: np.zeros((len(times), *total.shape)) for kind in kinds}
     for part in parts.values():
         for kind, own in zip(kinds, part, strict=True):
             pulls[kind] += share * own.pulls
@@ -156,9 +135,12 @@ def _left(
             *effects, of_others = own.effect(np.stack([*pulls[kind], total - pulls[kind][0]]))
             left = own_bands.summed(((1 - h) ** 2).mean(axis=0)) - 2 * own.taken + effects
             other = own_bands.summed((h * (1 - h)).mean(axis=0))[0] + of_others
-            every = np.stack([own_bands.summed(np.ones_like(h[0]))[0], other, *left])
+            every = np.stack([own_bands.observed, own_bands.summed(np.ones_like(h[0]))[0], other, *left])
             spectra[which] = spectra[which] + np.maximum(every, 0).transpose(2, 0, 1)
-    return spectra
+    white = np.eye(len(times))[:, :1]
+    amplitudes = [np.array([_amplitudes(*each) for each in own]).T for own in spectra]
+    pairs = zip(streams, amplitudes, strict=True)
+    return NoiseColours(times, [np.where(_at_floor(fit, stream), white, own) for stream, own in pairs])
 
 
 def _at_floor(fit: TrajectoryFit, stream: Stream) -> np.ndarray:

@@ -22,14 +22,8 @@ from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
 
-SIMILAR = 0.25
-"""Relative change of the noise below which what a fit absorbs of it is that of another fit: with changes of up to .2,
-set-up errors of persons, arms and pendulums have the same standard deviations to 1 %."""
 
-
-def with_scatter(
-    measurement: Measurement, fit: TrajectoryFit, *, every: bool = True, like: TrajectoryFit | None = None
-) -> TrajectoryFit:
+def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = True) -> TrajectoryFit:
     """Fit with the covariance of its gradient under the estimated noise.
 
     Args:
@@ -37,12 +31,9 @@ def with_scatter(
         fit: The fit.
         every: True for all pieces; False for as many as the noise is estimated from, enough for decisions, and of the
             others by numbers of samples.
-        like: Another fit of the same pieces. What it absorbs of similar noise is not computed again.
     """
     responses = some_responses(measurement, fit)
-    similar = like and max(new.change(old) for new, old in zip(fit.noises, like.noises, strict=True)) < SIMILAR
-    colours = noise_colours(fit, responses, like.left if like and similar else None)
-    scatters, tails = list[np.ndarray](), _Tails()
+    colours, scatters, tails = noise_colours(fit, responses), list[np.ndarray](), _Tails()
     chosen = list(range(len(fit.pieces)) if every else responses)
     for k in chosen:
         if k - 1 not in chosen or not _goes_on(fit, k):
@@ -66,7 +57,7 @@ def with_scatter(
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
-    of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters, left=colours.left)
+    of_chosen = replace(fit, pieces=[fit.pieces[k] for k in chosen], scatters=scatters)
     return of_chosen if every else replace(fit, scatters=by_samples(of_chosen, fit.pieces))
 
 

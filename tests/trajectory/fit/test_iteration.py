@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 
 from ident.estimation.preparation import Part, prepared
 from ident.trajectory import stages
-from ident.trajectory.fit import iteration, noise_colours
+from ident.trajectory.fit import iteration
 from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.iteration import SETTLED
 from ident.trajectory.fit.piece import Noise
@@ -87,18 +87,6 @@ def test_an_estimate_that_is_interrupted_at_last_keeps_its_covariance(monkeypatc
     rank = other.measurement.equations.parameters.rank
     deviations = [np.sqrt(np.diag(each.fit.covariance))[:rank] for each in (other, estimate())]
     assert deviations[0] == pytest.approx(deviations[1], rel=0.1)
-
-
-def test_what_a_fit_absorbs_of_the_noise_is_computed_once_for_similar_noise(monkeypatch):
-    measurement, fit, calls, left = estimate().measurement, estimate().fit, [], noise_colours._left
-    moved = refitted(SETTLED, away=0.1)
-    anew = np.sqrt(np.diag(with_scatter(measurement, moved).covariance))
-    monkeypatch.setattr(noise_colours, "_left", lambda *how: calls.append(how) or left(*how))
-    similar = np.sqrt(np.diag(with_scatter(measurement, moved, like=fit).covariance))
-    assert similar == pytest.approx(anew, rel=0.01) and not calls
-    louder = replace(fit, noises=[replace(noise, channels=2 * noise.channels) for noise in fit.noises])
-    other = np.sqrt(np.diag(with_scatter(measurement, moved, like=louder).covariance))
-    assert other == pytest.approx(anew, rel=1e-12) and len(calls) == 1
 
 
 @pytest.mark.parametrize(

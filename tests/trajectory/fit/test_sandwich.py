@@ -10,7 +10,7 @@ from ident.trajectory.fit.sandwich import _half, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
 AMPLITUDES = np.array([[0.3, 0.0], [0.5, 0.0], [0.2, 1.5]])
-COLOURS = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES], left=[])
+COLOURS = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES])
 
 
 def dense(y, sizes):
@@ -46,9 +46,9 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
         return SimpleNamespace(streams=streams, rows=[own], scatter_of_motion=of_motion.copy())
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
-    monkeypatch.setattr(sandwich, "noise_colours", lambda *how: COLOURS)
+    monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
     monkeypatch.setattr(sandwich, "response_of", response)
-    monkeypatch.setattr(sandwich, "replace", lambda fit, scatters, **how: scatters)
+    monkeypatch.setattr(sandwich, "replace", lambda fit, pieces, scatters: scatters)
     pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
     shares = [(np.zeros((2, 2)), None)] * 2
     fit = SimpleNamespace(pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), shares=shares)
