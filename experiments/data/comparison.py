@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from os.path import realpath
 from pathlib import Path
 from typing import Any
 
@@ -153,9 +154,9 @@ def read_results(folders: Sequence[Path]) -> list[Result]:
     Raises:
         InputError: A folder lacks a file, or holds something else.
     """
-    if len(folders) < 2 or len({folder.resolve() for folder in folders}) < len(folders):
+    if len(folders) < 2 or len({*map(realpath, folders)}) < len(folders):
         raise InputError("A comparison needs two or more different folders of results.")
-    names = [folder.resolve().name for folder in folders]
+    names = [Path(realpath(folder)).name for folder in folders]
     if len(set(names)) < len(names):
         names = list(map(str, folders))
     return [

@@ -209,7 +209,7 @@ def external_loads(path: Path, bodies: Sequence[str]) -> dict[str, Any]:
     except OSError:
         raise LogError(f"{path}: OpenSim's ExternalLoads are an XML file that exists.") from None
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise LogError(f"{path}: no XML that can be read: {error}.") from None
+        raise LogError(f"{path}: the file needs to be XML ({error}).") from None
     loads = root if root.tag == "ExternalLoads" else root.find("ExternalLoads")
     forces = [] if loads is None else [force for force in loads.iter("ExternalForce") if _acts(force)]
     if not forces:
