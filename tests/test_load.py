@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refusal
+from scipy import special
 
 import scenes
 from docs.tools.noise.recordings import sinusoids
@@ -16,7 +17,7 @@ from experiments.studies.person_recordings import humanoid, moved, sensed
 from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identify
-from ident.payload.load import identify_load, joint_fit
+from ident.payload.load import differing, identify_load, joint_fit
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 from sim.models.model_mechanism import mechanism
@@ -79,6 +80,39 @@ def test_a_load_on_a_body_that_only_turns_about_an_axis_keeps_what_no_torque_sho
     assert hidden.any()
     np.testing.assert_allclose(np.sqrt(np.diag(joint.fit.covariance)[:10][hidden]), size[hidden], rtol=1e-6)
     assert not on_link.in_frame().identifiable[0]
+
+
+def test_a_small_load_keeps_the_mass_that_torques_show(load):
+    """Its centre is uncertain by far more than a ball of its mass is wide, so that the ball must not hold it."""
+    phi = np.array([0.04, 0, -0.02, 0, 0, 0, 0, 0, 0, 0])
+    noise = np.diag(np.array([0.015, 0.01, 0.006, 0.008, *6 * [0.002]]) ** 2)
+    theta = np.concatenate([phi, load.joint.fit.theta[10:]])
+    small = replace(load, joint=replace(load.joint, search=replace(load.joint.search, fit=_at(load.joint, theta))))
+    small.__dict__["_covariances"] = noise, noise
+    values = small.in_frame().values
+    assert abs(values[0] - 0.04) < 0.01 and values[2] > -0.35
+
+
+def test_what_a_load_does_not_explain_widens_its_intervals(load):
+    """A change of what both recordings share, such as a cable's pull, in one of them."""
+    full, body = load.estimate.trajectory, load.robot.bodies.index("tool")
+    columns = load.without.base.regroup(np.eye(10 * len(load.robot.bodies))[10 * body : 10 * body + 10]).T
+    assert load.differing[0] < special.chdtri(load.differing[1], 1e-3)
+    assert "load_recordings_differ" not in {finding.code for finding in load.findings}
+    shift = np.where(full.fit.free & (np.arange(len(full.fit.theta)) < len(columns)), 8.0, 0.0)
+    shift *= np.sqrt(np.diag(full.fit.covariance)) * (-1.0) ** np.arange(len(shift))
+    moved = replace(full, search=replace(full.search, fit=_at(full, full.fit.theta + shift)))
+    apart = replace(load, differing=differing(load.without.trajectory, moved, columns, load.joint))
+    assert apart.differing[1] == load.differing[1]
+    factor = np.sqrt(apart.differing[0] / apart.differing[1])
+    assert factor > 2
+    np.testing.assert_allclose(apart.in_frame().std[0] / factor, np.sqrt(load.joint.fit.covariance[0, 0]), rtol=0.01)
+    assert "load_recordings_differ" in {finding.code for finding in apart.findings}
+
+
+def _at(estimate, theta):
+    """The fit of an estimate with other parameters."""
+    return replace(estimate.fit, theta=theta)
 
 
 @pytest.mark.slow

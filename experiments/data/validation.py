@@ -132,13 +132,16 @@ class Entry:
         tried: True if it has been run.
         source: Where it is published.
         files: Its files.
-        model: Name of the model's file.
+        model: Name of the model's file, one of its own or of the package's `models`.
         fitted: Names of the files of each fitted log.
         judged: Names of the files of each log to judge by; without any the end of each fitted log is held out.
         options: Options of `identify`, by name.
         sensor: Name of the wrench sensor that carries a body alone in each log, as for `payload`; empty for none.
+        body: Name of the body that carries a weighed load in `loaded` and not in `empty`; empty for none.
+        empty: Names of the files of each log without that load.
+        loaded: Names of the files of each log with it.
         true_files: Files with true parameters of a simulation: a model, or of bodies alone one for each fitted log.
-        truth: Known parameters.
+        truth: Known parameters; with a `body` quantities of its load.
         published: Published parameters.
         held_out: Published held-out residuals over signal, by channel.
         reference: Results of earlier work; None without any.
@@ -158,6 +161,9 @@ class Entry:
     judged: tuple[tuple[str, ...], ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
     sensor: str = ""
+    body: str = ""
+    empty: tuple[tuple[str, ...], ...] = ()
+    loaded: tuple[tuple[str, ...], ...] = ()
     true_files: tuple[str, ...] = ()
     truth: tuple[Known, ...] = ()
     published: tuple[Published, ...] = ()

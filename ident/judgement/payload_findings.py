@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
+from scipy import special
 
 from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
@@ -15,7 +16,7 @@ from ident.judgement.fit_findings import course_findings, halves_findings, model
 from ident.judgement.setup_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
 from ident.judgement.verdict import Outcome, Verdict
 from ident.recordings.wrench import GROUND
-from ident.tolerances import INTERVAL, POOR
+from ident.tolerances import INTERVAL, POOR, SIGNIFICANT
 
 FORCES = COMPONENTS[:3]
 """Channels of the force."""
@@ -70,6 +71,7 @@ def load_findings(
     identifiable: np.ndarray,
     *,
     rubs: bool,
+    differing: tuple[float, int],
 ) -> list[Finding]:
     """Findings on a load, the doubts first.
 
@@ -81,6 +83,7 @@ def load_findings(
         robot: Mass of the robot, kg.
         identifiable: Which of mass, centre of mass and inertias the data determine (10,).
         rubs: True if friction is another with the load.
+        differing: χ² of both kinds of recordings, less what the load explains, and its degrees of freedom.
     """
     out = [*{finding.text: finding for finding in others if finding.doubt}.values()]
     if weighed is None and mass < SHOWN * std:
@@ -91,6 +94,8 @@ def load_findings(
     out += _undetermined(identifiable[1:4], identifiable)
     if rubs:
         out.append(Finding.of("load_changes_friction"))
+    if special.chdtrc(differing[1], differing[0]) < SIGNIFICANT:
+        out.append(Finding.of("load_recordings_differ", rms_z=float(np.sqrt(differing[0] / differing[1]))))
     return doubts_first(out)
 
 
@@ -225,4 +230,10 @@ FINDINGS.update(
         doubt=True,
     ),
     load_changes_friction=Row("Friction is another with the load, and was fitted apart.", doubt=False),
+    load_recordings_differ=Row(
+        "A load on this body leaves a difference of {rms_z:.1f} standard deviations (root mean square) between "
+        "recordings with and without it. Its own are widened by as much. Check the body. Where a cable, an end stop or "
+        "the drives changed, record both kinds again in turn.",
+        doubt=False,
+    ),
 )

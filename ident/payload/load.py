@@ -31,7 +31,7 @@ from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.structure import Sensors
 from ident.payload.beyond_sensor import DENSITY
-from ident.payload.identified_payload import GUESSED, Payload, SensorParameter
+from ident.payload.identified_payload import Payload, SensorParameter
 from ident.recordings.recording import Recording
 from ident.setup import FRICTION, OFFSET, SETUP
 from ident.tolerances import HOLDOUT, SIGNIFICANT
@@ -43,6 +43,9 @@ from ident.trajectory.trajectory_estimate import own_columns
 
 LOADED = " with the load"
 """Ending of the names of parameters that recordings with the load have separately."""
+
+RANK = 1e-9
+"""Least singular value, over the largest, of what recordings show of a load."""
 
 STEPS = 4
 """Number of steps to a load's stated mass where scales of torques are uncertain; the last changes the mass by 1e-9."""
@@ -76,6 +79,33 @@ def joint_fit(
     )
     more = len(apart.fit.names) - len(together.fit.names)
     return apart if more and cost - less > special.chdtri(more, SIGNIFICANT) else together
+
+
+def differing(
+    without: TrajectoryEstimate, loaded: TrajectoryEstimate, columns: np.ndarray, joint: TrajectoryEstimate
+) -> tuple[float, int]:
+    """χ² of what recordings with and without a load share, less what the load explains, and its degrees of freedom.
+
+    Args:
+        without: As for `joint_fit`; so are `loaded` and `columns`.
+        loaded: Estimate from recordings with it.
+        columns: Base parameters of a unit of each of the load's parameters (r, 10).
+        joint: The estimate of both.
+    """
+    first, last = (_as_stated(each, _stated(each)) for each in (without, loaded))
+    shared = [name for name in last.names if name in first.names and name + LOADED not in joint.fit.names]
+    at = np.array([(first.names.index(name), last.names.index(name)) for name in shared])
+    i, k = at[first.free[at[:, 0]] & last.free[at[:, 1]]].T
+    design = np.zeros((len(first.theta), 10))
+    design[: len(columns)] = columns
+    scale = np.sqrt(np.diag(first.covariance)[i] + np.diag(last.covariance)[k])
+    factor = np.linalg.cholesky(
+        (first.covariance[np.ix_(i, i)] + last.covariance[np.ix_(k, k)]) / np.outer(scale, scale)
+    )
+    sides = np.column_stack([last.theta[k] - first.theta[i], design[i]]) / scale[:, None]
+    left, *X = np.linalg.solve(factor, sides).T
+    explained, _, rank, _ = np.linalg.lstsq(np.column_stack(X), left, rcond=RANK)
+    return float(np.sum((left - np.column_stack(X) @ explained) ** 2)), len(i) - int(rank)
 
 
 def _joined(
@@ -208,11 +238,14 @@ class Load(Payload):
     Attributes:
         without: The estimate from recordings without it.
         joint: One fit of all recordings, whose first ten parameters are the load's φ in the body's frame.
+        differing: χ² of the recordings with it from those without it, less what the load explains, and its degrees of
+            freedom: standard deviations from the noise are widened by Birge's ratio, as for `agreement.widening`.
         weighed: Its mass by a scale, kg; None if it was not stated.
     """
 
     without: Estimate
     joint: TrajectoryEstimate
+    differing: tuple[float, int]
     weighed: tuple[float, float] | None = None
 
     @property
@@ -235,19 +268,21 @@ class Load(Payload):
 
     @cached_property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
-        wider = max(self.estimate.widening, self.without.widening)
+        wider = max(
+            self.estimate.widening, self.without.widening, float(np.sqrt(self.differing[0] / self.differing[1]))
+        )
         noise = wider**2 * self.joint.fit.covariance[:10, :10]
         return noise, noise + self.joint.covariance_of_setup[:10, :10]
 
     @cached_property
     def physical(self) -> ConsistentParameters:
-        """Physically consistent body near the estimated φ; its prior is a ball of the same mass and centre."""
+        """Physically consistent body near φ; its prior is a ball of the same mass and centre, as wide as `FAR`."""
         phi, alone = self.joint.fit.theta[:10], Mechanism.lone_body("load")
         mass = max(float(phi[0]), 1e-3 * self.robot.mass)
-        ball = 0.4 * mass * (3 * mass / (4 * np.pi * DENSITY)) ** (2 / 3) * np.eye(3)
-        prior = parameters_from_com(mass, np.clip(phi[1:4] / mass, -FAR, FAR), ball)
-        base = structural_base_parameters(alone, sensors=Sensors(moving_base=True))
-        return consistent_parameters(phi, self._covariances[0], base, prior, bodies=alone.bodies, width=GUESSED)
+        gyration = np.sqrt(0.2) * (3 * mass / (4 * np.pi * DENSITY)) ** (1 / 3)
+        prior = parameters_from_com(mass, np.clip(phi[1:4] / mass, -FAR, FAR), 2 * mass * gyration**2 * np.eye(3))
+        base, width = structural_base_parameters(alone, sensors=Sensors(moving_base=True)), FAR / gyration
+        return consistent_parameters(phi, self._covariances[0], base, prior, bodies=alone.bodies, width=width)
 
     @property
     def model(self) -> None:
@@ -273,6 +308,7 @@ class Load(Payload):
             self.robot.mass,
             body.identifiable,
             rubs=bool(rubs),
+            differing=self.differing,
         )
 
     def verdict(self) -> PayloadVerdict:
@@ -362,5 +398,6 @@ def identify_load(
     if mass is not None:
         prior[0][0], prior[1][0] = max(mass_std, EXACT * mass), mass
     joint = joint_fit(empty.trajectory, full.trajectory, columns, *prior)
+    beside = differing(empty.trajectory, full.trajectory, columns, joint)
     weighed = None if mass is None else (mass, mass_std)
-    return Load(robot, body, "", np.eye(4), full, (), empty, joint, weighed)
+    return Load(robot, body, "", np.eye(4), full, (), empty, joint, beside, weighed)

@@ -170,6 +170,7 @@ EXAMPLES = {
     ],
     "load_not_shown": [{"mass": 0.02, "std": 0.03}],
     "load_changes_friction": [{}],
+    "load_recordings_differ": [{"rms_z": 1.7}],
     "payload_mass_unknown": [{}],
     "payload_inertia_unknown": [{"quantities": ["Ixx", "Ixy"]}],
 }

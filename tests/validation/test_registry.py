@@ -42,8 +42,10 @@ def test_every_entry_is_well_formed(entry):
 def test_what_was_tried_has_hashes_and_what_was_not_has_no_numbers(entry):
     assert all(bool(file.sha256) == entry.tried for file in entry.files)
     if entry.tried:
-        used = [*filter(None, [entry.model]), *entry.true_files, *(name for log in entry.logs for name in log)]
-        assert entry.fitted and set(used) <= {file.name for file in entry.files}
+        logs = (*entry.logs, *entry.empty, *entry.loaded)
+        used = [*filter(None, [entry.model]), *entry.true_files, *(name for log in logs for name in log)]
+        models = {path.name for path in columns_file("", "models").iterdir()}
+        assert entry.fitted and set(used) - models <= {file.name for file in entry.files}
     else:
         assert not (entry.published or entry.held_out or entry.reference or entry.alike)
         assert not any(file.original for file in entry.files)

@@ -5,6 +5,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import driven_arm
 import numpy as np
@@ -14,16 +15,19 @@ from fuzz.here import Here
 from registered import TEXT, files_of, recorded, written
 
 from experiments import validate
-from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, inside
+from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, Entry, Known, Source, inside
 from experiments.reports import validation_figures as figures
 from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
 from experiments.reports.validation_report import numbers
 from experiments.runs import workers
-from experiments.studies.validation import files, validation_study
+from experiments.studies.validation import files, run, validation_study
 from experiments.studies.validation.files import Places
 from experiments.studies.validation.run import trial_name, trials_of
 from ident.errors import InputError
+from ident.payload.identified_payload import RigidBody
+from sim.models.model_mechanism import mechanism
+from sim.models.notes import ModelNote
 
 DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "dfki_double_pendulum"
 MORE = """
@@ -241,10 +245,10 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     answer = validation_study.work(validation_study.Task(entry, DATA.parent / "tools"))
     made = validation_study.collected([entry], [validation_study.Task(entry, DATA)], [answer])
     assert list(made.truths) == ["tools 0.05 N", "tools 0.1 N", "tools 0.2 N"]
-    low, truth, high = made.truths.values()
+    low, usual, high = made.truths.values()
     assert (low.std < high.std).all() and inside(made.truth_z) > 0.9
-    assert truth.names[:2] == ("hammer mass", "hammer x") and inside(truth.z) == 1
-    assert abs(truth.errors(truth.values)[0]) < 0.01 and truth.significant[[0, 2]].all()
+    assert usual.names[:2] == ("hammer mass", "hammer x") and inside(usual.z) == 1
+    assert abs(usual.errors(usual.values)[0]) < 0.01 and usual.significant[[0, 2]].all()
     lines = report.lines(made)
     assert lines[0].startswith("Of 30 known parameters ")
     assert lines[2].startswith("Eight tools, 0.1 N: of 10 known parameters 100 % lie")
@@ -253,6 +257,54 @@ def test_bodies_alone_on_a_sensor_are_compared_with_their_own_files():
     rows = [label.get_text() for label in figures.truth_figure(made).axes[1].get_yticklabels()]
     assert "hammer mass" in rows
     assert set(report.document(made, {}).figures) == {"figure_truth"}
+
+
+@pytest.fixture(scope="module")
+def surgical_arm():
+    model = files.columns_file("surgical_arm.xml", "models")
+    motors = ("yaw", "pitch", "insertion", "roll", "motor_5", "motor_6", "motor_7")
+    with pytest.warns(ModelNote, match="joints without a column follow"):
+        arm = mechanism(model, "base")
+    return model, motors, arm.closed([joint for joint in arm.tree.joints if joint not in motors])
+
+
+def test_the_surgical_arms_instrument_passes_through_its_remote_centre(surgical_arm):
+    """The parallelograms keep a point of the instrument where it is, and bars in their directions."""
+    _, motors, arm = surgical_arm
+    assert arm.tree.joints == motors
+    q = np.random.default_rng(0).uniform(-0.7, 0.7, (5, 7))
+    poses = arm.tree.poses(q)
+    yaw, front, back, end = (poses[:, arm.tree.names.index(name)] for name in ("yaw", "front", "back", "insertion"))
+    centre = end[:, :3, 3] + (0.4318 - q[:, 2:3]) * end[:, :3, 2]
+    np.testing.assert_allclose(centre, np.tile(-0.516 * yaw[0, :3, 2], (5, 1)), atol=1e-12)
+    np.testing.assert_allclose(front[:, :3, 0], -yaw[:, :3, 2], atol=1e-12)
+    # Gravity along the instrument, upwards from the base.
+    np.testing.assert_allclose(back[:, 2, 0], np.cos(q[:, 0]) * np.cos(q[:, 1]), atol=1e-12)
+
+
+def test_a_weighed_load_is_compared_with_that_of_logs_with_and_without_it(surgical_arm, tmp_path, monkeypatch):
+    model, *_ = surgical_arm
+    head = ",".join([*(f"q{k}" for k in range(1, 8)), *(f"tau{k}" for k in range(1, 8))])
+    rows = 0.1 * np.sin(np.arange(100)[:, None] / 9 + np.arange(14))
+    for name in ("empty.csv", "other.csv", "full.csv"):
+        np.savetxt(tmp_path / name, rows, delimiter=",", header=head, comments="")
+    logs = {"empty": (("empty.csv",), ("other.csv",)), "loaded": (("full.csv",),)}
+    options = {"columns": "surgical_arm.toml", "base": "base"}
+    truth = (Known("mass", 0.105, 0.0005),)
+    given = {"model": model.name, "body": "front", "truth": truth, "options": options, **logs}
+    entry = Entry("arm", "An arm", "With and without.", "arm", True, Source("someone/arm"), (), **given)
+    values = np.arange(10.0)
+
+    def identified(robot, without, loaded, *, body):
+        assert (len(without), len(loaded), body) == (2, 1, "front") and body in robot.bodies
+        np.testing.assert_allclose(loaded[0]["motor_7_torque"], rows[:, 13], atol=1e-12)
+        return SimpleNamespace(in_frame=lambda: RigidBody(0.1 + values, values, 0.01 + values, values > 0))
+
+    monkeypatch.setattr(run, "identify_load", identified)
+    with pytest.warns(ModelNote):
+        known = run.of_load(entry, {entry.model: model, **{path.name: path for path in tmp_path.iterdir()}})
+    assert (known["names"], known["units"], known["true"]) == (["mass"], ["kg"], [0.105])
+    assert (known["values"], known["std"], known["tolerance"]) == ([0.1], [0.01], [0.0005])
 
 
 @pytest.mark.slow

@@ -19,9 +19,9 @@ from ident.files.limits import toml
 from ident.files.schema import made
 
 
-def columns_file(name: str) -> Path:
-    """Path of an entry's columns file."""
-    return Path(str(files("experiments.studies.validation").joinpath("columns"))) / name
+def columns_file(name: str, kind: str = "columns") -> Path:
+    """Path of an entry's columns file, or of another file of the package."""
+    return Path(str(files("experiments.studies.validation").joinpath(kind))) / name
 
 
 def registry() -> dict[str, Entry]:
@@ -186,7 +186,7 @@ def converted(entry: Entry, folder: Path, scratch: Path) -> Mapping[str, Path]:
             convert(file.converter, path, target)
             path = target
         out[file.name] = path
-    return out
+    return {entry.model: columns_file(entry.model, "models"), **out}
 
 
 def convert(name: str, source: Path, target: Path) -> None:

@@ -26,6 +26,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
 from ident.payload.beyond_sensor import identify_payload
 from ident.payload.identified_payload import QUANTITIES, UNITS, described
+from ident.payload.load import identify_load
 from ident.recordings.log import read_log
 from ident.tolerances import HOLDOUT
 from sim.models.notes import ModelNote
@@ -51,7 +52,7 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
         model = read_mechanism(folder / entry.true_files[0], base=entry.options.get("base"))
         true = replace(estimate.fit.equations, mechanism=model).from_model
         known |= {name: (float(x), 0.0) for name, x in zip(own["names"], true, strict=False)}
-    known |= {each.name: (each.value, each.tolerance) for each in entry.truth}
+    known |= {each.name: (each.value, each.tolerance) for each in entry.truth if not entry.body}
     if not known:
         return {}
     at = [own["names"].index(name) for name in known]
@@ -62,6 +63,24 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
         "tolerance": [tolerance for _, tolerance in known.values()],
         "rivals": {name: [x[k] for k in at] for name, x in results["rivals"].items()},
     }
+
+
+def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
+    """Known quantities of a load that a body carries in some logs of an entry.
+
+    Args:
+        entry: The recording.
+        paths: Paths of its files by name.
+    """
+    start, robot = time.process_time(), read_mechanism(paths[entry.model], base=entry.options.get("base"))
+    columns = columns_file(entry.options["columns"])
+    logs = ([read_log(paths[name], robot, columns) for (name,) in several] for several in (entry.empty, entry.loaded))
+    body = identify_load(robot, *logs, body=entry.body).in_frame()
+    at = [QUANTITIES.index(each.name) for each in entry.truth]
+    rows = {"names": [QUANTITIES[k] for k in at], "units": [UNITS[k] for k in at]}
+    numbers = {"values": body.values[at].tolist(), "std": body.std_setup[at].tolist()}
+    known = {"true": [each.value for each in entry.truth], "tolerance": [each.tolerance for each in entry.truth]}
+    return {**rows, **numbers, **known, "rivals": {}, "seconds": time.process_time() - start}
 
 
 def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
@@ -148,13 +167,16 @@ def estimates(entry: Entry, folder: Path, trial: tuple[Log, ...] | None, peers: 
             judges = [_prepared(entry, paths, log) for log in entry.judged]
             made["peers"] = compared(paths[entry.model], estimate, judges)
         known = of_estimate(entry, folder, estimate, made)
-        known = known and known | {"seconds": seconds}
-        return {**made, "seconds": seconds, "unchecked": list(unchecked), "truths": {"": known} if known else {}}
+        truths = {"": known | {"seconds": seconds}} if known else {}
+        if entry.body:
+            truths["load"] = of_load(entry, paths)
+        return {**made, "seconds": seconds, "unchecked": list(unchecked), "truths": truths}
 
 
 def _check_parameters(entry: Entry, names: Sequence[str]) -> None:
     """Refuses parameters to compare with that the estimate does not have."""
-    compared = [*(each.name for each in entry.published), *(each.name for each in entry.truth)]
+    compared = [each.name for each in entry.published]
+    compared += [each.name for each in entry.truth if not entry.body]
     compared += [name for group in entry.alike for name in group]
     if unknown := [name for name in compared if name not in names]:
         raise InputError(f"{entry.name} compares '{unknown[0]}', but its parameters are {', '.join(names)}.")
