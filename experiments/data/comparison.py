@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.annotations import fits, in_words
 from ident.errors import InputError
+from ident.files.limits import reason
 from ident.judgement.agreement import Comparison
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out")
@@ -189,7 +190,9 @@ def _read(path: Path, check: Callable[[Content], None]) -> Content:
         # Half of a surrogate pair is text for JSON, but cannot be written to a file.
         json.dumps(content, ensure_ascii=False).encode()
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"'{path.parent}' needs to hold results of identify, but {path.name}: {error}.") from None
+        raise InputError(
+            f"'{path.parent}' needs to hold results of identify, but {path.name}: {reason(error)}."
+        ) from None
     try:
         check(content)
     except InputError as error:

@@ -244,9 +244,8 @@ class Tree:
             if body.joint in coordinates:
                 q = np.asarray(coordinates[body.joint], float)
                 if q.shape != (body.coordinates,) or not (np.abs(q) < HUGE).all() or (body.is_ball and not q.any()):
-                    raise InputError(
-                        f"Joint '{body.joint}' is fixed at {body.coordinates} finite coordinates, got {q.tolist()}."
-                    )
+                    needed = f"{body.coordinates} coordinates below {HUGE:g}"
+                    raise InputError(f"Joint '{body.joint}' is fixed at {needed}, got {q.tolist()}.")
                 bodies[i] = _welded(body, q)
         for i in self.followers:
             lead = bodies[i].follows
