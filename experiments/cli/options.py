@@ -44,6 +44,10 @@ NUMBER = decimal(f"a number within ±{HUGE:g}", lambda x: abs(x) < HUGE)
 POSITIVE = decimal(f"a positive number, {1 / HUGE:g} or more", lambda x: 1 / HUGE <= x < HUGE)
 """Types of quantities."""
 
+TILT = decimal("an angle as a number from 0° to below 90°", lambda x: 0 <= x < 90)
+AZIMUTH = decimal("a number for an azimuth of at most 360°", lambda x: abs(x) <= 360)
+"""Types of the angles of a tilt, as for `scenes.load`."""
+
 FRACTION = decimal("a number from 0.05 to 0.9, or 0", lambda x: x == 0 or 0.05 <= x <= 0.9)
 """Type of the fraction of a recording that is held out."""
 
@@ -130,8 +134,8 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
 
 def add_tilt(parser: argparse.ArgumentParser) -> None:
     """Adds the tilt of the joint axes."""
-    parser.add_argument("--tilt-deg", type=NUMBER, help="angle of all joint axes from where they are drawn")
-    parser.add_argument("--azimuth-deg", type=NUMBER, help="direction of the tilt, from +Y to +Z")
+    parser.add_argument("--tilt-deg", type=TILT, help="angle of all joint axes from where they are drawn")
+    parser.add_argument("--azimuth-deg", type=AZIMUTH, help="direction of the tilt, from +Y to +Z")
 
 
 def add_contact(parser: argparse.ArgumentParser) -> None:

@@ -149,7 +149,7 @@ def test_a_number_of_the_command_line_is_one_of_a_size_or_refused_in_words(comma
     names = [action for action in COMMANDS[command].parser()._actions if action.dest != "estimator"]
     for action in names:
         for text in ("abc", "nan", "inf", "1e300", "") if action.type not in (None, Path) else ():
-            with pytest.raises(argparse.ArgumentTypeError, match=r"^needs a .*number.*, got "):
+            with pytest.raises(argparse.ArgumentTypeError, match=r"^needs an? .*number.*, got "):
                 action.type(text)
 
 
