@@ -2,7 +2,6 @@
 
 import argparse
 import shlex
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,8 +36,6 @@ def _check(args: argparse.Namespace) -> None:
     for option in ("symmetric", "scale_from", "mass"):
         if getattr(args, option) and not args.scale:
             raise InputError(f"--{option.replace('_', '-')} is about lengths that --scale finds; give --scale as well.")
-    if args.mass is not None and not (isfinite(args.mass) and args.mass > 0):
-        raise InputError(f"--mass needs a positive number of kg, got {args.mass}.")
 
 
 def _scale(args: argparse.Namespace) -> "Scale | None":
@@ -99,7 +96,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="MARKERS",
         help="another trial to find them from, as one that stands still in several postures",
     )
-    scale.add_argument("--mass", type=float, metavar="KG", help="mass of the whole scaled model, by default as it is")
+    whole = "mass of the whole scaled model, by default as it is"
+    scale.add_argument("--mass", type=options.POSITIVE, metavar="KG", help=whole)
     return out
 
 

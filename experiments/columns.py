@@ -2,6 +2,7 @@
 
 import argparse
 import shlex
+from os.path import realpath
 from pathlib import Path
 
 from experiments.cli import options, running
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
 
     files = [file for log in args.logs for file in files_of(log)]
     out = args.out or files[0].with_name(files[0].name.partition(".")[0] + ".toml")
-    if out.resolve() in {path.resolve() for path in (args.model, *files)}:
+    if realpath(out) in map(realpath, (args.model, *files)):
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
     arm = mechanism(args.model, **options.of_model(args))
     belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)

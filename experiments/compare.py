@@ -1,6 +1,7 @@
 """Results of identify side by side: differences of parameters and settings."""
 
 import argparse
+from os.path import realpath
 from pathlib import Path
 
 from experiments.cli import options, running
@@ -15,7 +16,7 @@ def run(args: argparse.Namespace) -> None:
     from ident.errors import InputError
 
     compared, out = read_results(args.results), options.output_of(args)
-    if args.out.resolve() in {folder.resolve() for folder in args.results}:
+    if realpath(args.out) in map(realpath, args.results):
         raise InputError(f"The comparison needs a folder of its own, but '{args.out}' holds one of the results.")
     origin = provenance({"results": list(map(str, args.results))})
     inputs = compare_report.inputs(args.results)

@@ -15,6 +15,7 @@ def run(args: argparse.Namespace) -> None:
     with library("symbolic", "This"):
         from experiments.symbols import codegen
 
+    options.check_model(args.mechanism, codegen.TABLES)
     derived = codegen.derivation(args.mechanism, args.base, args.ignore)
     out = args.out / derived.name
     with results_folder(out, inputs=[Path(args.mechanism)]) as folder:

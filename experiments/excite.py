@@ -10,14 +10,12 @@ from pathlib import Path
 
 import scenes
 from experiments.cli import options, running
+from experiments.cli.options import NUMBER, POSITIVE
 from experiments.data.paper import ACCELERATION, CRITERIA, MARGIN, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.errors import InputError
-from ident.tolerances import HUGE
 
-NUMBER = options.decimal(f"a number within ±{HUGE:g}", lambda x: abs(x) < HUGE)
 SHARE = options.decimal("a number from 0 to below 0.5", lambda x: 0 <= x < 0.5)
-POSITIVE = options.decimal(f"a positive number, {1 / HUGE:g} or more", lambda x: 1 / HUGE <= x < HUGE)
-"""Types of quantities in SI units, of the share of a range at each of its ends, and of positive quantities."""
+"""Type of the share of a range at each of its ends."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -27,6 +25,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.reports import excite_report
     from experiments.studies.designed_excitation import Bounds, designed, problem_of
 
+    options.check_model(args.model, scenes.NAMES)
     kinds = {**options.of_model(args), "drive": options.drives(args.drive)}
     kinds |= {key: getattr(args, key) for key in ("joints", "sensors", "noise")}
     search = {key: getattr(args, key) for key in ("seconds", "harmonics", "criterion", "starts", "iterations", "seed")}

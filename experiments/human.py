@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
         "2 mm on skin that moves",
     )
     noise = "standard deviation of angles not from markers, degrees, by default 0.5"
-    out.add_argument("--noise", type=float, help=noise)
+    out.add_argument("--noise", type=options.NUMBER, help=noise)
     out.add_argument(
         "--persons",
         type=options.whole_number(1, 1000),

@@ -183,8 +183,8 @@ def add_options(out: argparse.ArgumentParser) -> None:
         "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
     )
     out.add_argument("--write-geometry", action="store_true", help="write where joints lie into the updated model, too")
-    out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
-    out.add_argument("--height", type=float, help="of a table: height of the person, m")
+    out.add_argument("--mass", type=options.POSITIVE, help="of a table: mass of the person, kg")
+    out.add_argument("--height", type=options.POSITIVE, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
     options.add_drive(out)
     out.add_argument(

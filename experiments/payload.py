@@ -56,7 +56,8 @@ def _stated_body(args: argparse.Namespace) -> str:
     from ident.files.limits import toml
     from ident.files.schema import table
 
-    entries = toml(args.columns, "a mapping needs") if args.columns and args.columns.suffix == ".toml" else {}
+    stated = args.columns and args.columns.suffix == ".toml"
+    entries = toml(args.columns, "a mapping of columns needs") if stated else {}
     body = table("load", entries.get("load", {})).get("body")
     if not isinstance(body, str):
         raise InputError('payload needs --body NAME, or [load] with body = "NAME" in the columns file.')
@@ -89,7 +90,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="LOG",
         help="logs with the load, where the others have none",
     )
-    out.add_argument("--mass", type=float, help="mass of that load by a scale, kg; it fixes the scale of the torques")
+    scale = "mass of that load by a scale, kg; it fixes the scale of the torques"
+    out.add_argument("--mass", type=options.POSITIVE, help=scale)
     out.add_argument("--flange", help="body or site in whose frame controllers want the payload, by default --body")
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     out.add_argument("--verbose", action="store_true", help="print more than a screen: deviations, sensor and forms")

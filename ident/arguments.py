@@ -62,11 +62,13 @@ def described(value: Any) -> str:
 
 
 def near(name: Any, choices: Iterable[str], others: int = 8) -> str:
-    """Up to three choices that a name is close to, in upper or lower case, or else the first few, for messages."""
+    """End of a message: up to three choices that a name is close to, in upper or lower case, or else the first few."""
     names = list(choices)
     folded = [each.casefold() for each in names]
     close = get_close_matches(str(name).casefold(), folded, 3)
-    return ", ".join([names[folded.index(each)] for each in dict.fromkeys(close)] or names[:others])
+    if close:
+        return f"near that are {', '.join(names[folded.index(each)] for each in dict.fromkeys(close))}."
+    return f"there are {', '.join(names[:others])}{' and others' * (len(names) > others)}."
 
 
 def checked_deviations(
@@ -190,5 +192,5 @@ def is_number(value: Any) -> bool:
 
 def short(value: Any) -> str:
     """The value as text, cut to fit a message."""
-    text = str(value)
+    text = str(value) or "''"
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -65,7 +65,7 @@ class Estimate(Evidence):
             InputError: There is none of that name.
         """
         if name not in self:
-            raise InputError(f"The estimate has no parameter {name!r}; near that are {near(name, self._by_name)}.")
+            raise InputError(f"The estimate has no parameter {name!r}; {near(name, self._by_name)}")
         return self._by_name[name]
 
     def __contains__(self, name: object) -> bool:

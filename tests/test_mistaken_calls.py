@@ -253,7 +253,7 @@ def test_a_folder_that_is_missing_is_one_sentence(tmp_path):
 def test_a_misspelt_command_names_those_that_are_near():
     for given, near in (
         ("idntify", "there is no command 'idntify'; near that are identify"),
-        ("xyzxyz", "are paper, mech"),
+        ("xyzxyz", "there is no command 'xyzxyz'; there are paper, mech"),
     ):
         run = subprocess.run([sys.executable, "-m", "multicontact", given], capture_output=True, text=True)
         assert run.returncode == 2 and near in run.stderr

@@ -28,7 +28,7 @@ class _Commands(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Ends with one sentence and exit code 2."""
         if wrong := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
-            message = f"there is no command '{wrong[1]}'; near that are {near(wrong[1], COMMANDS, len(COMMANDS))}."
+            message = f"there is no command '{wrong[1]}'; {near(wrong[1], COMMANDS, len(COMMANDS))}"
         super().error(message)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import scenes
 from experiments.data.paper import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from ident.errors import InputError
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE, HUGE
 
 if TYPE_CHECKING:
     from experiments.document.writer import Output
@@ -26,6 +26,30 @@ NONE = "none"
 
 PRINTED = "pdf", "png"
 """Formats of the figures of studies: for print, and for the page."""
+
+
+def decimal(needed: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
+    """Type of an option: a number for which a condition holds; `needed` says which, for messages."""
+
+    def number(text: str) -> float:
+        with suppress(ValueError):
+            if holds(value := float(text)):
+                return value
+        raise argparse.ArgumentTypeError(f"needs {needed}, got '{text}'")
+
+    return number
+
+
+NUMBER = decimal(f"a number within ±{HUGE:g}", lambda x: abs(x) < HUGE)
+POSITIVE = decimal(f"a positive number, {1 / HUGE:g} or more", lambda x: 1 / HUGE <= x < HUGE)
+"""Types of quantities."""
+
+TILT = decimal("an angle as a number from 0° to below 90°", lambda x: 0 <= x < 90)
+AZIMUTH = decimal("a number for an azimuth of at most 360°", lambda x: abs(x) <= 360)
+"""Types of the angles of a tilt, as for `scenes.load`."""
+
+FRACTION = decimal("a number from 0.05 to 0.9, or 0", lambda x: x == 0 or 0.05 <= x <= 0.9)
+"""Type of the fraction of a recording that is held out."""
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -102,7 +126,7 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=whole_number(0), help=f"seed of all noise{otherwise}")
     parser.add_argument("--samples", type=whole_number(1), help=f"samples recorded at 100 Hz{otherwise}")
     parser.add_argument(
-        "--noise-scale", type=float, help=f"factor on the scene's and the excitation's noise{otherwise}"
+        "--noise-scale", type=NUMBER, help=f"factor on the scene's and the excitation's noise{otherwise}"
     )
     add_trials(parser)
     return parser
@@ -110,8 +134,8 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
 
 def add_tilt(parser: argparse.ArgumentParser) -> None:
     """Adds the tilt of the joint axes."""
-    parser.add_argument("--tilt-deg", type=float, help="angle of all joint axes from where they are drawn")
-    parser.add_argument("--azimuth-deg", type=float, help="direction of the tilt, from +Y to +Z")
+    parser.add_argument("--tilt-deg", type=TILT, help="angle of all joint axes from where they are drawn")
+    parser.add_argument("--azimuth-deg", type=AZIMUTH, help="direction of the tilt, from +Y to +Z")
 
 
 def add_contact(parser: argparse.ArgumentParser) -> None:
@@ -173,7 +197,7 @@ def add_mechanism(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--base", help="body that is the base; if not given the world, or that of a scene")
     parser.add_argument(
         "--base-rpy",
-        type=float,
+        type=NUMBER,
         nargs=3,
         metavar=("ROLL", "PITCH", "YAW"),
         help="orientation of the base in the world in degrees, as 180 0 0 upside down; by default as in the model",
@@ -191,8 +215,17 @@ def add_mechanism(parser: argparse._ActionsContainer) -> None:
     add_fixed(parser)
 
 
+def check_model(given: str, names: Sequence[str]) -> None:
+    """Refuses what is neither a file nor a name of a model of this package."""
+    if given not in names and not Path(given).is_file():
+        choices = f"one of {', '.join(names)}, or an MJCF, URDF or OpenSim file that exists"
+        raise InputError(f"A model is {choices}, got '{given}'.")
+
+
 def of_model(args: argparse.Namespace) -> dict[str, Any]:
     """Arguments of `sim.mechanism` by the options of `add_mechanism`."""
+    if missing := [str(folder) for folder in args.packages if not folder.is_dir()]:
+        raise InputError(f"--packages needs folders that exist, got {', '.join(missing)}.")
     same = {"base": args.base, "ignore": tuple(args.ignore), "packages": args.packages}
     return same | {"fix": fixed(args.fix), "base_rpy_deg": args.base_rpy}
 
@@ -276,22 +309,6 @@ def size_limit(args: argparse.Namespace) -> int:
     from ident.files.limits import LIMIT
 
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
-
-
-def decimal(needed: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
-    """Type of an option: a number for which a condition holds; `needed` says which, for messages."""
-
-    def number(text: str) -> float:
-        with suppress(ValueError):
-            if holds(value := float(text)):
-                return value
-        raise argparse.ArgumentTypeError(f"needs {needed}, got '{text}'")
-
-    return number
-
-
-FRACTION = decimal("a number from 0.05 to 0.9, or 0", lambda x: x == 0 or 0.05 <= x <= 0.9)
-"""Type of the fraction of a recording that is held out."""
 
 
 def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ def folder(args: argparse.Namespace) -> Path:
         raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
     out: Path = args.out / name
     for given in inputs(args):
-        if given.resolve().parent == out.resolve():
+        if Path(realpath(given)).parent == Path(realpath(out)):
             raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
     check_different(args)
     return out
@@ -71,8 +72,8 @@ def _place(file: Path) -> str:
     try:
         place = file.stat()
     except OSError:
-        return str(file.resolve())
-    return f"{place.st_dev} {place.st_ino}" if place.st_ino else str(file.resolve())
+        return realpath(file)
+    return f"{place.st_dev} {place.st_ino}" if place.st_ino else realpath(file)
 
 
 def _judges(args: argparse.Namespace) -> list[Path]:

@@ -65,7 +65,10 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
             with _without_log(), _its_consequences(asked):
                 study(options)
         except (InputError, OSError, MemoryError) as error:
-            print(f"{parser.prog}: error: {error}", file=sys.stderr)
+            text: object = error
+            if isinstance(error, OSError) and error.filename and error.strerror:
+                text = f"{error.filename}: {error.strerror}."
+            print(f"{parser.prog}: error: {text}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             print(interrupted, file=sys.stderr)

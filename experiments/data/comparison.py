@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from os.path import realpath
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from ident.annotations import fits, in_words
 from ident.errors import InputError
+from ident.files.limits import reason
 from ident.judgement.agreement import Comparison
 
 EXCLUDED = ("out", "name", "logs", "model", "held_out")
@@ -153,9 +155,9 @@ def read_results(folders: Sequence[Path]) -> list[Result]:
     Raises:
         InputError: A folder lacks a file, or holds something else.
     """
-    if len(folders) < 2 or len({folder.resolve() for folder in folders}) < len(folders):
+    if len(folders) < 2 or len({*map(realpath, folders)}) < len(folders):
         raise InputError("A comparison needs two or more different folders of results.")
-    names = [folder.resolve().name for folder in folders]
+    names = [Path(realpath(folder)).name for folder in folders]
     if len(set(names)) < len(names):
         names = list(map(str, folders))
     return [
@@ -188,7 +190,9 @@ def _read(path: Path, check: Callable[[Content], None]) -> Content:
         # Half of a surrogate pair is text for JSON, but cannot be written to a file.
         json.dumps(content, ensure_ascii=False).encode()
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"'{path.parent}' needs to hold results of identify, but {path.name}: {error}.") from None
+        raise InputError(
+            f"'{path.parent}' needs to hold results of identify, but {path.name}: {reason(error)}."
+        ) from None
     try:
         check(content)
     except InputError as error:

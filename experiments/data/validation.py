@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.annotations import typed
 from ident.errors import InputError
+from ident.files.schema import value_of
 from ident.files.table import short
 from ident.tolerances import DRIVE, INTERVAL
 
@@ -172,7 +173,8 @@ class Entry:
     note: str = ""
 
     def __post_init__(self) -> None:
-        single = [*self.folder.split("/"), *(file.name for file in self.files), self.options.get("columns", "none")]
+        columns = value_of("options.columns", self.options.get("columns", "none"), str)
+        single = [*self.folder.split("/"), *(file.name for file in self.files), columns]
         paths = [self.source.repository, *(file.path for file in self.files if file.path)]
         for each in (*single, *(part for path in paths for part in path.split("/"))):
             if not NAME.fullmatch(each) or (":" in each and each in single):

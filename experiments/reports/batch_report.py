@@ -36,7 +36,7 @@ def logs_table(outcomes: Sequence[LogOutcome], differs: Sequence[str]) -> tabula
         "Logs, each identified by itself",
         *tabular.columns(
             log=[each.log for each in outcomes],
-            verdict=[each.verdict or "failed" for each in outcomes],
+            verdict=[Verdict(each.verdict).word if each.verdict else "failed" for each in outcomes],
             predicted=["" if each.error else _predicted(each) for each in outcomes],
             doubts=[", ".join(each.doubts) for each in outcomes],
             least_ratio=[min(each.ratios.values(), default=float("nan")) for each in outcomes],
@@ -160,7 +160,7 @@ def document(
         provenance: Provenance of the results.
     """
     failed, fitted = ([each for each in outcomes if bool(each.error) is error] for error in (True, False))
-    counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.value}" for word in Verdict]
+    counts = [f"{sum(each.verdict == word.value for each in outcomes)} {word.word}" for word in Verdict]
     sentence, doubt = ("", False) if agreed is None else verdict(fitted, agreed, bodies)
     differs = iter([] if agreed is None else differences(fitted, agreed, bodies))
     caption = "The parameters that logs differ in most, with 95 % intervals of the logs' noise; logs by their row."
@@ -168,7 +168,10 @@ def document(
         f"{model.name}, identified from each of {len(outcomes)} logs",
         findings=[
             *([Card("Logs differ", sentence, True)] if doubt else []),
-            *(Card(f"{each.log} failed", f"{each.log} failed: {each.error}", True) for each in failed),
+            *(
+                Card(f"{each.log} failed", f"{each.log} failed: {each.error.removeprefix(f'{each.log}: ')}", True)
+                for each in failed
+            ),
         ],
         lines=[
             *([sentence] if sentence and not doubt else []),

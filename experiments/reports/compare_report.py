@@ -32,9 +32,10 @@ def differences_table(difference: Difference) -> tabular.Table:
     names, shared = difference.names, difference.shared
     unknown = np.full(len(names), np.nan)
     sums = [first.regrouping[name] for name in names]
+    intervals = "" if shared else "; ± 95 % intervals of the difference"
     half = unknown if shared else INTERVAL * np.sqrt(np.diag(comparison.covariance))
     return tabular.Table(
-        f"Base parameters of {first.name} less those of {second.name}, SI units; ± 95 % intervals of the difference",
+        f"Base parameters of {first.name} less those of {second.name}, SI units{intervals}",
         *tabular.columns(
             parameter=names,
             first=first.at(names)[0],
@@ -102,7 +103,7 @@ def headline(difference: Difference) -> str:
     """A sentence on whether two results agree."""
     names = f"'{difference.first.name}' and '{difference.second.name}'"
     if difference.shared:
-        return f"{names} share logs and cannot be compared."
+        return f"{names} share logs: their difference has no interval."
     return f"{names} {'differ by more than' if difference.comparison.differs else 'agree within'} noise."
 
 

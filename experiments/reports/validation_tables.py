@@ -20,6 +20,7 @@ from experiments.data.validation import (
 )
 from experiments.document import tabular
 from experiments.reports.validation_figures import agreement
+from ident.judgement.verdict import Outcome
 
 OTHERS = (LEAST_SQUARES, MODEL)
 """Candidates besides the estimate."""
@@ -87,7 +88,7 @@ def _recording(validation: Validation) -> tuple[tabular.Cell, ...]:
     ratio, z = validation.against_best, agreement(validation)
     counts = (len(ratio), int((ratio <= 1).sum()), int((ratio > WORSE).sum()))
     shares = (_percent(inside(z[name])) for name in ("halves", "trials", "identical"))
-    start = (validation.entry.title, *validation.samples, validation.outcome)
+    start = (validation.entry.title, *validation.samples, Outcome(validation.outcome).word)
     return _with_gaps((*start, *counts, rms(validation.halves), *shares, round(validation.seconds)))
 
 

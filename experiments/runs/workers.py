@@ -26,7 +26,7 @@ from ident.errors import InputError
 from ident.estimation.sources import in_order
 from ident.files import npz
 from ident.files.atomic import save_arrays
-from ident.files.limits import parsed_json
+from ident.files.limits import parsed_json, reason
 
 SAVE_EVERY = 5.0
 """Seconds between two saves."""
@@ -69,7 +69,8 @@ class Checkpoint:
             if self.check is not None and not different:
                 self.check(parsed)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise InputError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
+            needed = f"the {self.what} of an earlier run in {self.file}"
+            raise InputError(f"--resume needs {needed} ({reason(error)}).") from None
         if different:
             raise InputError(
                 f"The {self.what} in {self.file} are of another run: {', '.join(different)} differ; leave out --resume."

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import fields, replace
 from importlib.resources import files
+from os.path import realpath
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -133,7 +134,7 @@ def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
     own = name.lower().endswith(".xml")
     if not own:
         choice("scene.model, unless it is an MJCF file (.xml),", name, scenes.NAMES)
-    model: str | Path = (folder / name).resolve() if own else name
+    model: str | Path = Path(realpath(folder / name)) if own else name
     if isinstance(model, Path) and not model.is_file():
         raise InputError(f"scene.model '{name}' does not exist.")
     tilt = value_of("scene.tilt_deg", entry.get("tilt_deg"), NotNegative | None)

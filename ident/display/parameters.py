@@ -78,7 +78,7 @@ class Groups(dict[str, tuple[Parameter, ...]]):
 
     def __missing__(self, body: str) -> tuple[Parameter, ...]:
         """Raises an InputError that names what is near."""
-        raise InputError(f"The estimate has no parameters of {body!r}; near that are {near(body, self)}.")
+        raise InputError(f"The estimate has no parameters of {body!r}; {near(body, self)}")
 
 
 def intervals(values: Sequence[float] | np.ndarray, std: Sequence[float] | np.ndarray, level: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from ident.estimation.accumulator import accumulate, triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.noise import channel_scales
 from ident.estimation.samples import Samples
+from ident.files.table import listed
 from ident.mechanism.motion import Motion
 from ident.tolerances import CONDITION_LIMIT, SINGULAR, ZERO_COLUMN
 
@@ -83,7 +84,7 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
     if len(hidden):
         names = contributing(hidden, names)
         raise ExcitationError(
-            f"The motion of {samples} samples does not separate the base parameters {', '.join(names)}: "
+            f"The motion of {samples} samples does not separate the base parameters {listed(names)}: "
             f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
             "joints further.",
             names,
@@ -101,8 +102,8 @@ def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, Excitat
         return s, None
     names = contributing(hidden, equations.names)
     return s, ExcitationError(
-        f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
-        f"parameters; it does not separate {', '.join(names)}. Move the joints further (`multicontact excite` "
+        f"In {listed(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
+        f"parameters; it does not separate {listed(names)}. Move the joints further (`multicontact excite` "
         "designs a motion), measure more, or put in what the model knows (--prior on).",
         names,
     )

@@ -97,7 +97,8 @@ def reason(error: object) -> str:
     """An error or its text as one line, short enough for a message."""
     if "allow_pickle" in str(error):
         return "pickled objects are not read"
-    line = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+    text = str(getattr(error, "strerror", None) or error).removesuffix(".")
+    line = " ".join(text.split()) or type(error).__name__
     return line if len(line) <= 200 else f"{line[:197]}..."
 
 

@@ -57,6 +57,11 @@ class Outcome(Enum):
     PARTLY = "partly"
     NOT = "not"
 
+    @property
+    def word(self) -> str:
+        """The decision in a word."""
+        return "unusable" if self is Outcome.NOT else str(self.value)
+
 
 @dataclass(frozen=True)
 class Precision:
@@ -191,7 +196,7 @@ class Verdict(Worded):
     @property
     def word(self) -> str:
         """The decision in a word."""
-        return {"usable": "Usable", "partly": "Partly", "not": "Unusable"}[self.outcome.value]
+        return self.outcome.word.capitalize()
 
     @property
     def brief(self) -> str:

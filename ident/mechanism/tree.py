@@ -14,6 +14,7 @@ from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.closure import Closure
+from ident.tolerances import HUGE
 
 
 @typed()
@@ -242,10 +243,9 @@ class Tree:
             body = bodies[i]
             if body.joint in coordinates:
                 q = np.asarray(coordinates[body.joint], float)
-                if q.shape != (body.coordinates,) or not np.isfinite(q).all() or (body.is_ball and not q.any()):
-                    raise InputError(
-                        f"Joint '{body.joint}' is fixed at {body.coordinates} finite coordinates, got {q.tolist()}."
-                    )
+                if q.shape != (body.coordinates,) or not (np.abs(q) < HUGE).all() or (body.is_ball and not q.any()):
+                    needed = f"{body.coordinates} coordinates below {HUGE:g}"
+                    raise InputError(f"Joint '{body.joint}' is fixed at {needed}, got {q.tolist()}.")
                 bodies[i] = _welded(body, q)
         for i in self.followers:
             lead = bodies[i].follows

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os.path import realpath
 from pathlib import Path
 
 import numpy as np
@@ -162,7 +163,7 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
             is for another number of files.
         InputError: The library that reads one is not installed.
     """
-    if twice := [file.name for file in files if [each.resolve() for each in files].count(file.resolve()) > 1]:
+    if twice := [file.name for file in files if [*map(realpath, files)].count(realpath(file)) > 1]:
         raise LogError(f"a log is made of different files, but {twice[0]} is given twice.")
     layouts, clocks = _layouts_and_clocks(files, mapping)
     tables: list[list[Table]] = []

@@ -70,7 +70,7 @@ def parsed(path: Path) -> ET.Element:
         root = _root(path.read_bytes())
     except (ET.ParseError, LookupError, ValueError) as error:
         # The last two are raised for unknown, non-text or multi-byte encodings.
-        raise ModelError(f"{path}: no XML that can be read: {error}.") from None
+        raise ModelError(f"{path}: the file needs to be XML ({error}).") from None
     return _root(urdf_of(path)) if is_xacro(path, root) else root
 
 

@@ -18,10 +18,12 @@ import scenes
 from docs.tools.noise.recordings import sinusoids
 from experiments import mechanism
 from experiments.cli import options, running
+from experiments.cli.command import COMMANDS, main
 from experiments.document.provenance import version
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 from sim.simulation.simulate import simulate
 
+ARM = str(Path(scenes.__file__).parent / "arm.xml")
 COMMAND = "python -m experiments.mechanism"
 ASKED = "please report it in the project's issue tracker"
 
@@ -45,6 +47,11 @@ def main_of(error):
 def test_what_users_do_wrong_is_one_sentence(capsys, error):
     message = refusal(main_of(error), [], capsys)
     assert message == f"{COMMAND}: error: the sentence\n"
+
+
+def test_an_error_of_a_file_is_its_name_and_what_is_wrong(capsys):
+    error = OSError(36, "File name too long", "a.csv")
+    assert refusal(main_of(error), [], capsys) == f"{COMMAND}: error: a.csv: File name too long.\n"
 
 
 @pytest.mark.parametrize("error", [ValueError("of numpy"), np.linalg.LinAlgError("of LAPACK"), KeyError("of ours")])
@@ -76,6 +83,7 @@ IGNORES = """
 import sys, time
 from experiments import mechanism
 from experiments.cli import options, running
+from experiments.cli.command import COMMANDS, main
 
 def study(_):
     running = False
@@ -134,6 +142,33 @@ def test_the_base_is_mounted_by_an_option_of_every_command_on_a_model(capsys):
     assert options.of_model(args)["base_rpy_deg"] == [180.0, 0.0, -90.0]
     with pytest.raises(SystemExit):
         parser.parse_args(["--base-rpy", "180"])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_number_of_the_command_line_is_one_of_a_size_or_refused_in_words(command):
+    names = [action for action in COMMANDS[command].parser()._actions if action.dest != "estimator"]
+    for action in names:
+        for text in ("abc", "nan", "inf", "1e300", "") if action.type not in (None, Path) else ():
+            with pytest.raises(argparse.ArgumentTypeError, match=r"^needs an? .*number.*, got "):
+                action.type(text)
+
+
+def test_a_log_that_links_to_itself_is_refused(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    log.symlink_to(log)
+    for command in ("identify", "payload", "columns", "batch"):
+        more = ["--body", "tool", "--sensor", "wrist"] if command == "payload" else []
+        arguments = [command, ARM, str(log), "--base", "base", "--out", str(tmp_path / "out"), *more]
+        assert str(log) in refusal(main, arguments, capsys)
+    assert str(log) in refusal(main, ["compare", str(log), str(tmp_path)], capsys)
+
+
+def test_a_model_that_does_not_exist_is_refused_with_the_names_there_are(tmp_path, capsys):
+    for command, names in {"excite": "double_pendulum, bowing, humanoid, arm", "derive": "table_1, table_2"}.items():
+        message = refusal(main, [command, "nope", "--out", str(tmp_path / "out")], capsys)
+        assert f"A model is one of {names}, or an MJCF, URDF or OpenSim file that exists, got 'nope'." in message
+    arguments = ["identify", ARM, ARM, "--packages", str(tmp_path / "nope"), "--out", str(tmp_path / "out")]
+    assert "--packages needs folders that exist, got" in refusal(main, arguments, capsys)
 
 
 @pytest.mark.parametrize("before", [None, "mine"])

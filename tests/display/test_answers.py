@@ -84,7 +84,7 @@ def test_a_parameter_has_its_unit_body_and_model_and_a_drive_is_not_negative():
     for name in ("M3RX3", "fc(bent)"):
         with pytest.raises(InputError, match=r"near that are .*(m3rx3|Fc\(bend\))"):
             estimate[name]
-    with pytest.raises(InputError, match="has no parameter 3; near"):
+    with pytest.raises(InputError, match=r"has no parameter 3; there are Izz1, .* and others\.$"):
         estimate[3]
     with pytest.raises(InputError, match=r"The estimate has no parameters of 'Fores'; near that are fore\."):
         estimate.by_body["Fores"]

@@ -87,7 +87,7 @@ def test_entries_become_what_the_annotations_say():
         ({"matrix": [[float("nan")]]}, "cart.matrix needs an array of real numbers, got [[nan]]."),
         ({"wheels": [{}]}, "[cart.wheels 1] needs radius; it has none."),
         ({"wheels": [3]}, "cart.wheels 1 needs a table of entries, got 3."),
-        ({"wheels": {"radius": 1}}, "cart.wheels needs a list of "),
+        ({"wheels": {"radius": 1}}, "cart.wheels needs a list of tables, got {'radius': 1}."),
         ({"wheels": [{"radius": 0}]}, "cart.wheels 1.radius needs a number above 0, got 0."),
         ({"wheels": [{"radius": 1e9}]}, "cart.wheels 1.radius needs a number above 0, got 1000000000.0."),
         ({"wheels": [{"radius": 11}]}, "[cart.wheels 1] needs a smaller radius."),

@@ -68,8 +68,9 @@ def test_what_to_type_is_said(files, tmp_path, capsys):
         for fix, what in {
             ("--fix", "thumb"): "There is no joint 'thumb' to fix; the joints are shoulder, finger1, finger2.",
             ("--fix", "finger1", "open"): "--fix takes a joint and where it stands, got finger1 open.",
-            ("--fix", "finger1", "0", "1"): "Joint 'finger1' is fixed at 1 finite coordinates, got [0.0, 1.0].",
-            ("--fix", "finger1", "nan"): "Joint 'finger1' is fixed at 1 finite coordinates, got [nan].",
+            ("--fix", "finger1", "0", "1"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [0.0, 1.0].",
+            ("--fix", "finger1", "1e300"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [1e+300].",
+            ("--fix", "finger1", "nan"): "Joint 'finger1' is fixed at 1 coordinates below 1e+08, got [nan].",
         }.items():
             assert what in refusal(command.main, [*arguments, *fix], capsys)
     message = refusal(excite.main, [str(model), "--base", "base", "--joints", "finger1", "finger2"], capsys)

@@ -93,7 +93,7 @@ def test_files_without_anything_and_names_that_are_no_text_are_refused(tmp_path)
     with pytest.raises(ModelError, match="has to be text in UTF-8"):
         compiled(nameless)
     for text, message in {
-        "": "no XML that can be read",
+        "": r"needs to be XML \(no element found",
         "<robot name='r'/>": "has a <link> for every body, this one has none",
         STATED.format("nan", ""): "link 'a' needs finite numbers and no negative mass; its inertia is 1 1 nan 0 0 0",
         STATED.format("0x10", ""): "link 'a' needs finite numbers and no negative mass; its inertia is 1 1 0x10 0 0 0",

@@ -238,3 +238,12 @@ def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
     assert (one.noise, two.noise) == ("white from sample to sample", "correlated over time or not")
     assert (two.std > 2 * one.std).all()
     np.testing.assert_array_equal(two.psi, one.psi)
+
+
+def test_a_message_on_many_parameters_is_no_page_long():
+    names = [f"m{k}" for k in range(130)]
+    with pytest.raises(
+        ExcitationError, match=r"does not separate the base parameters m0, .*, m39, \.\.\.: 0 of 130"
+    ) as error:
+        check_excitation(np.zeros((130, 130)), names, 20)
+    assert error.value.parameters == tuple(names)

@@ -322,9 +322,10 @@ def test_logs_that_differ_are_named_with_what_they_differ_in(moved):
         )
         for k, each in enumerate(values)
     ]
-    failed = LogOutcome("bad.csv", error="No.")
+    failed = LogOutcome("bad.csv", error="bad.csv: no.")
     document = batch_report.document(Path("arm.xml"), [failed, *outcomes], agreed, ("base", "shank"), {})
-    (_, sentence, doubt), _ = document.findings
+    (_, sentence, doubt), (_, failure, _) = document.findings
+    assert failure == "bad.csv failed: no." and document.lines[-1].endswith("0 unusable, 1 failed.")
     names = ", ".join(f"run{k}.csv" for k in moved)
     assert (
         doubt

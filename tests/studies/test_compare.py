@@ -91,6 +91,8 @@ def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, mon
     assert shared["shared_logs"] == ["a.csv"] and shared["chi2"] is None and shared["difference"] == [0, 0, -1]
     assert far["p_value"] < 1e-9
     output = capsys.readouterr().out
+    assert "'a' and 'b' share logs: their difference has no interval." in output
+    assert "of a less those of b, SI units\n" in output
     assert "were both fitted to a.csv" in output and "'a' and 'c' differ by more than noise" in output
     assert not (tmp_path / "out" / "figure_differences_2.svg").exists()
     assert (tmp_path / "out" / "figure_differences_3.svg").exists()
@@ -119,7 +121,7 @@ def test_a_page_and_figures_are_written(tmp_path):
     [
         (["a"], "needs two or more different folders"),
         (["a", "a"], "needs two or more different folders"),
-        (["a", "absent"], "needs to hold results of identify, but estimate.json"),
+        (["a", "absent"], "needs to hold results of identify, but estimate.json: No such file or directory."),
         (["a", "other"], "Results of one mechanism can be compared"),
         (["a", "broken"], "lacks covariance"),
         (["a", "b", "--out", "{a}"], "needs a folder of its own"),

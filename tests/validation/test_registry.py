@@ -93,6 +93,7 @@ path = "models/arm.xml"
         ("tried = false", 'tried = "no"', "tried"),
         ("[source]", "[sources]", "is no entry"),
         ("path =", "paths =", "is no entry"),
+        ("[source]", "options = { columns = 3 }\n[source]", "options.columns needs a text, got 3"),
     ],
 )
 def test_a_malformed_entry_is_one_sentence(old, new, sentence, tmp_path):

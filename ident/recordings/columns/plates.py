@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from ident.annotations import NotNegative
+from ident.arguments import is_number
 from ident.errors import LogError, about
 from ident.files import schema
 from ident.files.table import short
 from ident.geometry.se3 import pose as pose_of
 from ident.recordings.wrench import GROUND, Sensor
+from ident.tolerances import HUGE
 
 KEYS = ("frame", "corners", "origin", "on", "among", "expected", "point", "point_unit", "free_moment", "threshold")
 """Keys of a wrench whose frame rests in the world, in addition to those of any wrench."""
@@ -96,7 +98,7 @@ def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:
     """Names of the columns of the point of application, "" for coordinates that are numbers."""
     point = entry["point"]
     known = isinstance(point, list) and all(
-        type(x) in (int, float) or (isinstance(x, str) and x.strip()) for x in point
+        x.strip() if isinstance(x, str) else is_number(x) and abs(x) < HUGE for x in point
     )
     if not known or len(point) != 3:
         raise LogError(f"{where}.point needs three coordinates, each a column or a number in m, got {short(point)}.")
@@ -209,7 +211,7 @@ def external_loads(path: Path, bodies: Sequence[str]) -> dict[str, Any]:
     except OSError:
         raise LogError(f"{path}: OpenSim's ExternalLoads are an XML file that exists.") from None
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise LogError(f"{path}: no XML that can be read: {error}.") from None
+        raise LogError(f"{path}: the file needs to be XML ({error}).") from None
     loads = root if root.tag == "ExternalLoads" else root.find("ExternalLoads")
     forces = [] if loads is None else [force for force in loads.iter("ExternalForce") if _acts(force)]
     if not forces:

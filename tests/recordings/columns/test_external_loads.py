@@ -85,5 +85,5 @@ def test_files_that_are_none_are_refused(tmp_path):
     with pytest.raises(LogError, match="are an XML file that exists"):
         read_log(log, walker(), tmp_path / "gone.xml")
     (tmp_path / "torn.xml").write_text("<OpenSimDocument>", encoding="utf-8")
-    with pytest.raises(LogError, match=r"torn\.xml: no XML that can be read"):
+    with pytest.raises(LogError, match=r"torn\.xml: the file needs to be XML"):
         read_log(log, walker(), tmp_path / "torn.xml")

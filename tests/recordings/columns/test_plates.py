@@ -264,6 +264,7 @@ BAD = {
         "'torque', moments about its origin, or 'point'",
     ),
     "half a point": (ON + CORNERS + POINT.replace('"y"', '""'), "wrenches.p.point needs three coordinates, each a col"),
+    "no number": (ON + CORNERS + POINT.replace("0]", "nan]"), "wrenches.p.point needs three coordinates, each a col"),
     "two coordinates": (ON + CORNERS + POINT.replace(', "y"', ""), "wrenches.p.point needs three coordinates"),
     "empty moment": (ON + CORNERS + POINT.replace('"t"', '""'), "wrenches.p.free_moment needs columns beside a point"),
     "moment of two": (ON + CORNERS + POINT.replace('"", "t"', '"t"'), "free_moment needs a list of 3 columns"),
