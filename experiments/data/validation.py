@@ -12,6 +12,7 @@ from ident.annotations import typed
 from ident.errors import InputError
 from ident.files.schema import value_of
 from ident.files.table import short
+from ident.judgement.verdict import Outcome
 from ident.tolerances import DRIVE, INTERVAL
 
 T = TypeVar("T")
@@ -521,7 +522,13 @@ class Study:
         return np.concatenate([each.errors(each.values) for each in self.truths.values()] or [np.zeros(0)])
 
     @property
-    def trial_z_apart(self) -> tuple[np.ndarray, np.ndarray]:
-        """Differences between two recordings of one system, of bodies and rotors, and of friction."""
-        bodies, friction = zip((np.zeros(0), np.zeros(0)), *(each.trial_z_apart for each in self), strict=True)
-        return np.concatenate(bodies), np.concatenate(friction)
+    def trial_z_apart(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Differences between two recordings of one system: of bodies and rotors, of friction, and of the unusable.
+
+        The last are all parameters of estimates that are unusable by their verdicts.
+        """
+        nothing = np.zeros(0)
+        trusted = [each.trial_z_apart for each in self if each.outcome != Outcome.NOT.value]
+        bodies, friction = zip((nothing, nothing), *trusted, strict=True)
+        unusable = [each.trial_z for each in self if each.outcome == Outcome.NOT.value]
+        return np.concatenate(bodies), np.concatenate(friction), np.concatenate([nothing, *unusable])

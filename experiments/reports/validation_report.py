@@ -21,12 +21,12 @@ DIGITS = 6
 
 def numbers(study: Study) -> dict[str, Any]:
     """Key numbers in JSON types."""
-    ratio, (bodies, friction) = study.against_best, study.trial_z_apart
+    ratio, trials = study.against_best, zip(("bodies", "friction", "unusable"), study.trial_z_apart, strict=True)
     return {
         "channels": len(ratio),
         "best": int((ratio <= 1).sum()),
         "worse": int((ratio > WORSE).sum()),
-        "trials_inside_95": {"bodies": rounded(inside(bodies)), "friction": rounded(inside(friction))},
+        "trials_inside_95": {kind: rounded(inside(z)) for kind, z in trials},
         "known": len(study.truth_z),
         "known_inside_95": rounded(inside(study.truth_z)),
         "truths": {name: rounded({**vars(each), "entry": each.entry.name}) for name, each in study.truths.items()},
@@ -92,7 +92,7 @@ def truth_lines(study: Study) -> list[str]:
 
 def overview_lines(study: Study) -> list[str]:
     """Sentences on the channels in which the estimate is best, and on the agreement of estimates."""
-    ratio, (bodies, friction) = study.against_best, study.trial_z_apart
+    ratio, (bodies, friction, unusable) = study.against_best, study.trial_z_apart
     best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "
@@ -108,6 +108,11 @@ def overview_lines(study: Study) -> list[str]:
         out.append(
             f"Of {len(friction)} differences between their friction, {100 * inside(friction):.0f} % are: friction "
             "changes from trial to trial, which intervals of one trial do not contain."
+        )
+    if len(unusable):
+        out.append(
+            f"Of {len(unusable)} differences between estimates that are unusable by their verdicts, "
+            f"{100 * inside(unusable):.0f} % are."
         )
     return out + peer_lines(study) + [_identical(each) for each in study if len(each.alike_z)]
 
