@@ -103,7 +103,7 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
         (["winter", "--mass", "70"], "--prior winter needs --mass, --height, --sex; --height, --sex is missing."),
         (["auto", "--mass", "70"], "--mass belongs to a table of people, --prior winter, deleva, dumas."),
         (["dumas", "--mass", "70", "--height", "1.7", "--sex", "male"], "got femur = 'thighs'"),
-        (["dumas", "--mass", "-7", "--height", "1.7", "--sex", "male"], "got -7 and 1.7"),
+        (["dumas", "--mass", "-7", "--height", "1.7", "--sex", "male"], "--mass: needs a positive number"),
     ],
 )
 def test_a_table_needs_its_person(swing, tmp_path, capsys, options, message):
