@@ -57,7 +57,7 @@ def test_every_log_has_results_and_a_failure_is_a_row(folder, capsys):
     assert batch.main(["arm.xml", "run0.csv", "bad.csv", "run1.csv", "--out", "out", *OPTIONS]) == 2
     shown = capsys.readouterr()
     assert "3 logs: " in shown.out and "error: 1 of 3 logs failed: bad.csv." in shown.err
-    assert "bad.csv: a log needs at least" in shown.out.replace("\n", " ")
+    assert "bad.csv failed: a log needs at least" in shown.out.replace("\n", " ")
     first, bad, second = logs()
     assert bad["error"].startswith("bad.csv: a log needs at least 10 samples") and not bad["folder"]
     assert (first["folder"], second["folder"]) == ("run0", "run1")
