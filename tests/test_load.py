@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from commands import refusal
@@ -108,6 +109,26 @@ def test_what_a_load_does_not_explain_widens_its_intervals(load):
     assert factor > 2
     np.testing.assert_allclose(apart.in_frame().std[0] / factor, np.sqrt(load.joint.fit.covariance[0, 0]), rtol=0.01)
     assert "load_recordings_differ" in {finding.code for finding in apart.findings}
+
+
+def test_a_load_may_explain_all_that_recordings_share():
+    """One hinge without friction shows three parameters, and a load on its link changes all of them."""
+    spec = mujoco.MjSpec()
+    link = spec.worldbody.add_body(name="link", mass=2, ipos=[0, 0, -0.25], inertia=[0.04, 0.04, 1e-3])
+    link.explicitinertial = True
+    link.add_joint(name="hinge", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
+    time, rng = np.arange(0, 6, 0.01), np.random.default_rng(0)
+    w, a = 2 * np.pi * np.array([[0.5], [1.3]]), np.array([[0.8], [0.4]])
+    q, ddq = (a * np.sin(w * time)).sum(axis=0), (-a * w**2 * np.sin(w * time)).sum(axis=0)
+    logs = []
+    for first, inertia in ((0.5, 0.165), (1.0, 0.415)):
+        torque = inertia * ddq + 9.81 * first * np.sin(q) + 0.02 * rng.normal(size=len(q))
+        logs.append(Recording(time, {"hinge_position": q + 1e-4 * rng.normal(size=len(q)), "hinge_torque": torque}))
+    load = identify_load(mechanism(spec), *logs, body="link")
+    assert load.differing[1] == 0
+    assert load.joint.fit.theta[3] == pytest.approx(-0.5, abs=0.01)
+    assert np.isfinite(load.in_frame().std_setup).all()
+    assert "load_recordings_differ" not in {finding.code for finding in load.findings}
 
 
 def _at(estimate, theta):

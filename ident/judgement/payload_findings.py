@@ -94,8 +94,9 @@ def load_findings(
     out += _undetermined(identifiable[1:4], identifiable)
     if rubs:
         out.append(Finding.of("load_changes_friction"))
-    if special.chdtrc(differing[1], differing[0]) < SIGNIFICANT:
-        out.append(Finding.of("load_recordings_differ", rms_z=float(np.sqrt(differing[0] / differing[1]))))
+    chi2, freedom = differing
+    if freedom and special.chdtrc(freedom, chi2) < SIGNIFICANT:
+        out.append(Finding.of("load_recordings_differ", rms_z=float(np.sqrt(chi2 / freedom))))
     return doubts_first(out)
 
 

@@ -24,6 +24,7 @@ from ident.estimate import Estimate
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
+from ident.judgement.agreement import widening
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import PayloadVerdict, load_findings
 from ident.mechanism.mechanism import Mechanism
@@ -239,7 +240,7 @@ class Load(Payload):
         without: The estimate from recordings without it.
         joint: One fit of all recordings, whose first ten parameters are the load's φ in the body's frame.
         differing: χ² of the recordings with it from those without it, less what the load explains, and its degrees of
-            freedom: standard deviations from the noise are widened by Birge's ratio, as for `agreement.widening`.
+            freedom: standard deviations from the noise are widened by `agreement.widening`.
         weighed: Its mass by a scale, kg; None if it was not stated.
     """
 
@@ -268,9 +269,9 @@ class Load(Payload):
 
     @cached_property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
-        wider = max(
-            self.estimate.widening, self.without.widening, float(np.sqrt(self.differing[0] / self.differing[1]))
-        )
+        chi2, freedom = self.differing
+        apart = widening(float(np.sqrt(chi2 / freedom)) if freedom else None)
+        wider = max(self.estimate.widening, self.without.widening, apart)
         noise = wider**2 * self.joint.fit.covariance[:10, :10]
         return noise, noise + self.joint.covariance_of_setup[:10, :10]
 
