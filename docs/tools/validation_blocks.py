@@ -98,7 +98,7 @@ def _verdicts(study: Study) -> str:
 
 def sentence(study: Study) -> str:
     """Sentence with the main numbers, for README.md and paper.md."""
-    ratio, (bodies, friction, unusable) = study.against_best, study.trial_z_apart
+    ratio, held = study.against_best, {kind: f"{100 * inside(z):.0f} %" for kind, z in study.trial_z.items()}
     best, worse = int((ratio <= 1).sum()), int((ratio > WORSE).sum())
     systems = len({each.entry.folder for each in study})
     text = (
@@ -106,9 +106,9 @@ def sentence(study: Study) -> str:
         f"On {len(study.validations)} public recordings of {systems} systems, identified unattended, the estimate "
         f"predicts held-out data best in {best} of {len(ratio)} channels, and in {worse} it is worse by more than 5 % "
         "than the model as it came or least squares at the best of five cut-offs. Of the differences between "
-        f"recordings of one system, {100 * inside(bodies):.0f} % of the bodies' and {100 * inside(friction):.0f} % of "
-        "the frictions' are inside their 95 % intervals: friction changes from trial to trial. Where the verdict is "
-        f"'unusable', {100 * inside(unusable):.0f} % are."
+        f"recordings of one system, {held['bodies']} of the bodies' and {held['friction']} of the frictions' are "
+        "inside their 95 % intervals: friction changes from trial to trial. Where the verdict is 'unusable', "
+        f"{held['unusable']} are."
     )
     return f"{fill(text, WIDTH)}\n"
 

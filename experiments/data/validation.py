@@ -522,13 +522,17 @@ class Study:
         return np.concatenate([each.errors(each.values) for each in self.truths.values()] or [np.zeros(0)])
 
     @property
-    def trial_z_apart(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Differences between two recordings of one system: of bodies and rotors, of friction, and of the unusable.
+    def trial_z(self) -> dict[str, np.ndarray]:
+        """Differences between two recordings of one system, of `bodies` and rotors, of `friction`, and the `unusable`.
 
-        The last are all parameters of estimates that are unusable by their verdicts.
+        The last are of all parameters, of estimates that are unusable by their verdicts.
         """
-        nothing = np.zeros(0)
-        trusted = [each.trial_z_apart for each in self if each.outcome != Outcome.NOT.value]
-        bodies, friction = zip((nothing, nothing), *trusted, strict=True)
-        unusable = [each.trial_z for each in self if each.outcome == Outcome.NOT.value]
-        return np.concatenate(bodies), np.concatenate(friction), np.concatenate([nothing, *unusable])
+        parts: dict[str, list[np.ndarray]] = {"bodies": [], "friction": [], "unusable": []}
+        for each in self:
+            if each.outcome == Outcome.NOT.value:
+                parts["unusable"].append(each.trial_z)
+            else:
+                bodies, friction = each.trial_z_apart
+                parts["bodies"].append(bodies)
+                parts["friction"].append(friction)
+        return {kind: np.concatenate([np.zeros(0), *own]) for kind, own in parts.items()}

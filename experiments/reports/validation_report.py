@@ -21,12 +21,12 @@ DIGITS = 6
 
 def numbers(study: Study) -> dict[str, Any]:
     """Key numbers in JSON types."""
-    ratio, trials = study.against_best, zip(("bodies", "friction", "unusable"), study.trial_z_apart, strict=True)
+    ratio = study.against_best
     return {
         "channels": len(ratio),
         "best": int((ratio <= 1).sum()),
         "worse": int((ratio > WORSE).sum()),
-        "trials_inside_95": {kind: rounded(inside(z)) for kind, z in trials},
+        "trials_inside_95": {kind: rounded(inside(z)) for kind, z in study.trial_z.items()},
         "known": len(study.truth_z),
         "known_inside_95": rounded(inside(study.truth_z)),
         "truths": {name: rounded({**vars(each), "entry": each.entry.name}) for name, each in study.truths.items()},
@@ -92,7 +92,7 @@ def truth_lines(study: Study) -> list[str]:
 
 def overview_lines(study: Study) -> list[str]:
     """Sentences on the channels in which the estimate is best, and on the agreement of estimates."""
-    ratio, (bodies, friction, unusable) = study.against_best, study.trial_z_apart
+    ratio, (bodies, friction, unusable) = study.against_best, study.trial_z.values()
     best, alike = int((ratio <= 1).sum()), int(((ratio > 1) & (ratio <= WORSE)).sum())
     out = [
         f"In {best} of {len(ratio)} channels that some candidate explains, the trajectory estimate predicts best; in "

@@ -21,7 +21,6 @@ FAR = 2.0
 NARROWER = 0.5
 """Standard deviation of a mass over that of the prior below which the data determine it."""
 
-
 FACTOR = 2.0
 """Factor between a body's mass and the model's above which there is a remark."""
 

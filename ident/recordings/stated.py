@@ -1,4 +1,4 @@
-"""What a log states beside its columns: servos of commanded joints, and frames of tracked bodies."""
+"""Servos of commanded joints and frames of tracked bodies, which a recording states beside its samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
