@@ -102,8 +102,8 @@ def coverage(errors: Mapping[str, np.ndarray]) -> str:
     """A row for each system, with a dot for each known parameter: its error over half of its 95 % interval."""
     shown = {}
     for name, own in errors.items():
-        # Apart from those beside them by the golden ratio, which spreads any number of dots.
-        apart = (np.arange(len(own)) * 0.618) % 1 - 0.5
+        # From the middle on by the golden ratio, which spreads any number of dots.
+        apart = (0.5 + 0.618 * np.arange(len(own))) % 1 - 0.5
         held = f"{(abs(own) <= 1).sum()} of {len(own)}"
         shown[name] = {"held": held, "dots": [*zip(np.clip(own, -BEYOND, BEYOND), apart, strict=True)]}
     return _drawn("coverage", shown, BEYOND)

@@ -59,7 +59,7 @@ def truth_figure(study: Study) -> Figure:
     most = [max(int(each.significant.sum()) for each in shown[k * columns :][:columns]) for k in range(rows)]
     with empty_figure(sum(LINE * count + HEAD for count in most) + FOOT, wide=True) as drawing:
         axes = drawing.subplots(rows, columns, squeeze=False, height_ratios=most).ravel()
-        for ax, each in zip(axes, shown, strict=False):
+        for ax, each, lines in zip(axes, shown, np.repeat(most, columns).tolist(), strict=False):
             mask, holds = each.significant, abs(each.z) <= INTERVAL
             half = 100 * INTERVAL * np.hypot(each.std, each.tolerance)[mask] / abs(each.true[mask])
             order = np.argsort(half)
@@ -70,7 +70,7 @@ def truth_figure(study: Study) -> Figure:
                 ax.errorbar(error[own], own, xerr=half[own], **style)
             ax.axvline(0, color="black", lw=0.8, zorder=0, label="true value")
             ax.set_xlim(-WIDEST, WIDEST)
-            ax.set_ylim(len(order) - 0.5, -0.5)
+            ax.set_ylim(lines - 0.5, -0.5)
             names = np.array(each.names)[mask][order]
             ax.set_yticks(range(len(order)), [row_label(name) for name in names], fontsize=6)
             ax.set_title(f"{each.title}:\n{holds.sum()} of {len(holds)} intervals hold")
