@@ -202,8 +202,7 @@ def screen(made: Document, result: Estimate) -> str:
 
 def first_lines(cards: Sequence[Card]) -> list[str]:
     """The first findings, a line each."""
-    texts = (shorten(f"{card.title}. {card.text}", LINE, placeholder=" …") for card in cards[:FIRST])
-    return [line_of(text, card.doubt) for text, card in zip(texts, cards, strict=False)]
+    return [line_of(shorten(card.text, LINE, placeholder=" …"), card.doubt) for card in cards[:FIRST]]
 
 
 def verbose(made: Document, result: Estimate) -> str:

@@ -244,8 +244,9 @@ class Verdict(Worded):
         else:
             yield from self._use()
         if self.idle:
-            of = {why: listed(c for c, own in self.idle.items() if own == why) for why in self.idle.values()}
-            yield f"Not counted: {listed(f'{names} ({IDLE[why]})' for why, names in of.items())}."
+            of = {why: [c for c, own in self.idle.items() if own == why] for why in self.idle.values()}
+            each = (f"{listed(names, 'channels')} ({IDLE[why]})" for why, names in of.items())
+            yield f"Not counted: {listed(each)}."
 
     def _part(self) -> str:
         """Sentence on what a partly usable estimate may be used for."""
@@ -298,6 +299,5 @@ ON_BODIES: Sequence[Callable[[Evidence], Iterator[Finding]]] = (mass_findings, c
 
 
 def findings(evidence: Evidence) -> list[Finding]:
-    """All findings on the fit, the doubts first, and then those on the updated model."""
-    on_fit, on_bodies = ([each for judge in judges for each in judge(evidence)] for judges in (ON_FIT, ON_BODIES))
-    return [*doubts_first(on_fit), *on_bodies]
+    """All findings, the doubts first, then those on the fit, and then those on the updated model."""
+    return doubts_first(each for judge in (*ON_FIT, *ON_BODIES) for each in judge(evidence))
