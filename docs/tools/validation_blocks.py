@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from experiments.data.validation import WORSE, Study, inside
 from experiments.document import symbols
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
+from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from experiments.reports.validation_report import STEEL, overview_lines, truth_lines, worse_lines
 from experiments.studies.validation.files import registry
 from experiments.studies.validation.validation_study import study_of
@@ -121,7 +121,6 @@ def shown_study(numbers: dict[str, Any]) -> Study:
 def page_figures(study: Study) -> dict[str, Figure]:
     """Figures of docs, by file name without suffix."""
     return {
-        "validation_truth": truth_figure(study),
         "validation": summary_figure(study),
         "validation_held_out": held_out_figure(study),
         "validation_published": published_figure(study),

@@ -21,7 +21,7 @@ from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies
 from ident.judgement.candidates import about_best
-from ident.judgement.finding import line_of, listed, number_of
+from ident.judgement.finding import NAMED, line_of, listed, number_of
 from ident.judgement.verdict import IDLE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
@@ -184,7 +184,11 @@ def data_lines(result: Estimate) -> list[str]:
     """Lines on the data: samples, structure, excitation and checks."""
     log = result.prepared
     gained = separating_sensors(log.mechanism, log.sensors)
-    separating = {what: with_bodies(names, log.mechanism.bodies) for what, names in gained.items()}
+    bodies = log.mechanism.bodies
+    separating = {
+        what: with_bodies(names, bodies) if len(names) <= NAMED else f"{len(names)} parameters"
+        for what, names in gained.items()
+    }
     more = {"values": result.determined_values, "weight": result.checks.weight, "separating": separating}
     return writer.sentences("identify_data.txt", result=result, log=log, **more)
 
@@ -279,7 +283,7 @@ def document(
         following: Errors of models that are simulated with the recorded commands, if there are any.
         geometry: True to displace joints of the updated model, too.
     """
-    updated = updated_file(result.prepared.mechanism)
+    updated, bodies = updated_file(result.prepared.mechanism), result.prepared.mechanism.bodies
     recordings = ", ".join(map(name_of, logs)) or f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
     made = Document(
         f"{model.name if model else 'A mechanism'}, identified from {recordings}",
@@ -289,6 +293,7 @@ def document(
         findings=[*map(Card.of, result.findings)],
         lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
         heading="The recording",
+        folded={"Bodies by number": [", ".join(f"{k} {name}" for k, name in enumerate(bodies, 1))]},
         tables={
             "table_base_parameters": parameters_table(result),
             "table_held_out": quality_table(result),
