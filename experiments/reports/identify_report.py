@@ -184,12 +184,7 @@ def data_lines(result: Estimate) -> list[str]:
     """Lines on the data: samples, structure, excitation and checks."""
     log = result.prepared
     gained = separating_sensors(log.mechanism, log.sensors)
-    bodies = log.mechanism.bodies
-    separating = {
-        what: with_bodies(names, bodies) if len(names) <= NAMED else f"{len(names)} parameters"
-        for what, names in gained.items()
-    }
-    more = {"values": result.determined_values, "weight": result.checks.weight, "separating": separating}
+    more = {"values": result.determined_values, "separating": gained, "with_bodies": with_bodies, "most": NAMED}
     return writer.sentences("identify_data.txt", result=result, log=log, **more)
 
 

@@ -132,10 +132,8 @@ def _not_converged(status: str, rounds: int) -> str:
 
 
 def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
-    still = ""
-    if best:
-        names = listed((f"log {log}" for log in best), "logs")
-        still = f" It still predicts {names} best, or about as well as other candidates."
+    names = listed((f"log {log}" for log in best), "logs")
+    still = f" It still predicts {names} best, or about as well as other candidates." * bool(best)
     each = bracketed({f"log {log}": z for log, z in zip(logs, rms_z, strict=True)}, "logs", ".1f")
     return (
         "Logs disagree on the base parameters, in root mean square standard deviations of the noise: "

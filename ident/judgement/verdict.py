@@ -113,9 +113,7 @@ class Precision:
     def _of_masses(self) -> str:
         """Sentence on the masses that are determined."""
         if self.weighed:
-            few = len(self.weighed) <= NAMED
-            names = listed(self.weighed) if few else f"{len(self.weighed)} of {len(self.bodies)} bodies"
-            return f"It determines the mass of {names}."
+            return f"It determines the mass of {listed(self.weighed, f'of {len(self.bodies)} bodies')}."
         if self.mass is not None and self.mass.std_setup <= PRECISIONS[-1] * abs(self.mass.value):
             value, std = rounded(self.mass.value, self.mass.std_setup)
             return f"It determines the whole mass, {value} ± {std} kg, but no single ones."
