@@ -198,7 +198,7 @@ class Verdict(Worded):
 
     @property
     def brief(self) -> str:
-        """The decision's reason in a sentence of at most 20 words, unless names are longer."""
+        """The decision's reason in a sentence of at most 20 words."""
         if not self.predicted:
             return "It predicts no channel; check names, units and signs of the columns."
         if self.doubts:
@@ -206,8 +206,8 @@ class Verdict(Worded):
             return f"{speak} against it; it predicts {self.channels}."
         if self.outcome is Outcome.PARTLY:
             return f"It predicts {self.channels}; use it for nothing else."
-        but = ", single parameters are uncertain" if self.precision is not None and self.precision.poor else ""
-        most = max(self.predicted.values())
+        poor = self.precision is not None and self.precision.poor and not self.missed
+        but, most = ", single parameters are uncertain" * poor, max(self.predicted.values())
         return f"It predicts {self.channels}; {self.part} residuals are at most {most:.2g} of the signal{but}."
 
     @property
