@@ -288,7 +288,7 @@ def document(
         findings=[*map(Card.of, result.findings)],
         lines=[*data_lines(result), *_left_out_of(updated, result), *following_lines(following)],
         heading="The recording",
-        folded={"Bodies by number": [", ".join(f"{k} {name}" for k, name in enumerate(bodies, 1))]},
+        folded={"Bodies by number": [", ".join(f"{k} is {name}" for k, name in enumerate(bodies, 1))]},
         tables={
             "table_base_parameters": parameters_table(result),
             "table_held_out": quality_table(result),
