@@ -194,9 +194,9 @@ ROWS, FIRST, LINE, NAME = 11, 5, 112, 30
 
 def screen(made: Document, result: Estimate) -> str:
     """Text for the terminal on 24 lines: verdict, channels by candidate, and the first findings; the page has all."""
-    number = len(made.findings) - FIRST
+    more = number_of(len(made.findings) - FIRST, "more finding") + " and " if len(made.findings) > FIRST else ""
     lines = [Headline.of(result.verdict()).line, "", _ratios(result, ROWS), *first_lines(made.findings)]
-    return "\n".join([*lines, f"--verbose prints {f'{number} more findings and ' if number > 0 else ''}all numbers."])
+    return "\n".join([*lines, f"--verbose prints {more}all numbers."])
 
 
 def first_lines(cards: Sequence[Card]) -> list[str]:

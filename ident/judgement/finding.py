@@ -84,6 +84,7 @@ TITLES = {
     "unchecked": "could not be checked",
     "friction_not_fitted": "friction is left out",
     "low_velocity_friction": "torques count less at low velocity",
+    "smooth_coulomb_friction": "smooth Coulomb friction",
     "body_not_carried": "a body that was not carried",
     "channels_late": "channels late against others",
     "own_in_logs": "friction or offsets differ between logs",
