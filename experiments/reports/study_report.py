@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.data import simulated_study
-from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
+from experiments.data.fitting import ESTIMATORS, Trial
 from experiments.data.simulated_study import CHANNELS, SimulatedStudy, axes, summary, touches, trajectory_summary
 from experiments.data.study_file import estimator_of
 from experiments.document import tabular
@@ -122,14 +122,12 @@ def quantity(study: SimulatedStudy, model: str, name: str, parameters: Iterable[
         return [float(_published_of(study, model, name).get(each, np.nan)) for each in parameters]
     if name == "regrouping":
         return sums(study, model)
-    fit: Trial | TrajectoryTrial = study.fit(model)
+    fit: Trial = study.fit(model)
     if name.startswith("trajectory_"):
         fit, name = study.trajectory(model), name.removeprefix("trajectory_")
     elif name.endswith("_weighted"):
         fit, name = study.fit(model, "weighted"), name.removesuffix("_weighted")
-    values = {"true": fit.psi_true, "error": fit.error, "std": fit.std, "estimated": fit.error + fit.psi_true}
-    if isinstance(fit, Trial):
-        values["estimated"] = fit.estimate.psi
+    values = {"true": fit.psi_true, "error": fit.error, "std": fit.std, "estimated": fit.psi}
     return values[name.removesuffix("_wrench_noise").removesuffix("_scene")]
 
 
