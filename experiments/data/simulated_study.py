@@ -238,8 +238,8 @@ def summary(study: SimulatedStudy) -> dict[str, Any]:
     published = file.published.get("condition_number", {})
     numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
     for entry in file.tables.values():
-        if entry["kind"] == "wrench errors":
-            numbers["wrench_errors"] = wrench_errors(study, entry["models"])
+        if entry.kind == "wrench errors":
+            numbers["wrench_errors"] = wrench_errors(study, entry.models)
     numbers |= axes(study) if study.recovers else {}
     numbers |= touches(study) if study.touching else {}
     recording = study.recording

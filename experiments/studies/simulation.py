@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import TRAJECTORY, Distribution, Trial
+from experiments.data.fitting import TRAJECTORY, Distribution
 from experiments.data.outcomes import Swept
 from experiments.data.simulated_study import SimulatedStudy, StudyProblem, summary
 from experiments.data.study_file import StudyFile
