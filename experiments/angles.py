@@ -9,8 +9,7 @@ from experiments.cli import options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.data.outcomes import Angles
-    from experiments.studies.marker_angles import Scale
+    from experiments.studies.marker_angles import Angles, Scale
 
 
 def run(args: argparse.Namespace) -> None:

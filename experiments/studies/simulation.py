@@ -1,7 +1,7 @@
 """Simulation of a study's recording, its models by least squares, and trials with noise drawn anew."""
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from experiments.data.fitting import TRAJECTORY, Distribution
-from experiments.data.outcomes import Swept
 from experiments.data.simulated_study import SimulatedStudy, StudyProblem, summary
 from experiments.data.study_file import StudyFile
 from experiments.runs.workers import Checkpoint, Workers
@@ -163,6 +162,32 @@ def _distribution(study: SimulatedStudy, model: str, outcomes: np.ndarray) -> Di
     names, published = study.fit(model).base.names, study.file.published.get("error", {}).get(model, {})
     beside = np.array([published.get(name, np.nan) for name in names])
     return Distribution(names, outcomes[:, 0], outcomes[:, 1], beside)
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """Results of a study for each value and seed of a sweep.
+
+    Attributes:
+        option: Name of the option.
+        values: Its values.
+        runs: Value, seed and summary of each run, or its error under `refused`; all values with the first seed, then
+            with the next.
+    """
+
+    option: str
+    values: Sequence[str | float]
+    runs: Sequence[Mapping[str, Any]]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the numbers in the summaries, without the paper's."""
+        names = dict.fromkeys(name for run in self.runs for name, x in run.items() if isinstance(x, int | float))
+        return [name for name in names if not name.startswith("paper_") and name not in (self.option, "seed")]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A number for each seed and value (seeds, values); NaN if a summary lacks it."""
+        return np.array([run.get(name, np.nan) for run in self.runs], dtype=float).reshape(-1, len(self.values))
 
 
 def swept(draw: Draw, asked: Trials, folder: Path) -> Swept:
