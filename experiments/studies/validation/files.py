@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from zipfile import BadZipFile
 
-from experiments.data.validation import Entry, SourceFile
+from experiments.data.validation import Entry
 from experiments.studies.validation.converters import CONVERTERS
 from experiments.studies.validation.download import HOST, address, cache, digest, download
 from ident.display.brief import listed
@@ -128,23 +128,17 @@ def fetched(entry: Entry, folder: Path, host: str = HOST) -> Path:
     """
     addresses = {file: address(entry, file, host) for file in entry.files}
     for file, url in addresses.items():
-        target = folder / file.name
+        target, original = folder / file.name, folder / f"{file.name}.original"
         if target.is_file() and (not file.sha256 or digest(target) == file.sha256):
             continue
-        if not file.made:
-            _tell_unchecked(file, url, download(url, target, file.original or file.sha256))
-            continue
-        original = folder / f"{file.name}.original"
-        _tell_unchecked(file, url, download(url, original, file.original))
-        convert(file.made, original, target)
-        original.unlink()
+        expected = file.original or ("" if file.made else file.sha256)
+        sha256 = download(url, original if file.made else target, expected)
+        if not expected:
+            print(f"Unchecked, as the registry holds no hash of it: {url}, SHA-256 {sha256}.", file=sys.stderr)
+        if file.made:
+            convert(file.made, original, target)
+            original.unlink()
     return folder
-
-
-def _tell_unchecked(file: SourceFile, url: str, sha256: str) -> None:
-    """Prints the hash of a file that the registry has none of."""
-    if not file.original and (file.made or not file.sha256):
-        print(f"Unchecked, as the registry holds no hash of it: {url}, SHA-256 {sha256}.", file=sys.stderr)
 
 
 def checked(entry: Entry, folder: Path) -> tuple[str, ...]:
