@@ -86,35 +86,6 @@ class Distribution(Errors):
         return 100 * np.array([np.mean(self.errors < limit, axis=0) for limit in (low, high)])
 
 
-@dataclass(frozen=True, eq=False)
-class Following:
-    """Errors of simulated coordinates, by joint.
-
-    Attributes:
-        joints: Names of the joints.
-        units: Their units, `rad` or `m`.
-        before: RMS error of the model as it came (n,); NaN if its simulation diverged.
-        after: RMS error of the updated model (n,).
-        seconds: Simulated time, s.
-    """
-
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    before: np.ndarray
-    after: np.ndarray
-    seconds: float
-
-    @property
-    def ratio(self) -> np.ndarray:
-        """Error of the updated model over that of the model as it came (n,)."""
-        return self.after / np.maximum(self.before, 1e-300)
-
-    @property
-    def better(self) -> int:
-        """Number of joints that the updated model follows better."""
-        return int((self.after < np.where(np.isnan(self.before), np.inf, self.before)).sum())
-
-
 ESTIMATORS = {
     "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",
     "weighted": "the same, weighted by the covariance of the wrenches' noise",

@@ -66,7 +66,7 @@ class SourceFile:
 
 @typed("std")
 @dataclass(frozen=True)
-class Stated:
+class StatedValue:
     """A parameter that is published, or known as it was weighed or measured by itself.
 
     Attributes:
@@ -148,8 +148,8 @@ class Entry:
     empty: tuple[tuple[str, ...], ...] = ()
     loaded: tuple[tuple[str, ...], ...] = ()
     true_files: tuple[str, ...] = ()
-    truth: tuple[Stated, ...] = ()
-    published: tuple[Stated, ...] = ()
+    truth: tuple[StatedValue, ...] = ()
+    published: tuple[StatedValue, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
     reference: Reference | None = None
     alike: tuple[tuple[str, ...], ...] = ()
@@ -360,7 +360,7 @@ class Validation:
             out.append(Goal("largest excess over the best other", reference.worse, float(self.against_best.max() - 1)))
         return out
 
-    def published_z(self, published: Stated) -> float:
+    def published_z(self, published: StatedValue) -> float:
         """Estimate less published value in their standard deviations."""
         value, _, std = self.values[published.name]
         return _z(value, std, published.value, published.std)

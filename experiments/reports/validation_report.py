@@ -70,19 +70,13 @@ STEEL = "double_pendulum"
 
 def lines(study: Study) -> list[str]:
     """Sentences with the main numbers, and on what was not run."""
-    out = main_lines(study)
+    out = [*truth_lines(study), *(overview_lines(study) if study.validations else []), *worse_lines(study)]
     unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
     out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
     out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
     if study.untried:
         out.append(f"In the registry, but never tried: {', '.join(entry.title for entry in study.untried)}.")
     return out
-
-
-def main_lines(study: Study) -> list[str]:
-    """Sentences with the main numbers: where the estimate is best, where it loses, and how estimates agree."""
-    predictions = overview_lines(study) if study.validations else []
-    return [*truth_lines(study), *predictions, *worse_lines(study)]
 
 
 def truth_lines(study: Study) -> list[str]:

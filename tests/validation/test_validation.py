@@ -15,7 +15,7 @@ from fuzz.here import Here
 from registered import TEXT, files_of, recorded, written
 
 from experiments import validate
-from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, Entry, Source, Stated, inside
+from experiments.data.validation import CANDIDATES, ESTIMATE, LEAST_SQUARES, MODEL, Entry, Source, StatedValue, inside
 from experiments.reports import validation_figures as figures
 from experiments.reports import validation_report as report
 from experiments.reports import validation_tables
@@ -291,7 +291,7 @@ def test_a_weighed_load_is_compared_with_that_of_logs_with_and_without_it(surgic
         np.savetxt(tmp_path / name, rows, delimiter=",", header=head, comments="")
     logs = {"empty": (("empty.csv",), ("other.csv",)), "loaded": (("full.csv",),)}
     options = {"columns": "surgical_arm.toml", "base": "base"}
-    truth = (Stated("mass", 0.105, 0.0005),)
+    truth = (StatedValue("mass", 0.105, 0.0005),)
     given = {"model": model.name, "body": "front", "truth": truth, "options": options, **logs}
     entry = Entry("arm", "An arm", "With and without.", "arm", True, Source("someone/arm"), (), **given)
     values = np.arange(10.0)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry, Stated
+from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry, StatedValue
 from experiments.studies.user_files import prepare, read_mechanism
 from experiments.studies.validation.files import checked, columns_file, convert, converted
 from experiments.studies.validation.peers import compared
@@ -47,11 +47,11 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
         estimate: Its estimate.
         results: Results of that in JSON types.
     """
-    own, known = results["values"], dict[str, Stated]()
+    own, known = results["values"], dict[str, StatedValue]()
     if entry.true_files:
         model = read_mechanism(folder / entry.true_files[0], base=entry.options.get("base"))
         true = replace(estimate.fit.equations, mechanism=model).from_model
-        known |= {name: Stated(name, float(x), 0.0) for name, x in zip(own["names"], true, strict=False)}
+        known |= {name: StatedValue(name, float(x), 0.0) for name, x in zip(own["names"], true, strict=False)}
     known |= {each.name: each for each in entry.truth if not entry.body}
     if not known:
         return {}
@@ -62,7 +62,11 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
 
 
 def _beside(
-    names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float], known: Sequence[Stated]
+    names: Sequence[str],
+    units: Sequence[str],
+    values: Sequence[float],
+    std: Sequence[float],
+    known: Sequence[StatedValue],
 ) -> dict[str, Any]:
     """Estimates, and the known values beside them; those of a simulation are exact."""
     tolerance = np.nan_to_num([each.std for each in known]).tolist()
@@ -110,7 +114,7 @@ def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict
             alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets, holdout=0.0
         ).in_frame()
         names = [f"{Path(log).stem} {name}" for name in QUANTITIES]
-        known = [Stated(name, x, 0.0) for name, x in zip(names, _body(folder / file).tolist(), strict=True)]
+        known = [StatedValue(name, x, 0.0) for name, x in zip(names, _body(folder / file).tolist(), strict=True)]
         for key, x in _beside(names, UNITS, body.values.tolist(), body.std_setup.tolist(), known).items():
             out.setdefault(key, []).extend(x)
     return {**out, "rivals": {}, "seconds": time.process_time() - start}
