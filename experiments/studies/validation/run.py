@@ -56,22 +56,16 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
     if not known:
         return {}
     at = [own["names"].index(name) for name in known]
-    names, units, values, std = ([own[key][k] for k in at] for key in ("names", "units", "values", "std_setup"))
+    columns = {"names": "names", "units": "units", "values": "values", "std": "std_setup"}
+    rows = {name: [own[key][k] for k in at] for name, key in columns.items()}
     rivals = {name: [x[k] for k in at] for name, x in results["rivals"].items()}
-    return {**_beside(names, units, values, std, list(known.values())), "rivals": rivals}
+    return {**_beside(rows, list(known.values())), "rivals": rivals}
 
 
-def _beside(
-    names: Sequence[str],
-    units: Sequence[str],
-    values: Sequence[float],
-    std: Sequence[float],
-    known: Sequence[StatedValue],
-) -> dict[str, Any]:
-    """Estimates, and the known values beside them; those of a simulation are exact."""
+def _beside(rows: Mapping[str, Sequence[Any]], known: Sequence[StatedValue]) -> dict[str, Any]:
+    """Estimates by `names`, `units`, `values` and `std`, and the known values beside them."""
     tolerance = np.nan_to_num([each.std for each in known]).tolist()
-    rows = {"names": names, "units": units, "values": values, "std": std}
-    return rows | {"true": [each.value for each in known], "tolerance": tolerance, "rivals": {}}
+    return {**rows, "true": [each.value for each in known], "tolerance": tolerance, "rivals": {}}
 
 
 def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
@@ -86,9 +80,9 @@ def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
     logs = ([read_log(paths[name], robot, columns) for (name,) in several] for several in (entry.empty, entry.loaded))
     body = identify_load(robot, *logs, body=entry.body).in_frame()
     at = [QUANTITIES.index(each.name) for each in entry.truth]
-    names, units = ([several[k] for k in at] for several in (QUANTITIES, UNITS))
-    rows = _beside(names, units, body.values[at].tolist(), body.std_setup[at].tolist(), entry.truth)
-    return {**rows, "seconds": time.process_time() - start}
+    rows = {"names": [QUANTITIES[k] for k in at], "units": [UNITS[k] for k in at]}
+    rows |= {"values": body.values[at].tolist(), "std": body.std_setup[at].tolist()}
+    return {**_beside(rows, entry.truth), "seconds": time.process_time() - start}
 
 
 def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
@@ -115,7 +109,8 @@ def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict
         ).in_frame()
         names = [f"{Path(log).stem} {name}" for name in QUANTITIES]
         known = [StatedValue(name, x, 0.0) for name, x in zip(names, _body(folder / file).tolist(), strict=True)]
-        for key, x in _beside(names, UNITS, body.values.tolist(), body.std_setup.tolist(), known).items():
+        rows = {"names": names, "units": UNITS, "values": body.values.tolist(), "std": body.std_setup.tolist()}
+        for key, x in _beside(rows, known).items():
             out.setdefault(key, []).extend(x)
     return {**out, "rivals": {}, "seconds": time.process_time() - start}
 
