@@ -112,11 +112,6 @@ class PersonStudy:
         """As `distances_by`, including the uncertainty of the set-up."""
         return self.distances_by(self.estimate.covariance_setup)
 
-    @cached_property
-    def distances_of_noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `distances_by`, from noise alone, with the estimated set-up."""
-        return self.distances_by(self.estimate.covariance)
-
     def distances_by(self, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Precision and errors along independently estimated combinations of base parameters, the best known first.
 
@@ -154,9 +149,11 @@ class PersonStudy:
         return {name: np.sqrt((x**2).mean(axis=0)) / scales for name, x in off.items()}
 
     @cached_property
-    def segments(self) -> tuple[np.ndarray, np.ndarray]:
-        """φ of all segments and standard deviations, from prior and estimate (b, 10) each."""
-        return self._conditioned([self.seconds] * len(self.activities))
+    def segments(self) -> dict[str, np.ndarray]:
+        """φ of all segments: `true`, `prior` and `estimate`, and standard deviations `std` (b, 10) each."""
+        estimate, std = self.after([self.seconds] * len(self.activities))
+        true, prior = (arm.known.reshape(-1, 10) for arm in (self.true, self.mechanism))
+        return {"true": true, "prior": prior, "estimate": estimate, "std": std}
 
     @property
     def coverage(self) -> float:
@@ -174,10 +171,6 @@ class PersonStudy:
         )
         return float(np.degrees(np.median(joint.fit.coordinate_noise[hinges])))
 
-    def information(self, seconds: Sequence[float]) -> np.ndarray:
-        """Standard deviations of φ after the first seconds of each recording, with the noise of all of them (b, 10)."""
-        return self._conditioned(seconds)[1]
-
     def predicted_deviation(self, seconds: Sequence[float]) -> float:
         """Standard deviation of the wrench predicted for other motions, after the first seconds of each recording.
 
@@ -194,8 +187,11 @@ class PersonStudy:
         Y = self.held_out.swapaxes(0, 1)
         return Y.swapaxes(1, 2) @ Y
 
-    def _conditioned(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """φ and its standard deviations, from the prior and the first seconds of each recording (b, 10) each."""
+    def after(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """φ and its standard deviations, from the prior and the first seconds of each recording (b, 10) each.
+
+        The noise is that of all of them.
+        """
         estimate = self.estimate
         phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, self._covariance(seconds))
         return phi.reshape(-1, 10), std.reshape(-1, 10)
