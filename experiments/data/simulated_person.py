@@ -18,6 +18,7 @@ from ident.tolerances import INTERVAL
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.piece_equations import normal_equations
 from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.result import TrajectoryEstimate
 
 CAREFUL = {
     "origin": 0.001,
@@ -107,6 +108,11 @@ class PersonStudy:
         """The person with the prior."""
         return self.estimate.prepared.mechanism
 
+    @property
+    def _trajectory(self) -> TrajectoryEstimate:
+        assert self.estimate.trajectory is not None
+        return self.estimate.trajectory
+
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
         """As `distances_by`, including the uncertainty of the set-up."""
@@ -163,8 +169,7 @@ class PersonStudy:
     @property
     def noise_of_angles(self) -> float:
         """Median of the estimated standard deviations of the hinges' angles, degrees."""
-        joint = self.estimate.trajectory
-        assert joint is not None
+        joint = self._trajectory
         hinges = np.concatenate(
             [np.zeros(joint.measurement.of_base, bool)]
             + [np.full(body.coordinates, not body.is_ball) for body in self.true.tree.bodies]
@@ -203,8 +208,7 @@ class PersonStudy:
             seconds: Length of each.
             setup: True to include the uncertainty of the set-up.
         """
-        joint, rank = self.estimate.trajectory, self.estimate.base.rank
-        assert joint is not None
+        joint, rank = self._trajectory, self.estimate.base.rank
         fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
         precision = fit.prior.precision.copy()
         for k, length in enumerate(np.array(seconds)[own].tolist()):
@@ -214,9 +218,7 @@ class PersonStudy:
 
     def _share(self, k: int, seconds: float) -> np.ndarray:
         """Information on θ in the first seconds of a piece (p, p)."""
-        joint = self.estimate.trajectory
-        assert joint is not None
-        fit = joint.fit
+        joint, fit = self._trajectory, self._trajectory.fit
         if seconds >= self.seconds:
             return fit.shares[k][0]
         if (k, seconds) not in self._begun:
