@@ -61,13 +61,14 @@ def truth_figure(study: Study) -> Figure:
         axes = drawing.subplots(rows, columns, squeeze=False, height_ratios=most).ravel()
         for ax, each, lines in zip(axes, shown, np.repeat(most, columns).tolist(), strict=False):
             mask, holds = each.significant, abs(each.z) <= INTERVAL
-            half = 100 * INTERVAL * np.hypot(each.std, each.tolerance)[mask] / abs(each.true[mask])
-            order = np.argsort(half)
-            error, half, inside = 100 * each.errors(each.values)[order], half[order], holds[mask][order]
+            halves = np.hypot([each.values - each.lower, each.upper - each.values], INTERVAL * each.tolerance)
+            halves = 100 * halves[:, mask] / abs(each.true[mask])
+            order = np.argsort(halves.sum(axis=0))
+            error, halves, inside = 100 * each.errors(each.values)[order], halves[:, order], holds[mask][order]
             for which, color, label in ((inside, "C0", HOLDS), (~inside, "C3", MISSES)):
                 own = np.flatnonzero(which)
                 style: dict[str, Any] = {"fmt": "o", "color": color, "ms": 2.6, "elinewidth": 1.4, "label": label}
-                ax.errorbar(error[own], own, xerr=half[own], **style)
+                ax.errorbar(error[own], own, xerr=halves[:, own], **style)
             ax.axvline(0, color="black", lw=0.8, zorder=0, label="true value")
             ax.set_xlim(-WIDEST, WIDEST)
             ax.set_ylim(lines - 0.5, -0.5)

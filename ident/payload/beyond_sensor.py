@@ -37,8 +37,10 @@ from ident.setup import PRIORS
 from ident.tolerances import HOLDOUT, UNEXPLAINED
 from ident.trajectory.fit.iteration import Report
 
-DENSITY = 500.0
-"""Density of the ball that replaces a body of unknown inertia, kg/m³; low, as tools are mostly air."""
+DENSITY = 2000.0
+"""Density of the ball that replaces a body of unknown inertia, kg/m³: metal and plastics, and some air. Mean errors of
+inertias of eight simulated tools with 500 are 100, 115 and 182 % of their size at three levels of noise, with this 56,
+76 and 162 %, with steel's 8000 38, 68 and 170 %, and with that also .4 to 1 % more of those that the motion shows."""
 
 SIGNIFICANT = 4.0
 """Number of standard deviations from which a mass is significant."""

@@ -26,7 +26,7 @@ from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.judgement.agreement import widening
 from ident.judgement.finding import Finding
-from ident.judgement.payload_findings import PayloadVerdict, load_findings
+from ident.judgement.payload_findings import load_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
@@ -267,6 +267,10 @@ class Load(Payload):
     def _phi(self) -> np.ndarray:
         return self.physical.phi
 
+    @property
+    def _beside(self) -> np.ndarray:
+        return self.joint.fit.theta[:10] - self._phi
+
     @cached_property
     def _covariances(self) -> tuple[np.ndarray, np.ndarray]:
         chi2, freedom = self.differing
@@ -311,11 +315,6 @@ class Load(Payload):
             rubs=bool(rubs),
             differing=self.differing,
         )
-
-    def verdict(self) -> PayloadVerdict:
-        """Verdict on the load with its standard deviations; a sentence when printed."""
-        values, _, std, identifiable = self.in_frame()
-        return PayloadVerdict.of_body(self.estimate, self.findings, values, std, identifiable)
 
     def phi_of_robot(self) -> np.ndarray:
         """φ of the model with the load on its body (10 b,)."""

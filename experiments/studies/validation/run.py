@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from experiments.data.validation import ESTIMATE, LEAST_SQUARES, MODEL, Entry
 from experiments.studies.user_files import prepare, read_mechanism
@@ -25,10 +26,11 @@ from ident.judgement.agreement import differences
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN, drive_precision, known_covariance
 from ident.payload.beyond_sensor import identify_payload
-from ident.payload.identified_payload import QUANTITIES, UNITS, described
+from ident.payload.identified_payload import QUANTITIES, UNITS, RigidBody, described
 from ident.payload.load import identify_load
 from ident.recordings.log import read_log
-from ident.tolerances import HOLDOUT
+from ident.setup import PRIORS
+from ident.tolerances import HOLDOUT, INTERVAL
 from sim.models.notes import ModelNote
 
 BODY = "tool"
@@ -40,6 +42,8 @@ MOST_ALONE = 3
 
 def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping[str, Any]) -> dict[str, Any]:
     """Known base parameters and drives of an entry, empty without any.
+
+    The set-up of a simulation is exact, so that its intervals are those from the noise.
 
     Args:
         entry: The recording.
@@ -56,13 +60,26 @@ def of_estimate(entry: Entry, folder: Path, estimate: Estimate, results: Mapping
     if not known:
         return {}
     at = [own["names"].index(name) for name in known]
-    columns = {"names": "names", "units": "units", "values": "values", "std": "std_setup"}
-    return {
-        **{name: [own[key][k] for k in at] for name, key in columns.items()},
-        "true": [value for value, _ in known.values()],
-        "tolerance": [tolerance for _, tolerance in known.values()],
-        "rivals": {name: [x[k] for k in at] for name, x in results["rivals"].items()},
-    }
+    std = "std" if entry.true_files else "std_setup"
+    names, units, x, half = ([own[key][k] for k in at] for key in ("names", "units", "values", std))
+    ends = np.array(x)[:, None] + INTERVAL * np.outer(half, [-1, 1])
+    rivals = {name: [x[k] for k in at] for name, x in results["rivals"].items()}
+    return _of(names, units, x, ends, *zip(*known.values(), strict=True), rivals=rivals)
+
+
+def _of(
+    names: Sequence[str],
+    units: Sequence[str],
+    values: ArrayLike,
+    ends: np.ndarray,
+    true: ArrayLike,
+    tolerance: ArrayLike,
+    **more: Any,
+) -> dict[str, Any]:
+    """Known parameters in JSON types, with the ends of their 95 % intervals (p, 2)."""
+    numbers = {"values": values, "lower": ends[:, 0], "upper": ends[:, 1], "true": true, "tolerance": tolerance}
+    lists = {key: np.asarray(x, float).tolist() for key, x in numbers.items()}
+    return {"names": list(names), "units": list(units), **lists, "rivals": {}, **more}
 
 
 def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
@@ -77,10 +94,9 @@ def of_load(entry: Entry, paths: Mapping[str, Path]) -> dict[str, Any]:
     logs = ([read_log(paths[name], robot, columns) for (name,) in several] for several in (entry.empty, entry.loaded))
     body = identify_load(robot, *logs, body=entry.body).in_frame()
     at = [QUANTITIES.index(each.name) for each in entry.truth]
-    rows = {"names": [QUANTITIES[k] for k in at], "units": [UNITS[k] for k in at]}
-    numbers = {"values": body.values[at].tolist(), "std": body.std_setup[at].tolist()}
-    known = {"true": [each.value for each in entry.truth], "tolerance": [each.tolerance for each in entry.truth]}
-    return {**rows, **numbers, **known, "rivals": {}, "seconds": time.process_time() - start}
+    names, units = ([each[k] for k in at] for each in (QUANTITIES, UNITS))
+    known = [each.value for each in entry.truth], [each.tolerance for each in entry.truth]
+    return _of(names, units, body.values[at], body.intervals[at], *known, seconds=time.process_time() - start)
 
 
 def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
@@ -96,21 +112,18 @@ def of_bodies(entry: Entry, folder: Path, scratch: Path) -> dict[str, Any]:
 
 def _at_level(entry: Entry, folder: Path, scratch: Path, converter: str) -> dict[str, Any]:
     """Known parameters of bodies, with the noise of a converter."""
-    start, out = time.process_time(), dict[str, list[Any]]()
-    for (log,), file in zip(entry.fitted, entry.true_files, strict=True):
-        alone = Mechanism.lone_body(BODY)
+    start, bodies, alone = time.process_time(), list[RigidBody](), Mechanism.lone_body(BODY)
+    fitting: dict[str, Any] = {"body": BODY, "sensor": entry.sensor, "offsets": entry.options.get("offsets", True)}
+    # The set-up of a simulation is exact.
+    fitting |= {"holdout": 0.0, "setup": dict.fromkeys(PRIORS, 0.0)}
+    for (log,) in entry.fitted:
         convert(converter, folder / log, scratch / log)
         recording = read_log(scratch / log, alone, columns_file(entry.options["columns"]))
-        offsets = entry.options.get("offsets", True)
-        body = identify_payload(
-            alone, recording, body=BODY, sensor=entry.sensor, offsets=offsets, holdout=0.0
-        ).in_frame()
-        true = _body(folder / file)
-        rows = {"values": body.values, "std": body.std_setup, "true": true, "tolerance": np.zeros(len(true))}
-        names = [f"{Path(log).stem} {name}" for name in QUANTITIES]
-        for key, x in ({name: x.tolist() for name, x in rows.items()} | {"names": names, "units": UNITS}).items():
-            out.setdefault(key, []).extend(x)
-    return {**out, "rivals": {}, "seconds": time.process_time() - start}
+        bodies.append(identify_payload(alone, recording, **fitting).in_frame())
+    names = [f"{Path(log).stem} {name}" for (log,) in entry.fitted for name in QUANTITIES]
+    values, ends = (np.concatenate([getattr(body, key) for body in bodies]) for key in ("values", "intervals"))
+    true, seconds = np.concatenate([_body(folder / file) for file in entry.true_files]), time.process_time() - start
+    return _of(names, UNITS * len(bodies), values, ends, true, 0 * true, seconds=seconds)
 
 
 def _body(path: Path) -> np.ndarray:
