@@ -219,8 +219,7 @@ def likely(part: Mechanism, fit: Weighing, place: np.ndarray) -> np.ndarray:
     if part.prior is not None and part.prior[::10].sum() > 0:
         return part.prior * (fit.mass / part.prior[::10].sum())
     radius = (3 * fit.mass / (4 * np.pi * DENSITY)) ** (1 / 3)
-    ball = 0.4 * fit.mass * radius**2 * np.eye(3)
-    own = parameters_from_com(fit.mass, fit.moment / fit.mass, ball)
+    own = parameters_from_com(fit.mass, fit.moment / fit.mass, 0.4 * fit.mass * radius**2 * np.eye(3))
     return np.concatenate([parameter_transform(place) @ own, np.zeros(10 * (len(part.bodies) - 1))])
 
 
@@ -277,11 +276,8 @@ def identify_payload(
             f"A payload is rigid, but {', '.join(part.tree.joints)} are beyond the sensor; hold them where they stand "
             "(--fix)."
         )
-    places, notes = [], list[str]()
-    for number, each in enumerate(recordings):
-        place, renamed, more = on_payload(robot, part, each, body, sensor)
-        places.append(place)
-        recordings[number], notes = renamed, notes + [note for note in more if note not in notes]
+    places, recordings, more = zip(*(on_payload(robot, part, each, body, sensor) for each in recordings), strict=True)
+    notes = [*dict.fromkeys(note for several in more for note in several)]
     if len({each.still for each in recordings}) > 1:
         raise InputError("Logs of poses at rest and logs of motions are identified apart; take one kind.")
     if slow := [each for each in recordings if 1 / each.rate >= SLOW and not each.still]:

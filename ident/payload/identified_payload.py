@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,10 +76,6 @@ class SensorParameter(NamedTuple):
     taken_out: bool
     setup: SetupParameter | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """For scripts, in JSON's types."""
-        return {"name": self.name, "value": self.value, "std": self.std, "taken_out": self.taken_out}
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Payload(Brief):
@@ -142,9 +138,9 @@ class Payload(Brief):
             J[:, k] = (described(X @ psi + ahead) - described(X @ psi - ahead)) / (2 * step)
         std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in self._covariances)
         size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
-        ends = (values + J @ self._beside)[:, None] + INTERVAL * np.outer(wider, [-1, 1])
-        ends[[0, 4, 5, 6], 0] = np.maximum(ends[[0, 4, 5, 6], 0], 0)
-        ends = np.column_stack([np.minimum(ends[:, 0], values), np.maximum(ends[:, 1], values)])
+        low, high = values + J @ self._beside + INTERVAL * np.outer([-1, 1], wider)
+        low[[0, 4, 5, 6]] = np.maximum(low[[0, 4, 5, 6]], 0)
+        ends = np.c_[np.minimum(low, values), np.maximum(high, values)]
         return RigidBody(values, std, wider, wider < OPEN * size, ends)
 
     @property
@@ -195,20 +191,18 @@ class Payload(Brief):
     @cached_property
     def sensor_parameters(self) -> list[SensorParameter]:
         """Offsets of the sensor, and its set-up errors, fitted or not."""
-        joint, names = self.estimate.trajectory, self.estimate.fit.names
-        std = np.sqrt(np.diag(self.estimate.covariance_setup))
-        first = self.estimate.base.rank
-        rows = zip(names[first:], self.estimate.fit.values[first:].tolist(), std[first:].tolist(), strict=True)
-        out = [SensorParameter(name, value, s, True) for name, value, s in rows]
+        joint, fit, std = self.estimate.trajectory, self.estimate.fit, np.sqrt(np.diag(self.estimate.covariance_setup))
+        columns = [each[self.estimate.base.rank :] for each in (fit.names, fit.values.tolist(), std.tolist())]
+        out = [SensorParameter(name, value, s, True) for name, value, s in zip(*columns, strict=True)]
         if joint is None:
             return out
         at = np.flatnonzero(joint.is_setup)
-        moves, open_ = joint.fit.scores(np.eye(len(joint.is_setup))[at])
-        for k, move, left in zip(at.tolist(), moves.tolist(), open_.tolist(), strict=True):
-            each, free = joint.setup[k], bool(joint.fit.free[k])
-            each = replace(each, of=self.sensor) if each.of == GROUND else each
-            value, s = (float(joint.fit.theta[k]), float(joint.fit.covariance[k, k] ** 0.5)) if free else (move, left)
-            out.append(SensorParameter(each.name, value, s, free, each))
+        free, (moves, open_) = joint.fit.free[at], joint.fit.scores(np.eye(len(joint.is_setup))[at])
+        values = np.where(free, joint.fit.theta[at], moves).tolist()
+        stds = np.where(free, np.sqrt(np.diag(joint.fit.covariance)[at]), open_).tolist()
+        for k, value, s, taken in zip(at.tolist(), values, stds, free.tolist(), strict=True):
+            each = replace(joint.setup[k], of=self.sensor) if joint.setup[k].of == GROUND else joint.setup[k]
+            out.append(SensorParameter(each.name, value, s, taken, each))
         return out
 
     @cached_property
