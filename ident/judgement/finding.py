@@ -1,8 +1,9 @@
 """Findings on an estimate: a code with values, from which `FINDINGS` makes a sentence; and errors of its set-up."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import isfinite
+from string import Formatter
 from typing import Any
 
 import numpy as np
@@ -45,22 +46,68 @@ NOWHERE = Place()
 
 @dataclass(frozen=True)
 class Row:
-    """Sentence and doubt of a code.
+    """Sentence, doubt and place of a code.
 
     Attributes:
-        template: Format string of the values, where names get commas between them, or a function of the values where
-            grammar depends on them.
+        template: Format string of the values, each put into words by `shown`, or a function of the values where grammar
+            depends on them.
         doubt: True if it speaks against the estimate; None if that depends on the values, and the judge decides.
+        place: Key of the value that names the bodies, joints, wrenches or channels of its place, by these words.
     """
 
     template: str | Callable[..., str]
     doubt: bool | None
+    place: Mapping[str, str] = field(default_factory=dict)
 
     def rendered(self, values: Mapping[str, Any]) -> str:
         """The sentence with these values."""
-        if not isinstance(self.template, str):
-            return self.template(**values)
-        return self.template.format(**{k: listed(x) if isinstance(x, list | tuple) else x for k, x in values.items()})
+        if isinstance(self.template, str):
+            return _InWords().vformat(self.template, (), values)
+        return self.template(**values)
+
+    def place_of(self, values: Mapping[str, Any]) -> Place:
+        """The place that these values name."""
+        own = ((kind, values[key]) for kind, key in self.place.items())
+        names: dict[str, Any] = {kind: (each,) if isinstance(each, str) else tuple(each) for kind, each in own}
+        return Place(**names)
+
+
+def doubt(template: str | Callable[..., str], **place: str) -> Row:
+    """Row of a finding that speaks against the estimate."""
+    return Row(template, True, place)
+
+
+def remark(template: str | Callable[..., str], **place: str) -> Row:
+    """Row of a finding that does not."""
+    return Row(template, False, place)
+
+
+def judged(template: str | Callable[..., str], **place: str) -> Row:
+    """Row of a finding that is a doubt if its judge says so."""
+    return Row(template, None, place)
+
+
+class _InWords(Formatter):
+    """Formats templates of sentences."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        return shown(value, format_spec)
+
+
+def shown(value: Any, form: str = "") -> str:
+    """A value in words: names and numbers with commas between them, and in a mapping each name before its number.
+
+    Args:
+        value: The value.
+        form: Format of numbers, in brackets if they are to have some; `%` for a share in per cent, `1%` with a decimal.
+    """
+    if isinstance(value, Mapping):
+        return listed(f"{name} {shown(own, form)}" for name, own in value.items())
+    if form.startswith("("):
+        return f"({shown(value, form[1:-1])})"
+    if isinstance(value, list | tuple):
+        return listed(shown(own, form) for own in value)
+    return percent(value, int(form[:-1] or 0)) if form.endswith("%") else format(value, form)
 
 
 FINDINGS: dict[str, Row] = {}
@@ -113,22 +160,22 @@ class Finding:
     place: Place = NOWHERE
 
     @classmethod
-    def of(cls, code: str, place: Place = NOWHERE, /, doubt: bool | None = None, **values: Any) -> "Finding":
+    def of(cls, code: str, place: Place | None = None, /, doubt: bool | None = None, **values: Any) -> "Finding":
         """The finding of a code.
 
         Args:
             code: Key of `FINDINGS`.
-            place: Where it is.
+            place: Where it is, by default as its row says.
             doubt: Whether it is a doubt, for codes that leave it to the judge; by default as its row says.
             values: Numbers and names in its sentence.
 
         Raises:
             ValueError: Both the row and the judge say whether it is a doubt, or neither does.
         """
-        own = FINDINGS[code].doubt
-        if (own is None) == (doubt is None):
+        row = FINDINGS[code]
+        if (row.doubt is None) == (doubt is None):
             raise ValueError(f"'{code}' needs its doubt either from its row or from its judge.")
-        return cls(code, values, bool(doubt if own is None else own), place)
+        return cls(code, values, bool(doubt or row.doubt), row.place_of(values) if place is None else place)
 
     @property
     def text(self) -> str:
@@ -149,13 +196,8 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """Code, values, doubt, place and sentence in JSON's types."""
-        return {
-            "code": self.code,
-            "values": in_json(self.values),
-            "doubt": self.doubt,
-            "place": self.place.to_dict(),
-            "text": self.text,
-        }
+        own = {"code": self.code, "values": in_json(self.values), "doubt": self.doubt}
+        return own | {"place": self.place.to_dict(), "text": self.text}
 
 
 def in_json(value: Any) -> Any:
@@ -186,14 +228,9 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(names)
 
 
-def bracketed(values: Mapping[str, float], form: str = ".3g") -> str:
-    """Names with commas between them, each with its number in brackets."""
-    return listed(f"{name} ({value:{form}})" for name, value in values.items())
-
-
-def followed(values: Mapping[str, float], form: str = ".2g") -> str:
-    """Names with commas between them, each followed by its number."""
-    return listed(f"{name} {value:{form}}" for name, value in values.items())
+def few_or(names: Collection[str], counted: str) -> str:
+    """Names with commas between them if they are few, or else a phrase that counts them."""
+    return listed(names) if len(names) <= NAMED else counted
 
 
 def in_log(log: int | None) -> str:
@@ -283,19 +320,15 @@ def _parameter(kind: str, of: str, axis: str | None, log: int | None = None, lin
 
 def setup_sentence(
     kind: str,
-    of: str,
-    axis: str | None,
     value: float,
     std: float,
-    log: int | None = None,
-    link: str = "",
     together: Sequence[str] = (),
     alternatives: Sequence[Mapping[str, Any]] = (),
+    **name: Any,
 ) -> str:
     """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
-    text = sentence(_parameter(kind, of, axis, log, link), value, std)
-    if together or alternatives:
-        others = "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
+    text = sentence(_parameter(kind, **name), value, std)
+    if others := "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)]):
         text = f"{text} Other causes have the same effect: {others}."
     return text
 
@@ -311,8 +344,7 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
     unit = each.row.unit
     size = f"{' ± '.join(rounded(abs(value) * unit.factor, std * unit.factor))}{unit.shown}"
     text = each.text(each.row.sentence, size=size, sign=each.sign(value))
-    where = "" if each.log is None else f" in log {each.log}"
-    return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
+    return f"{text}{in_log(each.log)}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 
 def short(each: SetupParameter) -> str:

@@ -31,6 +31,19 @@ STILL = 1e-3
 """Predicted change of a wrench's component, over the largest of its kind, up to which the model does not change it."""
 
 
+def coefficients(columns: np.ndarray, target: np.ndarray, rcond: float) -> np.ndarray:
+    """Least-squares coefficients of columns (N, m) in a target (N,), the columns scaled to unit norm (m,)."""
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=rcond)[0] / size)
+
+
+def correlated(left: np.ndarray, most: float) -> np.ndarray:
+    """Number of samples that count as one, since residuals (N, ...) are alike for some samples (...)."""
+    squares = np.maximum((left**2).sum(axis=0), 1e-300)
+    lag = np.clip((left[1:] * left[:-1]).sum(axis=0) / squares, 0, most)
+    return np.asarray((1 + lag) / (1 - lag))
+
+
 def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     """Time until the autocorrelation of each residual falls below 1/e, s (C,)."""
     times = []

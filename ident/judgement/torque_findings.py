@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.noise import coefficient_unit
 from ident.judgement.candidates import NEGLIGIBLE
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, followed, listed, percent
+from ident.judgement.finding import FINDINGS, Finding, Place, doubt, judged, listed, remark, shown
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
@@ -77,14 +77,12 @@ def torque_findings(evidence: Evidence) -> Iterator[Finding]:
     if checks is None:
         return
     if flipped := tuple(check.joint for check in checks.joints if check.flipped):
-        yield Finding.of("torque_sign", Place(joints=flipped), joints=flipped)
+        yield Finding.of("torque_sign", joints=flipped)
     if gains := checks.gains:
         load = checks.load.body if checks.load is not None and checks.load.possible else None
-        yield Finding.of("torque_scale", Place(joints=tuple(gains)), gains=gains, load=load)
-    absent = checks.absent
-    if absent is not None and absent.suspicious and not checks.grossly_wrong:
-        place = Place(bodies=(absent.body,))
-        yield Finding.of("body_not_carried", place, body=absent.body, explained=absent.explained)
+        yield Finding.of("torque_scale", gains=gains, load=load)
+    if checks.absent is not None and not checks.grossly_wrong:
+        yield Finding.of("body_not_carried", **checks.absent._asdict())
 
 
 def scale_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -101,7 +99,7 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
     fixed_by += [f"what is stated of {', '.join(bodies)}"] if bodies else []
     others = "other bodies" if bodies else "bodies"
     fixed_by += [f"the model's {others}, as far as they are known"] if joint.known else []
-    yield Finding.of("torque_scale_estimated", Place(channels=scaled), joints=scaled, fixed_by=tuple(fixed_by))
+    yield Finding.of("torque_scale_estimated", joints=scaled, fixed_by=tuple(fixed_by))
 
 
 def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -131,8 +129,7 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
         lacking = {kind for joint in shares for kind in kinds[joint]}
         fitted = {column_place(name)[0] for name in equations.drives}
         wanted = tuple(kind for kind in DRIVE if kind in lacking | fitted)
-        place = Place(channels=tuple(shares))
-        yield Finding.of("friction_not_fitted", place, doubt=lacking != {SLOW}, shares=shares, drives=wanted)
+        yield Finding.of("friction_not_fitted", doubt=lacking != {SLOW}, shares=shares, drives=wanted)
 
 
 def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> tuple[str, ...]:
@@ -177,15 +174,15 @@ def _scales(estimate: TrajectoryEstimate, free: np.ndarray) -> Sequence[int]:
 def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
     or_load = "" if load is None else f" Or '{load}' carries a heavy load that the model lacks."
     return (
-        f"Torques equal the model's prediction but for a factor, in brackets: {bracketed(gains)}. Check their unit, "
-        f"gear ratio and motor constant.{or_load}"
+        f"Torques equal the model's prediction but for a factor, in brackets: {shown(gains, '(.3g)')}. Check their "
+        f"unit, gear ratio and motor constant.{or_load}"
     )
 
 
 def _friction(shares: Mapping[str, float], drives: Sequence[str]) -> str:
     return (
         "Friction is likely and was not fitted. It would explain these shares of the residuals' variance: "
-        f"{listed(f'{joint} {percent(share)}' for joint, share in shares.items())}. Fit it: --drive {' '.join(drives)}."
+        f"{shown(shares, '%')}. Fit it: --drive {' '.join(drives)}."
     )
 
 
@@ -199,52 +196,40 @@ def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
 
 def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
     return (
-        f"Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
-        f"below, in rad/s (m/s): {followed(velocities)}. Residual over signal there: "
-        f"{followed(at_rest) or 'there are no such samples'}."
-    )
-
-
-def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
-    return (
-        f"Coulomb friction changes its sign over a velocity v, in rad/s (m/s): {followed(velocities)}. It is fitted "
-        "and predicted as Fc tanh(q̇ / v)."
+        "Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
+        f"below, in rad/s (m/s): {shown(velocities, '.2g')}. Residual over signal there: "
+        f"{shown(at_rest, '.2g') or 'there are no such samples'}."
     )
 
 
 def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
-    fixed = " and ".join(fixed_by)
+    alone = "the stated one alone: masses, friction and rotors are as uncertain as that"
     return (
-        f"The scale of the torques of {listed(joints)} was estimated. It is fixed by "
-        f"{fixed or 'the stated one alone: masses, friction and rotors are as uncertain as that'}."
-    )
-
-
-def _low_velocity(values: Mapping[str, float]) -> str:
-    return (
-        f"Friction is higher at low velocity, in N m (N): {followed(values)}. It was fitted as Stribeck friction, Fs."
-    )
-
-
-def _not_carried(body: str, explained: float) -> str:
-    return (
-        f"Body '{body}' was probably not carried: without it {percent(explained)} of the torques' squared difference "
-        "from the model vanishes. Base parameters are not affected; take it out of the updated model."
+        f"The scale of the torques of {listed(joints)} was estimated. It is fixed by {' and '.join(fixed_by) or alone}."
     )
 
 
 FINDINGS.update(
-    torque_sign=Row(
+    torque_sign=doubt(
         "The torques of {joints} seem to have the opposite sign: with it they are far nearer to the model's "
         "prediction. Turn the sign of their columns.",
-        doubt=True,
+        joints="joints",
     ),
-    torque_scale=Row(_scaled, doubt=True),
-    torque_scale_estimated=Row(_basis, doubt=False),
-    body_not_carried=Row(_not_carried, doubt=False),
-    friction_not_fitted=Row(_friction, doubt=None),
-    drive_at_bound=Row(_bound, doubt=False),
-    breakaway_friction=Row(_near_reversals, doubt=False),
-    low_velocity_friction=Row(_low_velocity, doubt=False),
-    smooth_coulomb_friction=Row(_smooth_coulomb, doubt=False),
+    torque_scale=doubt(_scaled, joints="gains"),
+    torque_scale_estimated=remark(_basis, channels="joints"),
+    body_not_carried=remark(
+        "Body '{body}' was probably not carried: without it {explained:%} of the torques' squared difference from the "
+        "model vanishes. Base parameters are not affected; take it out of the updated model.",
+        bodies="body",
+    ),
+    friction_not_fitted=judged(_friction, channels="shares"),
+    drive_at_bound=remark(_bound),
+    breakaway_friction=remark(_near_reversals),
+    low_velocity_friction=remark(
+        "Friction is higher at low velocity, in N m (N): {values:.2g}. It was fitted as Stribeck friction, Fs."
+    ),
+    smooth_coulomb_friction=remark(
+        "Coulomb friction changes its sign over a velocity v, in rad/s (m/s): {velocities:.2g}. It is fitted and "
+        "predicted as Fc tanh(q̇ / v)."
+    ),
 )

@@ -8,7 +8,8 @@ At the ends of a recording the low-pass takes accelerations to zero. Splines lea
 counts as missing only as far as both motions require it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,7 @@ HEAVIEST, AGREEING, CLOSE = 1.6, 0.15, 2.0
 and their largest spread over that of the samples that agree best."""
 
 
-@dataclass(frozen=True)
-class Unmeasured:
+class Unmeasured(NamedTuple):
     """A contact that is not measured.
 
     Attributes:
@@ -73,8 +73,7 @@ class Unmeasured:
 def without_unmeasured(prepared: Prepared) -> Prepared:
     """Recording without the samples in which an unmeasured contact carries weight."""
     contacts = unmeasured_contacts(prepared)
-    left_out = tuple(LeftOut(each.start, each.end, each.carries, each.body) for each in contacts)
-    return replace(prepared, left_out=left_out)
+    return replace(prepared, left_out=tuple(LeftOut(*each[:3], each.body) for each in contacts))
 
 
 def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:

@@ -19,7 +19,7 @@ from ident.judgement import wrench_findings as wrenches
 from ident.judgement.body_findings import consistency_findings, mass_findings
 from ident.judgement.candidates import CANDIDATES, Candidates, candidate_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import NAMED, Finding, doubts_first, listed, number_of
+from ident.judgement.finding import NAMED, Finding, doubts_first, few_or, listed, number_of
 from ident.judgement.torque_causes import cause_findings
 from ident.judgement.unmodelled import unmodelled_findings
 from ident.judgement.weighing import Mass, estimated_mass
@@ -86,13 +86,13 @@ class Precision:
     @classmethod
     def of(cls, evidence: Evidence) -> Self:
         """The precision of an estimate."""
-        base, psi, bodies = evidence.fit.parameters, evidence.fit.psi, evidence.mechanism.bodies
-        C = evidence.covariance_setup[: base.rank, : base.rank]
-        std, wide = (np.sqrt(np.maximum(np.diag(each), 0)) for each in (evidence.covariance, C))
-        known = tuple(int((wide <= share * np.abs(psi)).sum()) for share in PRECISIONS)
-        wider = tuple(name for name, a, b in zip(base.names, std, wide, strict=True) if b > WIDER * a)
-        alone = ~base.beta.any(axis=1) & (wide <= PRECISIONS[-1] * np.abs(psi))
+        base, bodies, sizes = evidence.fit.parameters, evidence.mechanism.bodies, np.abs(evidence.fit.psi)
+        covariances = evidence.covariance, evidence.covariance_setup
+        std, wide = (np.sqrt(np.maximum(np.diag(each)[: base.rank], 0)) for each in covariances)
+        known = tuple(int((wide <= share * sizes).sum()) for share in PRECISIONS)
+        alone = ~base.beta.any(axis=1) & (wide <= PRECISIONS[-1] * sizes)
         weighed = (bodies[k // 10] for k, own in zip(base.kept, alone, strict=True) if own and k % 10 == 0)
+        wider = tuple(np.array(base.names)[wide > WIDER * std].tolist())
         return cls(base.rank, known, wider, bodies, tuple(weighed), estimated_mass(evidence))
 
     @property
@@ -106,16 +106,15 @@ class Precision:
         yield f"Of {self.total} base parameters it knows {counts}."
         yield self._of_masses()
         if self.wider:
-            few = len(self.wider) <= NAMED
-            names = with_bodies(self.wider, self.bodies) if few else f"{len(self.wider)} of them"
+            many = len(self.wider) > NAMED
+            names = f"{len(self.wider)} of them" if many else with_bodies(self.wider, self.bodies)
             yield f"The uncertain set-up more than doubles the standard deviations of {names}."
 
     def _of_masses(self) -> str:
         """Sentence on the masses that are determined."""
         if self.weighed:
-            few = len(self.weighed) <= NAMED
-            names = listed(self.weighed) if few else f"{len(self.weighed)} of {len(self.bodies)} bodies"
-            return f"It determines the mass of {names}."
+            counted = f"{len(self.weighed)} of {len(self.bodies)} bodies"
+            return f"It determines the mass of {few_or(self.weighed, counted)}."
         if self.mass is not None and self.mass.std_setup <= PRECISIONS[-1] * abs(self.mass.value):
             value, std = rounded(self.mass.value, self.mass.std_setup)
             return f"It determines the whole mass, {value} ± {std} kg, but no single ones."
