@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import isfinite
 from string import Formatter
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from ident.display.text import rounded
 from ident.estimation.setup_parameters import SetupParameter
+from ident.setup import SETUP
 from ident.trajectory.result import TrajectoryEstimate
 
 NAMED = 4
@@ -233,11 +235,6 @@ def few_or(names: Collection[str], counted: str) -> str:
     return listed(names) if len(names) <= NAMED else counted
 
 
-def in_log(log: int | None) -> str:
-    """Phrase ` in log N`, with a leading space; empty for None."""
-    return "" if log is None else f" in log {log}"
-
-
 def percent(share: float, digits: int = 0) -> str:
     """A share in per cent."""
     return f"{round(100 * share, digits) + 0.0:.{digits}f} %"
@@ -288,26 +285,20 @@ class SetupFinding:
 
 def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
     """Set-up errors of a trajectory estimate, the most significant first."""
-    fit, names = joint.fit, joint.fit.names
-    std = np.sqrt(np.diag(fit.covariance))
-    out = []
+    names, out = joint.fit.names, []
+    theta, deviations = joint.fit.theta.tolist(), np.sqrt(np.diag(joint.fit.covariance)).tolist()
     for deviation in joint.deviations:
-        k = deviation.index
-        each, alternatives = joint.setup[k], [joint.setup[a] for a in deviation.alternatives]
-        values: dict[str, Any] = {
-            **_named(each),
-            "value": float(fit.theta[k]),
-            "std": float(std[k]),
-            "log": each.log,
-            "together": deviation.together,
-            "alternatives": [{"kind": x.kind, **_named(x)} for x in alternatives],
-        }
-        others = (*deviation.together, *(names[a] for a in deviation.alternatives))
-        out.append(SetupFinding(names[k], values["value"], values["std"], each.kind, values, others, place_of(each)))
+        k, together = deviation.index, deviation.together
+        each, value, std = joint.setup[k], theta[k], deviations[k]
+        own: dict[str, Any] = {"value": value, "std": std, "log": each.log, "together": together}
+        alternatives = [{"kind": joint.setup[a].kind, **_named(joint.setup[a])} for a in deviation.alternatives]
+        values = _named(each) | own | {"alternatives": alternatives}
+        others = (*together, *(names[a] for a in deviation.alternatives))
+        out.append(SetupFinding(names[k], value, std, each.kind, values, others, place_of(each)))
     return out
 
 
-def _named(each: SetupParameter) -> dict[str, str | None]:
+def _named(each: SetupParameter) -> dict[str, Any]:
     """Object and axis of a set-up parameter, and the joint at the other end of a link."""
     own = {"of": each.of, "axis": None if each.axis is None else "xyz"[each.axis]}
     return own | ({"link": each.link} if each.link else {})
@@ -344,9 +335,15 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
     unit = each.row.unit
     size = f"{' ± '.join(rounded(abs(value) * unit.factor, std * unit.factor))}{unit.shown}"
     text = each.text(each.row.sentence, size=size, sign=each.sign(value))
-    return f"{text}{in_log(each.log)}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
+    where = "" if each.log is None else f" in log {each.log}"
+    return f"{text}{where}. The estimate includes this.{' ' * bool(each.row.note)}{each.row.note}"
 
 
 def short(each: SetupParameter) -> str:
     """Set-up error in a few words."""
     return each.text(each.row.short)
+
+
+FINDINGS.update(
+    {f"setup_{kind}": remark(partial(setup_sentence, kind)) for kind, row in SETUP.items() if not row.constant}
+)

@@ -1,6 +1,6 @@
 """Findings on a fit: its residuals, course, agreement of its parts, the prior, postures and assumptions."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy import linalg
@@ -114,9 +114,13 @@ def posture_findings(evidence: Evidence) -> Iterator[Finding]:
 
 
 def caveats(evidence: Evidence) -> Iterator[Finding]:
-    """Remarks on the assumptions of least squares."""
+    """Remarks on the assumptions of least squares; a doubt where they take a stated scale of torques as exact."""
     if evidence.trajectory is not None:
         return
+    if joints := tuple(evidence.fit.equations.scaled):
+        yield Finding.of("torque_scale_taken_as_exact", joints=joints)
+    if stated := {kind: None for log, _ in evidence.logs for kind, std in log.recording.setup.items() if std}:
+        yield Finding.of("setup_taken_as_exact", kinds=tuple(stated))
     if evidence.prepared.cutoff is None:
         yield Finding.of("unfiltered_wrenches")
     yield Finding.of("joint_noise_not_included")
@@ -157,12 +161,16 @@ def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
 
 def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
     """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
-    large = dict[str, float]()
-    for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=False)):
-        fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
-        if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
-            large[channel] = float(noise / max(fast, 1e-300))
-    return large
+    number = len(fit.channel_noise[: len(channels)])
+    fast, floor = fast_noise(fit, range(number)), fit.noises[0].floor_channels[:number]
+    far = fit.channel_noise[:number] > FAR_ABOVE * np.maximum(fast, floor)
+    factors = fit.channel_noise[:number] / np.maximum(fast, 1e-300)
+    return {channels[c]: float(factors[c]) for c in np.flatnonzero(far).tolist()}
+
+
+def fast_noise(fit: TrajectoryFit, columns: Iterable[int]) -> np.ndarray:
+    """Noise of channels from sample to sample (k,)."""
+    return np.array([white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in columns])
 
 
 def _not_converged(status: str, rounds: int) -> str:
@@ -236,6 +244,15 @@ FINDINGS.update(
         "that the data hardly determine stay near the model's; move further and faster to determine more."
     ),
     beyond_joint_ranges=doubt(_beyond_ranges, joints="shares"),
+    torque_scale_taken_as_exact=doubt(
+        "Least squares take the scale of the torques of {joints} as exact, though it is stated as uncertain "
+        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it.",
+        channels="joints",
+    ),
+    setup_taken_as_exact=remark(
+        "Least squares take the set-up as exact, though it is stated as uncertain ({kinds}). The standard "
+        "deviations are without its errors; --estimator trajectory estimates them."
+    ),
     unfiltered_wrenches=remark(
         "Velocities and accelerations are the log's own, and wrenches are not filtered. If the log's were filtered, "
         "--cutoff auto treats both alike."

@@ -149,10 +149,10 @@ class PayloadVerdict(Verdict):
             std: Their standard deviations with the uncertainty of the set-up (10,).
             identifiable: Which of them the data determine (10,).
         """
-        within = [float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:])]
-        numbers = zip(("mass_within", "centre_within", "inertia_within"), within, strict=True)
-        own = {"mass": float(values[0]), **dict(numbers)} | ({"inertia_within": None} if _unknown(identifiable) else {})
-        return replace(cls.of(evidence, findings, **own), precision=None)
+        mass, centre, inertia = (float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:]))
+        within: dict[str, Any] = {"mass_within": mass, "centre_within": centre}
+        within |= {"inertia_within": None if _unknown(identifiable) else inertia}
+        return replace(cls.of(evidence, findings, mass=float(values[0]), **within), precision=None)
 
     def _part(self) -> str:
         return f"{self.brief} Turn the sensor further and faster for centre and inertias."

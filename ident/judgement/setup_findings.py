@@ -1,7 +1,6 @@
 """Findings on the set-up and its sensors: gravity, times, estimated errors, ranges, steps, and checks left out."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from math import degrees
 from typing import Any
 
@@ -12,21 +11,9 @@ from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
 from ident.estimation.recorded_motion import WIDTH
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import (
-    FINDINGS,
-    Finding,
-    Place,
-    doubt,
-    in_log,
-    judged,
-    listed,
-    percent,
-    remark,
-    setup_sentence,
-)
-from ident.judgement.fit_findings import FAR_ABOVE
-from ident.recordings.resolution import UNIFORM, white_noise
-from ident.setup import SETUP
+from ident.judgement.finding import FINDINGS, Finding, Place, doubt, judged, listed, percent, remark
+from ident.judgement.fit_findings import FAR_ABOVE, fast_noise
+from ident.recordings.resolution import UNIFORM
 
 MOST = 0.5
 """Share of a signal's noise variance due to its steps above which there is a remark."""
@@ -58,18 +45,6 @@ def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
         yield Finding.of("setup_unexplained", changed=bool(evidence.setup))
 
 
-def exact_setup_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on a set-up that is stated as uncertain, and that least squares take as exact; on torques a doubt."""
-    if evidence.trajectory is not None:
-        return
-    joints = tuple(evidence.fit.equations.scaled)
-    kinds = tuple(dict.fromkeys(kind for log, _ in evidence.logs for kind, std in log.recording.setup.items() if std))
-    if joints:
-        yield Finding.of("torque_scale_taken_as_exact", joints=joints)
-    if kinds:
-        yield Finding.of("setup_taken_as_exact", kinds=kinds)
-
-
 def clipped_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on channels that are clipped by a sensor's range."""
     for k, (log, _) in enumerate(evidence.logs):
@@ -87,7 +62,8 @@ def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
     noise = dict(zip(evidence.channels, evidence.scale.tolist(), strict=True))
     if joint is not None:
         noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=False))
-        names = [f"{joint_}_position" for joint_ in log.mechanism.joints for _ in range(_coordinates(log, joint_))]
+        each = [f"{name}_position" for name in log.mechanism.joints]
+        names = [name for name in each for _ in np.atleast_2d(log.recording[name].T)]
         own = joint.fit.coordinate_noise[-len(names) :] if names else np.zeros(0)
         noise |= dict(zip(names, own.tolist(), strict=True))
     least = {name: UNIFORM * step / np.sqrt(MOST) for name, step in log.steps.items()}
@@ -104,8 +80,7 @@ def tracked_findings(evidence: Evidence) -> Iterator[Finding]:
     fit, first = joint.fit, len(joint.measurement.equations.channels)
     for name, tracked in joint.measurement.tracked.items():
         own, first = range(first, first + WIDTH), first + WIDTH
-        fast = [white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in own]
-        noise, floor = fit.channel_noise[own.start : own.stop], np.maximum(fast, fit.noises[0].floor_channels[own])
+        noise, floor = fit.channel_noise[own], np.maximum(fast_noise(fit, own), fit.noises[0].floor_channels[own])
         position, orientation = np.sqrt((noise.reshape(2, 3) ** 2).mean(axis=1)).tolist()
         times, place = float(np.max(noise / floor)), Place(bodies=(evidence.mechanism.tree.names[tracked.body],))
         values = {"name": name, "position": position, "orientation": orientation, "times": times}
@@ -123,11 +98,6 @@ def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
     if stuck := evidence.prepared.stuck:
         in_fitted = tuple(each.channel for each in stuck if each.in_fitted)
         yield Finding.of("stuck_channels", channels={each.channel: each.value for each in stuck}, in_fitted=in_fitted)
-
-
-def _coordinates(log: Prepared, joint: str) -> int:
-    values = log.recording[f"{joint}_position"]
-    return 1 if values.ndim == 1 else values.shape[1]
 
 
 def _step(log: Prepared, name: str, step: float) -> dict[str, Any]:
@@ -177,9 +147,10 @@ def _late(of: str, delay: float, std: float, stated: float, misfit: float) -> st
 
 def _clipped(channel: str, limits: Sequence[float], unit: str, share: float, kept: bool, log: int | None) -> str:
     ends = " and ".join(f"{value:.4g} {unit}" for value in limits)
+    where = "" if log is None else f" in log {log}"
     done = "These samples are" if kept else "The whole channel is"
     return (
-        f"{channel} is clipped at {ends}{in_log(log)}, in {percent(share)} of its samples. {done} left out. Use a "
+        f"{channel} is clipped at {ends}{where}, in {percent(share)} of its samples. {done} left out. Use a "
         "sensor with a larger range, or move more slowly."
     )
 
@@ -231,19 +202,9 @@ def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str
 
 
 FINDINGS.update(
-    **{f"setup_{kind}": remark(partial(setup_sentence, kind)) for kind, row in SETUP.items() if not row.constant},
     gravity_direction=doubt(_gravity),
     channels_late=doubt(_late),
     setup_unexplained=doubt(_unexplained),
-    torque_scale_taken_as_exact=doubt(
-        "Least squares take the scale of the torques of {joints} as exact, though it is stated as uncertain "
-        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it.",
-        channels="joints",
-    ),
-    setup_taken_as_exact=remark(
-        "Least squares take the set-up as exact, though it is stated as uncertain ({kinds}). The standard "
-        "deviations are without its errors; --estimator trajectory estimates them."
-    ),
     clipped_channel=remark(_clipped),
     coarse_steps=remark(_coarse),
     tracked_poses=judged(_tracked),

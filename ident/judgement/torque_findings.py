@@ -93,13 +93,15 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     torques = equations.channels[len(equations.channels) - len(equations.torques) :]
     exact = [name for name in torques if name not in scaled]
-    fixed_by = ["the measured wrench"] if equations.wrench is not None else []
-    fixed_by += [f"the torques of {', '.join(exact)}"] if exact else []
     bodies = _fixing_bodies(joint, evidence.mechanism, evidence.known) if joint.known else ()
-    fixed_by += [f"what is stated of {', '.join(bodies)}"] if bodies else []
-    others = "other bodies" if bodies else "bodies"
-    fixed_by += [f"the model's {others}, as far as they are known"] if joint.known else []
-    yield Finding.of("torque_scale_estimated", joints=scaled, fixed_by=tuple(fixed_by))
+    reasons = {
+        "the measured wrench": equations.wrench is not None,
+        f"the torques of {listed(exact)}": exact,
+        f"what is stated of {listed(bodies)}": bodies,
+        f"the model's {'other ' if bodies else ''}bodies, as far as they are known": joint.known,
+    }
+    fixed_by = tuple(reason for reason, holds in reasons.items() if holds)
+    yield Finding.of("torque_scale_estimated", joints=scaled, fixed_by=fixed_by)
 
 
 def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -142,17 +144,12 @@ def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Ma
         mechanism: The mechanism, with the deviations of these bodies.
         known: Standard deviations of the other bodies.
     """
-    better = [name for name, own in mechanism.prior_known.items() if own.get("mass", known["mass"]) < known["mass"]]
-    if not better:
-        return ()
-    with_all = _scale_deviations(estimate, mechanism, known)
-    out = []
-    for name in better:
-        own = {other: each for other, each in mechanism.prior_known.items() if other != name}
-        without = _scale_deviations(estimate, replace(mechanism, prior_known=own), known)
-        if (without > HALF * with_all).any():
-            out.append(name)
-    return tuple(out)
+    own = mechanism.prior_known
+    better = [name for name, each in own.items() if each.get("mass", known["mass"]) < known["mass"]]
+    with_all = _scale_deviations(estimate, mechanism, known) if better else np.zeros(0)
+    less = {name: {other: each for other, each in own.items() if other != name} for name in better}
+    deviations = {name: _scale_deviations(estimate, replace(mechanism, prior_known=less[name]), known) for name in less}
+    return tuple(name for name, without in deviations.items() if (without > HALF * with_all).any())
 
 
 def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> np.ndarray:
@@ -163,12 +160,7 @@ def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known:
     precision[:rank, :rank] += fit.prior.weight * prior - fit.prior.precision[:rank, :rank]
     free = np.flatnonzero(fit.free)
     variances = np.diag(inverse_of_precision(precision[np.ix_(free, free)]))
-    return np.sqrt(variances[np.isin(free, _scales(estimate, free))])
-
-
-def _scales(estimate: TrajectoryEstimate, free: np.ndarray) -> Sequence[int]:
-    """Those of some parameters that are scales of torques, by index."""
-    return [k for k in free.tolist() if k in estimate.setup and estimate.setup[k].row.stated]
+    return np.sqrt(variances[[k in estimate.setup and estimate.setup[k].row.stated for k in free.tolist()]])
 
 
 def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:

@@ -279,7 +279,7 @@ def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(setup.gravity_findings, setup.delay_findings, candidate_findings),
-    *(wrenches.frame_findings, wrenches.base_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
+    *(wrenches.frame_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
     *(setup.clipped_findings, setup.resolution_findings, setup.tracked_findings),
     *(weighing.weight_findings, weighing.mass_by_setup_findings, weighing.common_gain_findings),
     *(weighing.offset_findings, torques.torque_findings, cause_findings),
@@ -288,7 +288,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(fit.quality_findings, setup.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
     *(fit.prior_findings, fit.model_error_findings, unmodelled_findings, fit.slow_residual_findings),
     *(fit.posture_findings, weighing.inseparable_findings, setup.stuck_findings, setup.unchecked_findings),
-    *(setup.exact_setup_findings, fit.caveats),
+    fit.caveats,
 )
 """Judges of the fit, in the order of their findings."""
 

@@ -17,7 +17,7 @@ LARGE = 0.3
 
 
 def frame_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubts on wrenches of the opposite sign, in rotated axes, or with single components of the opposite sign."""
+    """Doubts on wrenches of the opposite sign, in other axes or frames, or with components of the opposite sign."""
     gravity = evidence.checks.gravity
     for name, check in evidence.checks.frames.items():
         if check.mirrored:
@@ -37,18 +37,14 @@ def frame_findings(evidence: Evidence) -> Iterator[Finding]:
             error_turned=check.error_turned,
             rpy_deg=or_else,
         )
+    base = evidence.checks.base
+    if base is not None and not any(check.suspicious for check in evidence.checks.frames.values()):
+        yield Finding.of("other_base", **base._asdict())
 
 
 def _axis(direction: np.ndarray) -> str:
     k = int(np.argmax(np.abs(direction)))
     return ("-" if direction[k] < 0 else "") + "xyz"[k]
-
-
-def base_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on a ground wrench that was measured in the frame of another body."""
-    check = evidence.checks.base
-    if check is not None and not any(frame.suspicious for frame in evidence.checks.frames.values()):
-        yield Finding.of("other_base", **check._asdict())
 
 
 def contact_findings(evidence: Evidence) -> Iterator[Finding]:
