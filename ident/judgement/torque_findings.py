@@ -35,7 +35,7 @@ def bound_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding.of(
         "drive_at_bound",
-        _place(evidence, (_joint(name) for name in evidence.bounded)),
+        _place(evidence, (column_place(name)[1] for name in evidence.bounded)),
         at_most={name: most for name, (most, _) in evidence.bounded.items()},
         units={name: coefficient_unit(name, evidence.mechanism.tree) for name in evidence.bounded},
     )
@@ -64,11 +64,6 @@ def _place(evidence: Evidence, names: Iterable[str]) -> Place:
     """The joints of drives' axes, by name."""
     axes = evidence.fit.equations.axes
     return Place(joints=tuple(dict.fromkeys(joint for name in names for joint in axes.joints_of(name))))
-
-
-def _joint(drive: str) -> str:
-    """Name of a drive's joint or motor."""
-    return drive.partition("(")[2].rpartition(")")[0]
 
 
 def torque_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -107,7 +102,7 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
 def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on Stribeck friction that was fitted because the recordings ask for it."""
     fitted = dict(zip(evidence.fit.names, evidence.fit.values.tolist(), strict=True))
-    values = {_joint(name): x for name, x in fitted.items() if name.startswith(f"{DRIVE[SLOW]}(")}
+    values = {column_place(name)[1]: x for name, x in fitted.items() if name.startswith(f"{DRIVE[SLOW]}(")}
     if values and _searched(evidence):
         yield Finding.of("low_velocity_friction", _place(evidence, values), values=values)
 
