@@ -17,7 +17,7 @@ from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import CURRENT, UNITS
 from ident.judgement.gravity import recorded_gravity
-from ident.judgement.residuals import correlated
+from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import ALIKE, SCALE
 from ident.recordings.log import read_log
 
@@ -270,6 +270,6 @@ def _gain(measured: np.ndarray, predicted: np.ndarray, dq: np.ndarray, ddq: np.n
     power, other = max(float(x @ x), 1e-300), max(float(y @ y), 1e-300)
     gain = float(x @ y) / power
     left = y - gain * x
-    number = max((len(x) - len(rows) - 1) / float(correlated(left, 0.999)), 1.0)
+    number = max((len(x) - len(rows) - 1) / float(correlated_samples(left, 0.999)), 1.0)
     deviation = np.sqrt(max(float(left @ left), 1e-300) / number / power) / max(abs(gain), 1e-300)
     return Gain(gain, float(deviation), gain**2 * power / other)

@@ -115,16 +115,14 @@ def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarra
 
 def _mirrored(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray) -> list[int]:
     """Components that are far nearer to their predictions with the opposite sign, among those with a notable one."""
-    out = []
-    for k in np.flatnonzero(known).tolist():
-        kind, signs = slice(3 * (k // 3), 3 * (k // 3) + 3), []
-        # Offsets may be large, and motions small beside the weight.
-        for x, y in ((measured, predicted), (measured - measured.mean(axis=0), predicted - predicted.mean(axis=0))):
-            as_is, opposite = (np.linalg.norm(x[:, k] - sign * y[:, k]) for sign in (1, -1))
-            notable = np.linalg.norm(y[:, k]) > NOTABLE * np.linalg.norm(y[:, kind])
-            signs.append((opposite < MIRRORED * as_is) - (as_is < opposite) * 1 if notable else 0)
-        out += [k] if max(signs) > 0 and signs[1] >= 0 else []
-    return out
+    signs = []
+    # Offsets may be large, and motions small beside the weight.
+    for x, y in ((measured, predicted), (measured - measured.mean(axis=0), predicted - predicted.mean(axis=0))):
+        as_is, opposite = (np.linalg.norm(x - sign * y, axis=0) for sign in (1, -1))
+        sizes = np.linalg.norm(y, axis=0)
+        notable = sizes > NOTABLE * np.repeat(np.linalg.norm(sizes.reshape(2, 3), axis=1), 3)
+        signs.append(notable * (1 * (opposite < MIRRORED * as_is) - (as_is < opposite)))
+    return np.flatnonzero(known & (np.max(signs, axis=0) > 0) & (signs[1] >= 0)).tolist()
 
 
 def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:
@@ -188,13 +186,9 @@ def check_base(
 
 def right_angled_rotations() -> list[np.ndarray]:
     """The 24 rotations that map coordinate axes to coordinate axes, the identity first."""
-    turns = []
-    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        R = np.zeros((3, 3))
-        R[range(3), order] = signs
-        if np.linalg.det(R) > 0:
-            turns.append(R)
-    return sorted(turns, key=lambda R: -np.trace(R))
+    orders, signs = permutations(np.eye(3)), product((1, -1), repeat=3)
+    turns = (np.diag(sign) @ np.array(order) + 0.0 for order, sign in product(orders, signs))
+    return sorted((R for R in turns if np.linalg.det(R) > 0), key=lambda R: -np.trace(R))
 
 
 def check_contact(

@@ -230,7 +230,7 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(names)
 
 
-def few_or(names: Collection[str], counted: str) -> str:
+def names_or_count(names: Collection[str], counted: str) -> str:
     """Names with commas between them if they are few, or else a phrase that counts them."""
     return listed(names) if len(names) <= NAMED else counted
 

@@ -37,7 +37,7 @@ def coefficients(columns: np.ndarray, target: np.ndarray, rcond: float) -> np.nd
     return np.asarray(np.linalg.lstsq(columns / size, target, rcond=rcond)[0] / size)
 
 
-def correlated(left: np.ndarray, most: float) -> np.ndarray:
+def correlated_samples(left: np.ndarray, most: float) -> np.ndarray:
     """Number of samples that count as one, since residuals (N, ...) are alike for some samples (...)."""
     squares = np.maximum((left**2).sum(axis=0), 1e-300)
     lag = np.clip((left[1:] * left[:-1]).sum(axis=0) / squares, 0, most)

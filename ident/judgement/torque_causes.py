@@ -16,7 +16,7 @@ import numpy as np
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.evidence import Evidence
 from ident.judgement.finding import FINDINGS, Finding, doubt, listed, percent, remark
-from ident.judgement.residuals import correlated
+from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import FRICTION, SLOW, friction_columns, inner_samples
 from ident.model.axes import column_place
 from ident.model.regressor import joint_torque_regressor
@@ -103,7 +103,7 @@ def _regressed(X: np.ndarray, y: np.ndarray) -> tuple[list[float], list[float]]:
     inverse = 1 / np.maximum(s, SINGULAR * s[0])
     values = Vt.T @ (np.where(s > SINGULAR * s[0], inverse, 0) * (U.T @ y))
     left = y - X / norms @ values
-    variance = float(left @ left) / len(y) * correlated(left, 0.999)
+    variance = float(left @ left) / len(y) * correlated_samples(left, 0.999)
     std = np.sqrt(variance * (Vt.T**2 @ inverse**2))
     return (values / norms).tolist(), (std / norms).tolist()
 

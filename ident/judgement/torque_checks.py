@@ -15,7 +15,7 @@ from ident.estimation.loads import SLIP, drives_of, stated_drive_torques
 from ident.estimation.noise import least_noise
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
-from ident.judgement.residuals import coefficients, correlated
+from ident.judgement.residuals import coefficients, correlated_samples
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -273,7 +273,7 @@ def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
     with_friction = equations.with_drives((*equations.drives, *names))
     residual, left = (_least_residual(fit, each, samples)[:, -felt:] for each in (equations, with_friction))
     squares = np.maximum((residual**2).sum(axis=0), 1e-300)
-    chance = len(FRICTION) * correlated(left, 0.99) / len(left)
+    chance = len(FRICTION) * correlated_samples(left, 0.99) / len(left)
     shares = np.maximum(0.0, 1 - (left**2).sum(axis=0) / squares - chance)
     return dict(zip(equations.channels[-felt:], shares.tolist(), strict=True))
 

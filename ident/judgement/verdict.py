@@ -19,7 +19,7 @@ from ident.judgement import wrench_findings as wrenches
 from ident.judgement.body_findings import consistency_findings, mass_findings
 from ident.judgement.candidates import CANDIDATES, Candidates, candidate_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import NAMED, Finding, doubts_first, few_or, listed, number_of
+from ident.judgement.finding import NAMED, Finding, doubts_first, listed, names_or_count, number_of
 from ident.judgement.torque_causes import cause_findings
 from ident.judgement.unmodelled import unmodelled_findings
 from ident.judgement.weighing import Mass, estimated_mass
@@ -114,7 +114,7 @@ class Precision:
         """Sentence on the masses that are determined."""
         if self.weighed:
             counted = f"{len(self.weighed)} of {len(self.bodies)} bodies"
-            return f"It determines the mass of {few_or(self.weighed, counted)}."
+            return f"It determines the mass of {names_or_count(self.weighed, counted)}."
         if self.mass is not None and self.mass.std_setup <= PRECISIONS[-1] * abs(self.mass.value):
             value, std = rounded(self.mass.value, self.mass.std_setup)
             return f"It determines the whole mass, {value} ± {std} kg, but no single ones."
