@@ -35,7 +35,8 @@ def bound_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding.of(
         "drive_at_bound",
-        _place(evidence, (column_place(name)[1] for name in evidence.bounded)),
+        # A drive of a log of its own is named `Fc(hip) of log 2`.
+        _place(evidence, (name.partition("(")[2].rpartition(")")[0] for name in evidence.bounded)),
         at_most={name: most for name, (most, _) in evidence.bounded.items()},
         units={name: coefficient_unit(name, evidence.mechanism.tree) for name in evidence.bounded},
     )
