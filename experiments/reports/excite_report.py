@@ -15,6 +15,7 @@ from experiments.document.tabular import of_deviations
 from experiments.document.writer import sentences
 from ident.display.plots import Figure, add_legend, few_ticks, label_above
 from ident.geometry.inertia import with_bodies
+from ident.judgement.finding import NAMED
 from ident.recordings.recording import STATES
 
 ALIKE = 0.1
@@ -102,7 +103,8 @@ def lines(design: Design) -> list[str]:
     beyond = abs(motion.dq).max(axis=0) > FASTER * limits.velocity
     beyond |= abs(motion.ddq).max(axis=0) > FASTER * limits.acceleration
     long, short = (len(each.motion.q) - 1 for each in (design.before, design.after))
-    more = {"names": with_bodies(design.names, design.bodies), "compared": design.start != RANDOM_START}
+    names = with_bodies(design.names, design.bodies) if len(design.names) <= NAMED else ""
+    more = {"names": names, "most": NAMED, "compared": design.start != RANDOM_START}
     more |= {"fast": [name for name, fast in zip(design.joints, beyond, strict=True) if fast], "alike": ALIKE}
     return sentences("excite.txt", design=design, long=long, short=short, **more)
 

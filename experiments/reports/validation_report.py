@@ -12,7 +12,7 @@ from experiments.document.document import Document, Headline, Plot
 from experiments.document.terminal import sentences as split
 from experiments.document.writer import sentences
 from experiments.reports import validation_tables as tables
-from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure, truth_figure
+from experiments.reports.validation_figures import held_out_figure, published_figure, summary_figure
 from ident.tolerances import INTERVAL
 
 DIGITS = 6
@@ -156,7 +156,8 @@ def _identical(validation: Validation) -> str:
 
 def known_picture(study: Study) -> str:
     """Picture of all known parameters' errors beside their 95 % intervals."""
-    return pictures.coverage({each.title: each.z / INTERVAL for each in study.truths.values()})
+    rows = {each.title: each.z / INTERVAL for each in study.truths.values()}
+    return pictures.coverage(rows, "estimate less true value")
 
 
 def headline(z: np.ndarray, sentence: str) -> Headline:
@@ -166,8 +167,6 @@ def headline(z: np.ndarray, sentence: str) -> Headline:
 
 
 CAPTIONS = {
-    "figure_truth": "Known parameters: estimates less true values, with 95 % intervals, where these exclude zero; the "
-    "narrowest on top.",
     "figure_validation": "Held-out residuals of the trajectory estimate over those of the best other candidate, up to "
     "5 % worse in grey (a); differences of halves, of trials identified alone, and of identical parts, in their stated "
     "standard deviations, 95 % in grey (b).",
@@ -193,9 +192,9 @@ def document(study: Study, provenance: dict[str, Any]) -> Document:
     }
     if STEEL in study.validations:
         made["table_steel"] = tables.table_steel(study.validations[STEEL])
-    figures = {"figure_truth": partial(truth_figure, study)} if study.truths else {}
+    figures = {}
     if study.validations:
-        figures |= {
+        figures = {
             "figure_validation": partial(summary_figure, study),
             "figure_held_out": partial(held_out_figure, study),
         }

@@ -129,7 +129,9 @@ def _last_links(mechanism: Mechanism) -> list[str]:
 
 def _moved(beginning: str) -> Callable[..., str]:
     def sentence(moved: Sequence[Mapping[str, Any]]) -> str:
-        each = listed(f"{x['name']}{' of ' * bool(x['body'])}{x['body'] or ''} by {x['z']:+.1f}" for x in moved)
+        each = listed(
+            (f"{x['name']}{' of ' * bool(x['body'])}{x['body'] or ''} by {x['z']:+.1f}" for x in moved), "parameters"
+        )
         end = f"In standard deviations, the updated model moves {each}." if moved else "It moves none of them."
         return f"{beginning} {end}"
 
@@ -138,7 +140,7 @@ def _moved(beginning: str) -> Callable[..., str]:
 
 def _masses(beginning: str, end: str = "") -> Row:
     def sentence(masses: Mapping[str, Mapping[str, float]], factor: float) -> str:
-        each = listed(f"{body} {_mass(**x)}" for body, x in masses.items())
+        each = listed((f"{body} {_mass(**x)}" for body, x in masses.items()), "bodies")
         return f"{beginning.format(factor=factor)}: {each}.{end}"
 
     return remark(sentence, bodies="masses")
@@ -154,7 +156,7 @@ def _mass(mass: float, lower: float | None, upper: float | None, model: float) -
 
 def _rotor(what: str) -> Row:
     def sentence(joints: Mapping[str, str]) -> str:
-        each = listed(f"{body} (joint {joint})" for body, joint in joints.items())
+        each = listed((f"{body} (joint {joint})" for body, joint in joints.items()), "bodies")
         return f"Rotor inertia may explain the masses of {each}. {what}"
 
     return remark(sentence)
@@ -166,7 +168,7 @@ FINDINGS.update(
     no_physical_bodies=judged(_moved("No physical bodies near the model's have these base parameters.")),
     rotors_apart=remark(
         "No links can take up all inertia about the joints; the rest is kept apart as rotor inertia, kg m²: "
-        "{rotors:.3g}."
+        "{rotors:rotors .3g}."
     ),
     masses_shown=_masses("Masses beyond a factor of {factor:g} of the model's, which is outside their 95 % intervals"),
     masses_limited=_masses(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, doubt, names_or_count, percent, remark
+from ident.judgement.finding import FINDINGS, Finding, Place, doubt, listed, percent, remark
 from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 
@@ -125,7 +125,7 @@ def _pairs(channels: Mapping[str, Sequence[float]]) -> str:
     """The estimate's ratios beside another candidate's, of the worst channel if there are many."""
     pairs = {channel: f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items()}
     most = max(channels, key=lambda channel: channels[channel][0] - channels[channel][1])
-    return names_or_count(pairs.values(), f"{len(pairs)} channels, most in {pairs[most]}")
+    return listed(pairs.values(), f"channels, most in {pairs[most]}")
 
 
 def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]) -> str:

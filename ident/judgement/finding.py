@@ -1,6 +1,6 @@
 """Findings on an estimate: a code with values, from which `FINDINGS` makes a sentence; and errors of its set-up."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
@@ -15,7 +15,10 @@ from ident.setup import SETUP
 from ident.trajectory.result import TrajectoryEstimate
 
 NAMED = 4
-"""Largest number of names in a title, and of parameters, bodies or channels that a sentence names; more are counted."""
+"""Largest number of parameters, bodies or channels that a sentence names; more are counted."""
+
+WORDS = 7
+"""Largest number of words in a title."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Row:
     """Sentence, doubt and place of a code.
 
     Attributes:
-        template: Format string of the values, each put into words by `shown`, or a function of the values where grammar
+        template: Format string of the values, as `_InWords` formats them, or a function of the values where grammar
             depends on them.
         doubt: True if it speaks against the estimate; None if that depends on the values, and the judge decides.
         place: Key of the value that names the bodies, joints, wrenches or channels of its place, by these words.
@@ -90,26 +93,23 @@ def judged(template: str | Callable[..., str], **place: str) -> Row:
 
 
 class _InWords(Formatter):
-    """Formats templates of sentences."""
+    """Formats templates: few names are listed, others counted; `{ratios:channels .3g}` brackets each one's number.
+
+    `%` as a format is a share in per cent.
+    """
+
+    def get_value(self, key: int | str, args: Any, kwargs: Any) -> Any:
+        value = kwargs[key]
+        names = isinstance(value, list | tuple) and all(isinstance(own, str) for own in value)
+        return listed(value, str(key)) if names else value
 
     def format_field(self, value: Any, format_spec: str) -> str:
-        return shown(value, format_spec)
-
-
-def shown(value: Any, form: str = "") -> str:
-    """A value in words: names and numbers with commas between them, and in a mapping each name before its number.
-
-    Args:
-        value: The value.
-        form: Format of numbers, in brackets if they are to have some; `%` for a share in per cent, `1%` with a decimal.
-    """
-    if isinstance(value, Mapping):
-        return listed(f"{name} {shown(own, form)}" for name, own in value.items())
-    if form.startswith("("):
-        return f"({shown(value, form[1:-1])})"
-    if isinstance(value, list | tuple):
-        return listed(shown(own, form) for own in value)
-    return percent(value, int(form[:-1] or 0)) if form.endswith("%") else format(value, form)
+        if isinstance(value, Mapping):
+            what, _, form = format_spec.rpartition(" ")
+            return bracketed(value, what, form)
+        if isinstance(value, list | tuple):
+            return listed(format(own, format_spec) for own in value)
+        return percent(value) if format_spec == "%" else format(value, format_spec)
 
 
 FINDINGS: dict[str, Row] = {}
@@ -129,6 +129,7 @@ TITLES = {
     "unchecked": "could not be checked",
     "friction_not_fitted": "friction is left out",
     "low_velocity_friction": "torques count less at low velocity",
+    "smooth_coulomb_friction": "smooth Coulomb friction",
     "body_not_carried": "a body that was not carried",
     "channels_late": "channels late against others",
     "own_in_logs": "friction or offsets differ between logs",
@@ -186,10 +187,11 @@ class Finding:
 
     @property
     def title(self) -> str:
-        """About seven words: what it says, and what it is about if that has few names."""
+        """At most `WORDS` words: what it says, and what it is about if these names are few enough."""
         words = TITLES.get(self.code, self.code.replace("setup", "set-up").replace("_", " "))
         names = [*self.place.channels, *self.place.wrenches, *self.place.joints, *self.place.bodies]
-        return words[0].upper() + words[1:] + (f": {listed(names)}" if 0 < len(names) <= NAMED else "")
+        words, about = words[0].upper() + words[1:], f": {listed(names, 'places')}"
+        return words + about * (0 < len(names) <= NAMED and len((words + about).split()) <= WORDS)
 
     @property
     def line(self) -> str:
@@ -225,14 +227,25 @@ def line_of(text: str, doubt: bool) -> str:
     return f"  {'!' if doubt else '-'} {text}"
 
 
-def listed(names: Iterable[str]) -> str:
-    """Names with commas between them."""
-    return ", ".join(names)
+def listed(names: Iterable[str], what: str = "") -> str:
+    """Names with commas between them, or how many of `what` they are if more than `NAMED`.
+
+    >>> listed("abc", "joints"), listed("abcde", "joints")
+    ('a, b, c', '5 joints')
+    """
+    every = [*names]
+    return f"{len(every)} {what}" if what and len(every) > NAMED else ", ".join(every)
 
 
-def names_or_count(names: Collection[str], counted: str) -> str:
-    """Names with commas between them if they are few, or else a phrase that counts them."""
-    return listed(names) if len(names) <= NAMED else counted
+def bracketed(values: Mapping[str, float], what: str, form: str = ".3g") -> str:
+    """Names with commas between them, each with its number in brackets, or how many and the range of their numbers.
+
+    >>> bracketed({"a": 1.0, "b": 0.25}, "joints"), bracketed(dict(zip("abcde", range(5))), "joints")
+    ('a (1), b (0.25)', '5 joints (0 to 4)')
+    """
+    if len(values) > NAMED:
+        return f"{len(values)} {what} ({min(values.values()):{form}} to {max(values.values()):{form}})"
+    return listed(f"{name} ({value:{form}})" for name, value in values.items())
 
 
 def percent(share: float, digits: int = 0) -> str:

@@ -8,7 +8,7 @@ from scipy import linalg
 from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import NEGLIGIBLE, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Row, doubt, judged, listed, number_of, percent, remark, shown
+from ident.judgement.finding import FINDINGS, Finding, Row, bracketed, doubt, judged, listed, number_of, percent, remark
 from ident.parameters.prior import known_covariance
 from ident.recordings.resolution import white_noise
 from ident.recordings.wrench import GROUND
@@ -180,17 +180,26 @@ def _not_converged(status: str, rounds: int) -> str:
 
 
 def _logs_disagree(logs: Sequence[int], rms_z: Sequence[float], best: Sequence[int] = ()) -> str:
-    still = f" It still predicts log {shown(best)} best, or about as well as other candidates." if best else ""
-    each = listed(f"{log} ({z:.1f})" for log, z in zip(logs, rms_z, strict=True))
+    names = listed((f"log {log}" for log in best), "logs")
+    still = f" It still predicts {names} best, or about as well as other candidates." * bool(best)
+    each = bracketed({f"log {log}": z for log, z in zip(logs, rms_z, strict=True)}, "logs", ".1f")
     return (
         "Logs disagree on the base parameters, in root mean square standard deviations of the noise: "
-        f"log {each}.{still} A load, a mounting or friction may have changed: identify the logs one by one."
+        f"{each}.{still} A load, a mounting or friction may have changed: identify the logs one by one."
+    )
+
+
+def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
+    each = listed((f"{name} ({', '.join(f'{x:.2g}' for x in own)})" for name, own in values.items()), "of them")
+    return (
+        f"Friction and offsets differ between logs, so that each log has its own: {each}. Other logs are predicted "
+        "with their means."
     )
 
 
 def _ratios(row: Callable[..., Row], what: str, end: str = "") -> Row:
     """Row of channels by the size of their residuals."""
-    return row(f"{what}, {{part}} residual over signal in brackets: {{ratios:(.3g)}}.{end}", channels="ratios")
+    return row(f"{what}, {{part}} residual over signal in brackets: {{ratios:channels .3g}}.{end}", channels="ratios")
 
 
 def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
@@ -199,7 +208,7 @@ def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
         ends = dict.fromkeys(times[choose(factors, key=factors.__getitem__)] for choose in (min, max))
         what = f"In all channels the residual is far above the fast noise of the sensors, {' to '.join(ends)} times."
     else:
-        each = listed(f"{channel} {factor} times" for channel, factor in times.items())
+        each = listed((f"{channel} {factor} times" for channel, factor in times.items()), "channels")
         what = f"The residual is far above the fast noise of the sensors: {each}."
     return (
         f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
@@ -208,7 +217,7 @@ def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
 
 
 def _beyond_ranges(shares: Mapping[str, float]) -> str:
-    each = listed(f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items())
+    each = listed((f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items()), "joints")
     return f"Joints are recorded beyond the model's ranges: {each}. Check zero, sign and unit of their columns."
 
 
@@ -232,10 +241,7 @@ FINDINGS.update(
         "set-up are not quite right; all standard deviations are widened by as much."
     ),
     logs_disagree=judged(_logs_disagree),
-    own_in_logs=remark(
-        "Friction and offsets differ between logs, so that each log has its own: {values:(.2g)}. Other logs are "
-        "predicted with their means."
-    ),
+    own_in_logs=remark(_own_in_logs),
     prior_beside_data=remark(
         "The model's bodies served as a prior, though the recordings determine all base parameters without it."
     ),

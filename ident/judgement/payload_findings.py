@@ -207,7 +207,7 @@ def _unlikely(mass: float, robot: float | None) -> str:
 
 FINDINGS.update(
     payload_forces_unexplained=doubt(
-        "Neither weight nor motion explain the forces, residual over signal in brackets: {ratios:(.2f)}. The "
+        "Neither weight nor motion explain the forces, residual over signal in brackets: {ratios:channels .2f}. The "
         "controller may have taken a load out, the sensor may have been tared on the way, or something touches it. "
         "Record raw readings: set the controller's payload to 0 kg and do not tare.",
         channels="ratios",

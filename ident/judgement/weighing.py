@@ -146,10 +146,11 @@ def _common_gain(mass: float, std: float, model: float) -> str:
 
 def _each(offsets: Mapping[str, Sequence[Any]], shares: Mapping[str, float] = MappingProxyType({})) -> str:
     """Offsets with their deviations and units, and shares in brackets."""
-    return listed(
+    each = (
         f"{channel} {value:.3g} ± {std:.2g} {unit}{f' ({percent(shares[channel])})' if shares else ''}"
         for channel, (value, std, unit) in offsets.items()
     )
+    return listed(each, "channels")
 
 
 def _large(offsets: Mapping[str, Sequence[Any]], shares: Mapping[str, float]) -> str:

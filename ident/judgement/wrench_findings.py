@@ -110,8 +110,8 @@ def _frame(
 def _mirrored(wrench: str, components: Sequence[str]) -> str:
     looks, columns = ("looks", "its column") if len(components) == 1 else ("look", "their columns")
     return (
-        f"{listed(components)} of the wrench '{wrench}' {looks} mirrored: the opposite sign is far nearer to the "
-        f"model's own prediction. Give {columns} gain = -1 in the columns file."
+        f"{listed(components, 'components')} of the wrench '{wrench}' {looks} mirrored: the opposite sign is "
+        f"far nearer to the model's own prediction. Give {columns} gain = -1 in the columns file."
     )
 
 
@@ -125,8 +125,8 @@ def _unmeasured(start: float, end: float, carries: float, body: str | None, log:
 
 def _out_of_plane(normal: str, channels: Sequence[str]) -> str:
     return (
-        f"The model moves in the plane normal to {normal} alone, and cannot explain {listed(channels)}. Leave them "
-        f"out: --leave-out {' '.join(channels)}."
+        f"The model moves in the plane normal to {normal} alone, and cannot explain {listed(channels, 'channels')}. "
+        f"Leave them out: --leave-out {' '.join(channels)}."
     )
 
 
