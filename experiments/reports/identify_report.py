@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from experiments.data.fitting import Following
 from experiments.document import rerun_file, tabular, writer
 from experiments.document.document import Card, Document, Headline, Plot
 from experiments.document.result_folder import OUTPUTS as RESULTS
@@ -17,6 +16,7 @@ from experiments.document.tabular import Decimals, Regrouped, of_deviations, of_
 from experiments.document.terminal import sentences, wrapped
 from experiments.reports.identify_figures import held_out_figure, parameters_figure, spectra_figure
 from experiments.reports.identify_page import carried, first_screen, held_out_caption, parameters_caption, replay
+from experiments.studies.user_files import Following
 from ident.estimate import Estimate
 from ident.estimation.noise import channel_unit, coefficient_unit
 from ident.geometry.inertia import with_bodies

@@ -1,6 +1,7 @@
 """Report on the validation: tables, figures, key numbers, and sentences that say where it wins and where it loses."""
 
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from functools import partial
 from typing import Any
 
@@ -37,17 +38,14 @@ def numbers(study: Study) -> dict[str, Any]:
 
 def _recording(validation: Validation) -> dict[str, Any]:
     """Numbers of a recording."""
-    names = ("rivals", "channels", "units", "ratios", "at_rest", "halves", "widening", "outcome", "verdict", "doubts")
-    return {
-        "values": vars(validation.values),
-        "trials": {name: vars(each) for name, each in validation.trials.items()},
-        **{name: getattr(validation, name) for name in (*names, "samples", "cutoff", "seconds", "unchecked", "peers")},
-        "published_z": {each.name: validation.published_z(each) for each in validation.entry.published},
-    }
+    own = {name: value for name, value in vars(validation).items() if name != "entry"}
+    return own | {"published_z": {each.name: validation.published_z(each) for each in validation.entry.published}}
 
 
 def rounded(value: Any) -> Any:
-    """Numbers of any structure in JSON types with `DIGITS` significant digits; infinite ones and NaN become None."""
+    """Numbers of any structure in JSON types with `DIGITS` significant digits; infinite ones and NaN are None."""
+    if is_dataclass(value):
+        return rounded(vars(value))
     if isinstance(value, Mapping):
         return {name: rounded(each) for name, each in value.items()}
     if isinstance(value, np.ndarray | list | tuple):
@@ -70,19 +68,13 @@ STEEL = "double_pendulum"
 
 def lines(study: Study) -> list[str]:
     """Sentences with the main numbers, and on what was not run."""
-    out = main_lines(study)
+    out = [*truth_lines(study), *(overview_lines(study) if study.validations else []), *worse_lines(study)]
     unchecked = {each.entry.title: ", ".join(each.unchecked) for each in study if each.unchecked}
     out += [f"Without a hash to check: {title}, {names}." for title, names in unchecked.items()]
     out += [f"Not run: {name}: {sentence}" for name, sentence in study.refused.items()]
     if study.untried:
         out.append(f"In the registry, but never tried: {', '.join(entry.title for entry in study.untried)}.")
     return out
-
-
-def main_lines(study: Study) -> list[str]:
-    """Sentences with the main numbers: where the estimate is best, where it loses, and how estimates agree."""
-    predictions = overview_lines(study) if study.validations else []
-    return [*truth_lines(study), *predictions, *worse_lines(study)]
 
 
 def truth_lines(study: Study) -> list[str]:
