@@ -17,6 +17,7 @@ from ident.estimation.loads import SLIP, predicted_channels
 from ident.estimation.preparation import Prepared, prepared
 from ident.files.column import CURRENT, UNITS
 from ident.judgement.gravity import recorded_gravity
+from ident.judgement.residuals import correlated_samples
 from ident.judgement.torque_checks import ALIKE, SCALE
 from ident.recordings.log import read_log
 
@@ -187,7 +188,7 @@ class Gain(NamedTuple):
 
     Attributes:
         gain: The factor.
-        deviation: Standard deviation of the factor.
+        deviation: Its standard deviation, over its size.
         alike: Share of the predicted torque's variance that it explains.
     """
 
@@ -234,7 +235,7 @@ def _set_units_of_torques(belief: Belief, torques: Mapping[str, Quantity], gains
     in_newton = any(map(_is_near, free))
     in_millimetres = bool(free) and not in_newton and all(_is_near(1e3 * ratio) for ratio in free)
     for joint, ratio in ratios.items():
-        x, times = torques[joint], f"± {abs(gains[joint].deviation * ratio / gains[joint].gain):.1g}"
+        x, times = torques[joint], f"± {gains[joint].deviation * abs(ratio):.1g}"
         x.gain = float(np.sign(ratio))
         larger = f"the model's torque is {abs(ratio):.3g} {times} times as large"
         if x.is_current:
@@ -268,8 +269,7 @@ def _gain(measured: np.ndarray, predicted: np.ndarray, dq: np.ndarray, ddq: np.n
     x, y = beside(rows, np.stack([measured, predicted], axis=1)).T
     power, other = max(float(x @ x), 1e-300), max(float(y @ y), 1e-300)
     gain = float(x @ y) / power
-    residual = y - gain * x
-    own = max(float(residual @ residual), 1e-300)
-    rho = float(np.clip(residual[1:] @ residual[:-1] / own, 0, 0.999))
-    number = max((len(x) - len(rows) - 1) * (1 - rho) / (1 + rho), 1.0)
-    return Gain(gain, float(np.sqrt(own / number / power)), gain**2 * power / other)
+    left = y - gain * x
+    number = max((len(x) - len(rows) - 1) / float(correlated_samples(left, 0.999)), 1.0)
+    deviation = np.sqrt(max(float(left @ left), 1e-300) / number / power) / max(abs(gain), 1e-300)
+    return Gain(gain, float(deviation), gain**2 * power / other)

@@ -228,7 +228,7 @@ def set_unit(belief: Belief, groups: Iterable[ColumnGroup], kind: str, ratio: fl
 def set_axes(belief: Belief, log: Prepared) -> None:
     """Sets signs and right-angled turns of wrenches with which they are far closer to the predictions."""
     checks, base = wrench_checks(log)
-    if base is not None and base.suspicious:
+    if base is not None:
         belief.notes.append(
             f"The ground's wrench fits far better in the frame of '{base.body}' (--base {base.body}): an error of "
             f"{100 * base.error_there:.0f} % rather than {100 * base.error:.0f} % of what the model predicts."

@@ -112,9 +112,7 @@ def _grossly_wrong(log: Prepared) -> bool:
     """True if a wrench or torque is so wrong that a search for small set-up errors is pointless."""
     frames, base = wrench_checks(log)
     torques = torque_checks(log)
-    wrench = any(check.suspicious or check.mirrored for check in frames.values()) or (
-        base is not None and base.suspicious
-    )
+    wrench = base is not None or any(check.suspicious or check.mirrored for check in frames.values())
     gravity = recorded_gravity(log)
     turned = gravity is not None and gravity.suspicious
     return turned or wrench or (torques is not None and torques.grossly_wrong)

@@ -1,6 +1,6 @@
 """Findings on the bodies of the updated model: physical or not, and far from the model's or not."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.separation import separable
 from ident.geometry.inertia import body_of_parameter
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed
+from ident.judgement.finding import FINDINGS, Finding, Place, Row, judged, listed, remark
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
 from ident.parameters.consistency import ConsistentParameters
@@ -65,7 +65,7 @@ def mass_findings(evidence: Evidence) -> Iterator[Finding]:
             values = {"mass": each.estimate, "model": before, "lower": lower, "upper": upper}
             far.setdefault(code, {})[each.body] = values
     for code, masses in far.items():
-        yield Finding.of(code, Place(bodies=tuple(masses)), masses=masses, factor=FACTOR)
+        yield Finding.of(code, masses=masses, factor=FACTOR)
     yield from rotor_findings(evidence, [name for masses in far.values() for name in masses])
     yield from tool_findings(evidence)
 
@@ -110,8 +110,7 @@ def tool_findings(evidence: Evidence) -> Iterator[Finding]:
     heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > INTERVAL * std_size) & (more > least)
     for k in np.flatnonzero(heavier).tolist():
         if (name := mechanism.bodies[k]) in _last_links(mechanism):
-            mass, deviation = float(more[k]), float(std[k, 0])
-            yield Finding.of("heavier_last_link", Place(bodies=(name,)), body=name, mass=mass, std=deviation)
+            yield Finding.of("heavier_last_link", body=name, mass=float(more[k]), std=float(std[k, 0]))
 
 
 def _last_links(mechanism: Mechanism) -> list[str]:
@@ -128,26 +127,15 @@ def _last_links(mechanism: Mechanism) -> list[str]:
     return [bodies[i].name for i in sorted(heavy - carrying)]
 
 
-def _within(moved: Sequence[Mapping[str, Any]]) -> str:
-    return f"The updated model has the base parameters within their joint 95 % region. {_moves(moved)}"
+def _moved(beginning: str) -> Callable[..., str]:
+    def sentence(moved: Sequence[Mapping[str, Any]]) -> str:
+        each = listed(
+            (f"{x['name']}{' of ' * bool(x['body'])}{x['body'] or ''} by {x['z']:+.1f}" for x in moved), "parameters"
+        )
+        end = f"In standard deviations, the updated model moves {each}." if moved else "It moves none of them."
+        return f"{beginning} {end}"
 
-
-def _none_near(moved: Sequence[Mapping[str, Any]]) -> str:
-    return f"No physical bodies near the model's have these base parameters. {_moves(moved)}"
-
-
-def _moves(moved: Sequence[Mapping[str, Any]]) -> str:
-    each = listed((f"{x['name']}{_of(x['body'])} by {x['z']:+.1f}" for x in moved), "parameters")
-    return f"In standard deviations, the updated model moves {each}." if moved else "It moves none of them."
-
-
-def _of(body: str | None) -> str:
-    return f" of {body}" if body else ""
-
-
-def _rotors_apart(rotors: Mapping[str, float]) -> str:
-    each = bracketed(rotors, "rotors")
-    return f"No links can take up all inertia about the joints; the rest is kept apart as rotor inertia, kg m²: {each}."
+    return sentence
 
 
 def _masses(beginning: str, end: str = "") -> Row:
@@ -155,7 +143,7 @@ def _masses(beginning: str, end: str = "") -> Row:
         each = listed((f"{body} {_mass(**x)}" for body, x in masses.items()), "bodies")
         return f"{beginning.format(factor=factor)}: {each}.{end}"
 
-    return Row(sentence, doubt=False)
+    return remark(sentence, bodies="masses")
 
 
 def _mass(mass: float, lower: float | None, upper: float | None, model: float) -> str:
@@ -171,16 +159,17 @@ def _rotor(what: str) -> Row:
         each = listed((f"{body} (joint {joint})" for body, joint in joints.items()), "bodies")
         return f"Rotor inertia may explain the masses of {each}. {what}"
 
-    return Row(sentence, doubt=False)
+    return remark(sentence)
 
 
 FINDINGS.update(
-    model_not_contradicted=Row(
-        "The estimate does not contradict the model, whose bodies stay as they are.", doubt=False
+    model_not_contradicted=remark("The estimate does not contradict the model, whose bodies stay as they are."),
+    physical_within_region=remark(_moved("The updated model has the base parameters within their joint 95 % region.")),
+    no_physical_bodies=judged(_moved("No physical bodies near the model's have these base parameters.")),
+    rotors_apart=remark(
+        "No links can take up all inertia about the joints; the rest is kept apart as rotor inertia, kg m²: "
+        "{rotors:rotors .3g}."
     ),
-    physical_within_region=Row(_within, doubt=False),
-    no_physical_bodies=Row(_none_near, doubt=None),
-    rotors_apart=Row(_rotors_apart, doubt=False),
     masses_shown=_masses("Masses beyond a factor of {factor:g} of the model's, which is outside their 95 % intervals"),
     masses_limited=_masses(
         "Masses that no channel contains, limited only by what other parameters of a physical body allow",
@@ -191,9 +180,9 @@ FINDINGS.update(
     ),
     rotor_not_fitted=_rotor("The links take it up, as it was not fitted: add --drive rotor."),
     rotor_inseparable=_rotor("The links take it up: this motion does not separate it, even with --drive rotor."),
-    heavier_last_link=Row(
+    heavier_last_link=remark(
         "The last link '{body}' carries {mass:.2g} ± {std:.1g} kg more than the model, if that is right on the other "
         "bodies: a tool? `multicontact payload` identifies it.",
-        doubt=False,
+        bodies="body",
     ),
 )

@@ -1,13 +1,13 @@
 """Three predictions of what was held out: the model as it came, least squares on filtered states, and the estimate."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, NAMED, Finding, Place, Row, listed, percent
+from ident.judgement.finding import FINDINGS, Finding, Place, doubt, listed, percent, remark
 from ident.regression.held_out import ESTIMATE, LEAST_SQUARES, MODEL
 from ident.tolerances import CONDITION_LIMIT, UNEXPLAINED
 
@@ -89,54 +89,31 @@ class Candidates:
         ahead = [name for name in others if self.overall(name) < own and self.behind(name) > BETTER]
         return min(ahead, key=self.overall, default=None)
 
-    def better(self, name: str, other: str, factor: float) -> tuple[str, ...]:
-        """Channels in which a candidate predicts better than another one by a factor."""
-        pairs = zip(self.channels, self.ratios[name], self.ratios[other], strict=True)
-        return tuple(c for c, a, b in pairs if factor * a < b and b > NEGLIGIBLE)
+    def pairs(self, other: str) -> dict[str, tuple[float, float]]:
+        """Residuals over signal of the estimate and of another candidate by channel."""
+        both = zip(self.ratios[ESTIMATE].tolist(), self.ratios[other].tolist(), strict=True)
+        return dict(zip(self.channels, both, strict=True))
 
-    def clearly_worse(self, other: str) -> tuple[str, ...]:
-        """Channels in which the estimate is clearly worse than another candidate; none if it is better overall."""
+    def clearly_worse(self, other: str) -> dict[str, tuple[float, float]]:
+        """The `pairs` in which the estimate is clearly worse than another candidate; none if it is better overall."""
         if other not in self.ratios or self.overall(ESTIMATE) < self.overall(other):
-            return ()
-        return self.better(other, ESTIMATE, CLEARLY)
-
-    def pairs(self, channels: Sequence[str], other: str) -> dict[str, tuple[float, float]]:
-        """Residuals over signal of the estimate and of another candidate in some channels."""
-        at = [self.channels.index(channel) for channel in channels]
-        own, others = self.ratios[ESTIMATE], self.ratios[other]
-        return {self.channels[k]: (float(own[k]), float(others[k])) for k in at}
+            return {}
+        pairs = self.pairs(other).items()
+        return {c: (own, least) for c, (own, least) in pairs if CLEARLY * least < own and own > NEGLIGIBLE}
 
 
 def candidate_findings(evidence: Evidence) -> Iterator[Finding]:
     """Doubt that another candidate predicts clearly better, with what to use instead, or remark that it is better."""
     candidates = Candidates.of(evidence)
-    worse = {name: channels for name in RIVALS if (channels := candidates.clearly_worse(name))}
-    if not worse:
-        yield from _better_overall(candidates)
-        return
-    named = {channel: None for channels in worse.values() for channel in channels}
-    yield Finding.of(
-        "worse_than_candidate",
-        Place(channels=tuple(named)),
-        worse={name: candidates.pairs(channels, name) for name, channels in worse.items()},
-        take=_instead(evidence, candidates, worse),
-        cutoff_hz=evidence.filtered_at,
-    )
-
-
-def _better_overall(candidates: Candidates) -> Iterator[Finding]:
-    """Remark that another candidate predicts somewhat better over the channels."""
-    if (other := candidates.better_overall) is not None:
-        pairs = candidates.pairs(candidates.channels, other)
-        place = Place(channels=candidates.channels)
-        yield Finding.of("candidate_better", place, candidate=other, behind=candidates.behind(other), ratios=pairs)
-
-
-def _instead(evidence: Evidence, candidates: Candidates, better: Collection[str]) -> str | None:
-    """Candidate to use instead of an estimate that is clearly worse in a channel; None if none is usable."""
-    if min(better, key=candidates.overall) == MODEL:
-        return MODEL
-    return LEAST_SQUARES if evidence.condition_number < CONDITION_LIMIT else None
+    if worse := {name: pairs for name in RIVALS if (pairs := candidates.clearly_worse(name))}:
+        place = Place(channels=tuple(dict.fromkeys(channel for pairs in worse.values() for channel in pairs)))
+        # Least squares are usable if they need no prior.
+        take = LEAST_SQUARES if evidence.condition_number < CONDITION_LIMIT else None
+        take = MODEL if min(worse, key=candidates.overall) == MODEL else take
+        yield Finding.of("worse_than_candidate", place, worse=worse, take=take, cutoff_hz=evidence.filtered_at)
+    elif (other := candidates.better_overall) is not None:
+        behind, pairs = candidates.behind(other), candidates.pairs(other)
+        yield Finding.of("candidate_better", candidate=other, behind=behind, ratios=pairs)
 
 
 def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) -> str:
@@ -146,10 +123,9 @@ def _worse(worse: Mapping[str, Mapping[str, Sequence[float]]], **advice: Any) ->
 
 def _pairs(channels: Mapping[str, Sequence[float]]) -> str:
     """The estimate's ratios beside another candidate's, of the worst channel if there are many."""
-    pairs = [f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items()]
-    more = [own - other for own, other in channels.values()]
-    most = pairs[more.index(max(more))]
-    return listed(pairs) if len(pairs) <= NAMED else f"{len(pairs)} channels, most in {most}"
+    pairs = {channel: f"{channel} ({own:.3g} against {other:.3g})" for channel, (own, other) in channels.items()}
+    most = max(channels, key=lambda channel: channels[channel][0] - channels[channel][1])
+    return listed(pairs.values(), f"channels, most in {pairs[most]}")
 
 
 def _better(candidate: str, behind: float, ratios: Mapping[str, Sequence[float]]) -> str:
@@ -173,4 +149,4 @@ def _advice(model_too: bool, take: str, cutoff_hz: float | None) -> str:
     )
 
 
-FINDINGS.update(worse_than_candidate=Row(_worse, doubt=True), candidate_better=Row(_better, doubt=False))
+FINDINGS.update(worse_than_candidate=doubt(_worse), candidate_better=remark(_better, channels="ratios"))

@@ -1,8 +1,8 @@
 """Checks of a fitted recording: weight, signs and axes of wrenches, and contacts left out."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.recordings.wrench import GROUND, pose_in_base
 from ident.regression.ordinary import Fit
 
-Result = TypeVar("Result")
-
 NOISE_WANDERS = 1 / 15
 """Distance from a measured contact at which its noise may seem to act, of the mechanism's size: half a foot."""
 
@@ -29,7 +27,7 @@ class NotCheckedError(Exception):
     """A check that cannot be made.
 
     Attributes:
-        reason: Reason, as `Unchecked.reason`.
+        reason: `no gravity`, `no force`, channels `not measured` or `not fitted`, or an `error`.
         channels: Channels in which it would show.
     """
 
@@ -38,24 +36,7 @@ class NotCheckedError(Exception):
         super().__init__(reason)
 
 
-class Unchecked(NamedTuple):
-    """A check that could not be made.
-
-    Attributes:
-        check: `weight`, `contact` or `torques`.
-        reason: `no gravity`, `no force`, channels `not measured` or `not fitted`, or an `error`.
-        channels: Channels in which it would show.
-        error: Message of the error.
-    """
-
-    check: str
-    reason: str
-    channels: tuple[str, ...] = ()
-    error: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Weight:
+class Weight(NamedTuple):
     """Measured mass and the model's, kg.
 
     Attributes:
@@ -69,29 +50,28 @@ class Weight:
     drift: float
 
 
-@dataclass(frozen=True, eq=False)
-class Checks:
+class Checks(NamedTuple):
     """Results of all checks.
 
     Attributes:
-        weight: Static check; None where it cannot be made.
+        gravity: Comparison of directions of gravity, None where none can be compared.
+        unchecked: Values of the finding on each check that could not be made.
+        delay: Delay of the channels that explains most, None where none can be tried.
         frames: Check of each wrench's sign and axes by its name.
-        base: Check of the frame in which the ground's wrench is measured; None where no other body rests.
+        base: Frame in which the ground's wrench fits far better than as stated; None if it was measured there.
+        weight: Static check; None where it cannot be made.
         contact: Contact that would explain the residual; None where not all six components are measured.
         torques: Checks of the joint torques, None where there are none.
-        unchecked: Checks that could not be made.
-        gravity: Comparison of directions of gravity, None where none can be compared.
-        delay: Delay of the channels that explains most, None where none can be tried.
     """
 
-    weight: Weight | None
-    frames: dict[str, FrameCheck]
-    base: BaseCheck | None
-    contact: ContactCheck | None
-    torques: TorqueChecks | None
-    unchecked: tuple[Unchecked, ...]
-    gravity: GravityCheck | None = None
+    gravity: GravityCheck | None
+    unchecked: Sequence[Mapping[str, Any]] = ()
     delay: DelayCheck | None = None
+    frames: Mapping[str, FrameCheck] = MappingProxyType({})
+    base: BaseCheck | None = None
+    weight: Weight | None = None
+    contact: ContactCheck | None = None
+    torques: TorqueChecks | None = None
 
 
 def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
@@ -104,25 +84,22 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     """
     gravity = recorded_gravity(prepared)
     if gravity is not None and gravity.suspicious:
-        return Checks(None, {}, None, None, None, (), gravity=gravity)
-    delay, residual = delay_check(prepared), fit.residual(prepared.samples[prepared.taken(part)])
-    unchecked: list[Unchecked] = []
-
-    def attempt(name: str, check: Callable[[], Result]) -> Result | None:
-        """Result of a check, None if it cannot be made."""
+        return Checks(gravity)
+    residual = fit.residual(prepared.samples[prepared.taken(part)])
+    results, unchecked = dict[str, Any](), list[dict[str, Any]]()
+    attempts: dict[str, Callable[[], Any]] = {
+        "weight": lambda: _weight(prepared, residual, part),
+        "contact": lambda: _contact(prepared, residual, part),
+        "torques": lambda: torque_checks(prepared),
+    }
+    for name, check in attempts.items():
         try:
-            return check()
+            results[name] = check()
         except NotCheckedError as error:
-            unchecked.append(Unchecked(name, error.reason, error.channels))
+            unchecked.append({"check": name, "reason": error.reason, "channels": error.channels, "error": ""})
         except (InputError, np.linalg.LinAlgError) as error:
-            unchecked.append(Unchecked(name, "error", error=str(error)))
-        return None
-
-    weight = attempt("weight", lambda: _weight(prepared, residual, part))
-    frames, base = wrench_checks(prepared)
-    contact = attempt("contact", lambda: _contact(prepared, residual, part))
-    torques = attempt("torques", lambda: torque_checks(prepared))
-    return Checks(weight, frames, base, contact, torques, tuple(unchecked), gravity=gravity, delay=delay)
+            unchecked.append({"check": name, "reason": "error", "channels": (), "error": str(error)})
+    return Checks(gravity, unchecked, delay_check(prepared), *wrench_checks(prepared), **results)
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
@@ -133,10 +110,10 @@ def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
     along = (prepared.wrench[whole, :3] * up[whole])[:, known].sum(axis=1) / g
     beyond = (residual[:, : known.sum()] * up[taken][:, known]).sum(axis=1) / g
     time = np.arange(len(beyond)) - (len(beyond) - 1) / 2
-    slope = (time @ beyond) / (time @ time)
+    drift = float(time @ beyond / (time @ time) * len(beyond))
     # Samples that are clipped are those in which the motion needs most.
     measured = float(along.mean()) if prepared.whole.all() else standing_mass(prepared)
-    return Weight(measured, prepared.mechanism.mass, float(slope * len(beyond)))
+    return Weight(measured, prepared.mechanism.mass, drift)
 
 
 def standing_mass(prepared: Prepared) -> float:
@@ -209,19 +186,16 @@ def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
     checks = {}
     for name in wrenches:
         wrench = prepared.recording.wrench(name)
+        own = wrench.on_mechanism
         if name == GROUND:
-            others = prepared.wrench - wrench.on_mechanism
-            missing = predicted - np.nan_to_num(others)
-            checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
-            continue
-        pose = pose_in_base(wrench, poses[:, names.index(str(wrench.body))], base)
-        in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
-        felt = applied(in_frame, wrench.on_mechanism)
-        missing = np.where(kept, predicted - (prepared.wrench - felt), 0)
+            missing = predicted - np.nan_to_num(prepared.wrench - own)
+        else:
+            pose = pose_in_base(wrench, poses[:, names.index(str(wrench.body))], base)
+            in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
+            back, felt = np.linalg.inv(in_frame), applied(in_frame, own)
+            missing = applied(back, np.where(kept, predicted - (prepared.wrench - felt), 0))
+            own = own if kept.all() else applied(back, np.where(kept, felt, 0))
         if np.isfinite(missing).all():
-            back = np.linalg.inv(in_frame)
-            own = wrench.on_mechanism if kept.all() else applied(back, np.where(kept, felt, 0))
-            missing = applied(back, missing)
             checks[name] = diagnosis.check_frame(own, missing, wrench.pose[:3, :3])
     return checks
 

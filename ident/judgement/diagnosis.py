@@ -1,8 +1,8 @@
 """Diagnoses of a recording or a model from wrenches measured and predicted."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
 from itertools import permutations, product
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -16,8 +16,7 @@ TIE = 1.25
 """Factor on the smallest error up to which errors count as equal."""
 
 
-@dataclass(frozen=True, eq=False)
-class FrameCheck:
+class FrameCheck(NamedTuple):
     """Sign and rotation with which a measured wrench agrees best with the predicted one.
 
     Attributes:
@@ -38,12 +37,11 @@ class FrameCheck:
     def suspicious(self) -> bool:
         """True if another sign or other axes fit far better."""
         turned = self.sign < 0 or not np.array_equal(self.rotation, np.eye(3))
-        return bool(turned and self.error_turned < 0.5 * self.error and not self.mirrored)
+        return bool(turned and self.error_turned < FAR_BETTER * self.error and not self.mirrored)
 
 
-@dataclass(frozen=True)
-class BaseCheck:
-    """The resting body in whose frame the ground's wrench fits the prediction best.
+class BaseCheck(NamedTuple):
+    """Another resting body in whose frame the ground's wrench fits the prediction far better.
 
     Attributes:
         body: Name of the body in whose frame it fits best.
@@ -55,11 +53,9 @@ class BaseCheck:
     error: float
     error_there: float
 
-    @property
-    def suspicious(self) -> bool:
-        """True if that fits far better."""
-        return self.error_there < 0.5 * self.error
 
+FAR_BETTER = 0.5
+"""Error of a wrench with other signs, axes or frames over that as stated below which these are far better."""
 
 MIRRORED, NOTABLE = 0.4, 0.1
 """Error of a component with the opposite sign, over that as it is, below which it is mirrored; and size of its
@@ -78,8 +74,7 @@ TINY = 1e-12
 """Least force, so that quotients are finite; relative errors below are rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class ContactCheck:
+class ContactCheck(NamedTuple):
     """The unmeasured contact that explains a residual wrench best.
 
     Attributes:
@@ -115,21 +110,19 @@ def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarra
     turned = whole @ (check.sign * linalg.block_diag(check.rotation, check.rotation)).T
     if check.suspicious and len(_mirrored(turned, predicted, known)) < len(mirrored):
         return check
-    return replace(check, mirrored=tuple(np.array(COMPONENTS)[mirrored].tolist()))
+    return check._replace(mirrored=tuple(np.array(COMPONENTS)[mirrored].tolist()))
 
 
 def _mirrored(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray) -> list[int]:
     """Components that are far nearer to their predictions with the opposite sign, among those with a notable one."""
-    out = []
-    for k in np.flatnonzero(known).tolist():
-        kind, signs = slice(3 * (k // 3), 3 * (k // 3) + 3), []
-        # Offsets may be large, and motions small beside the weight.
-        for x, y in ((measured, predicted), (measured - measured.mean(axis=0), predicted - predicted.mean(axis=0))):
-            as_is, opposite = (np.linalg.norm(x[:, k] - sign * y[:, k]) for sign in (1, -1))
-            notable = np.linalg.norm(y[:, k]) > NOTABLE * np.linalg.norm(y[:, kind])
-            signs.append((opposite < MIRRORED * as_is) - (as_is < opposite) * 1 if notable else 0)
-        out += [k] if max(signs) > 0 and signs[1] >= 0 else []
-    return out
+    signs = []
+    # Offsets may be large, and motions small beside the weight.
+    for x, y in ((measured, predicted), (measured - measured.mean(axis=0), predicted - predicted.mean(axis=0))):
+        as_is, opposite = (np.linalg.norm(x - sign * y, axis=0) for sign in (1, -1))
+        sizes = np.linalg.norm(y, axis=0)
+        notable = sizes > NOTABLE * np.repeat(np.linalg.norm(sizes.reshape(2, 3), axis=1), 3)
+        signs.append(notable * (1 * (opposite < MIRRORED * as_is) - (as_is < opposite)))
+    return np.flatnonzero(known & (np.max(signs, axis=0) > 0) & (signs[1] >= 0)).tolist()
 
 
 def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:
@@ -139,9 +132,7 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
 
     def error(sign: int, R: np.ndarray) -> float:
         turn = sign * linalg.block_diag(R, R)
-        compared = np.abs(turn) @ known > 0
-        off = (measured @ turn[compared].T - predicted[:, compared]) / scale[compared]
-        return float(np.linalg.norm(off) / np.sqrt(compared.sum() / 3))
+        return _size((measured @ turn.T - predicted) / scale, np.abs(turn) @ known > 0)
 
     straight, *right_angled = right_angled_rotations()
     simple = [(1, straight), (-1, straight), (1, rotation.T @ rotation.T)]
@@ -151,6 +142,11 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
     best = next(k for k, each in enumerate(errors) if each <= max(TIE * min(errors), TINY))
     sign, R = turns[best]
     return FrameCheck(sign, R, errors[0], errors[best])
+
+
+def _size(off: np.ndarray, known: np.ndarray) -> float:
+    """Size of errors of the components that are known, over those of a force or moment (N, 6)."""
+    return float(np.linalg.norm(off[:, known]) / np.sqrt(known.sum() / 3))
 
 
 def _scale(predicted: np.ndarray) -> np.ndarray:
@@ -172,36 +168,27 @@ def check_base(
         predicted: What the prior model predicts there (N, 6).
 
     Returns:
-        The best of them; None if there is none besides the base frame.
+        The best of them; None if it is not far better than the base's.
     """
-    known = np.isfinite(measured).all(axis=0)
     poses, rest = tree.poses(q[None])[0], list[int]()
     for i, body in enumerate(tree.bodies):
         rest += [i] if not body.moves and (body.parent < 0 or body.parent in rest) else []
-    in_base = predicted @ coAd(frame).T
-    scale = _scale(predicted)
+    in_base, known = predicted @ coAd(frame).T, np.isfinite(measured).all(axis=0)
 
     def error(T: np.ndarray) -> float:
-        there = in_base @ coAd(inverse(T @ frame)).T
-        return float(np.linalg.norm(((measured - there) / scale)[:, known]) / np.sqrt(known.sum() / 3))
+        return _size((measured - in_base @ coAd(inverse(T @ frame)).T) / _scale(predicted), known)
 
-    places = {tree.names[i]: poses[i] for i in rest}
-    errors = {name: error(T) for name, T in places.items() if not np.allclose(T, np.eye(4), atol=1e-6)}
-    if not errors:
-        return None
-    best = min(errors, key=lambda name: errors[name])
-    return BaseCheck(best, error(np.eye(4)), errors[best])
+    stated, others = error(np.eye(4)), [i for i in rest if not np.allclose(poses[i], np.eye(4), atol=1e-6)]
+    checks = [BaseCheck(tree.names[i], stated, error(poses[i])) for i in others]
+    best = min(checks, key=lambda check: check.error_there, default=None)
+    return best if best is not None and best.error_there < FAR_BETTER * stated else None
 
 
 def right_angled_rotations() -> list[np.ndarray]:
     """The 24 rotations that map coordinate axes to coordinate axes, the identity first."""
-    turns = []
-    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        R = np.zeros((3, 3))
-        R[range(3), order] = signs
-        if np.linalg.det(R) > 0:
-            turns.append(R)
-    return sorted(turns, key=lambda R: -np.trace(R))
+    orders, signs = permutations(np.eye(3)), product((1, -1), repeat=3)
+    turns = (np.diag(sign) @ np.array(order) + 0.0 for order, sign in product(orders, signs))
+    return sorted((R for R in turns if np.linalg.det(R) > 0), key=lambda R: -np.trace(R))
 
 
 def check_contact(
@@ -267,8 +254,9 @@ def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> Cont
     point = _least_squares(rows, target)
     total, left = (moment**2).sum(), ((target - rows @ point) ** 2).sum()
     pushed, distances = max(float(np.linalg.norm(force)), TINY), []
+    near = np.vstack([rows / pushed, np.eye(3) * CLOSE])
     for joint in [np.zeros(3), *(body.home[:3, 3] for body in tree.bodies if body.parent == i)]:
-        near, aim = np.vstack([rows / pushed, np.eye(3) * CLOSE]), np.append(target / pushed, CLOSE * joint)
+        aim = np.append(target / pushed, CLOSE * joint)
         distances.append(float(np.linalg.norm(aim - near @ _least_squares(near, aim))))
     return ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0, min(distances))
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -231,32 +231,21 @@ class Evidence:
 
     @cached_property
     def _consistent(self) -> ConsistentParameters:
-        arm, known = self.mechanism, self.known
-        equations, included = self.fit.equations, self.trajectory is not None and self.trajectory.known
-        stated = stated_values(arm, list(equations.absorbed))
-        rotors = Rotors.of(equations.absorbed, stated, self.base.rank)
+        arm, known, equations = self.mechanism, self.known, self.fit.equations
+        included = self.trajectory is not None and self.trajectory.known
+        rotors = Rotors.of(equations.absorbed, stated_values(arm, list(equations.absorbed)), self.base.rank)
         prior, wider = guessed(arm), _regular(self.covariance_setup[: self.base.rank, : self.base.rank])
-
-        def prior_at(phi: np.ndarray) -> BodyPrior:
-            return BodyPrior.of(arm, self.base, known, rotors, used=included, at=phi)
-
-        def fitted(at: np.ndarray) -> ConsistentParameters:
-            return consistent_parameters(
-                *(self.psi_of_links, self.covariance, self.base, prior),
-                bodies=arm.bodies,
-                masses=known["mass"],
-                known=prior_at(at),
-                rotors=rotors,
-            )
-
+        prior_at = partial(BodyPrior.of, arm, self.base, known, rotors, used=included)
+        fitted = partial(consistent_parameters, self.psi_of_links, self.covariance, self.base, prior)
+        fitted = partial(fitted, bodies=arm.bodies, masses=known["mass"], rotors=rotors)
         # Bodies have what the data say, as the total mass on a plate; their intervals allow for errors of the set-up.
-        full = fitted(prior)
+        full = fitted(known=prior_at(at=prior))
         for _ in range(LINEARISED if included else 0):
-            full = fitted(full.phi)
-        wide = replace(full.fitting, root=scaled_root(wider), prior=prior_at(full.phi if included else prior))
-        full = replace(full, fitting=wide)
+            full = fitted(known=prior_at(at=full.phi))
+        wide = replace(full.fitting, root=scaled_root(wider), prior=prior_at(at=full.phi if included else prior))
         # Frames stay without mass.
-        return replace(full, phi=np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi), model=arm.known)
+        phi = np.where(np.repeat(prior[::10] == 0, 10), 0, full.phi)
+        return replace(full, fitting=wide, phi=phi, model=arm.known)
 
     def consistent(self) -> ConsistentParameters:
         """Physical bodies as close to the mechanism's prior as the estimate allows."""

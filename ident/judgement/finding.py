@@ -1,14 +1,17 @@
 """Findings on an estimate: a code with values, from which `FINDINGS` makes a sentence; and errors of its set-up."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from math import isfinite
+from string import Formatter
 from typing import Any
 
 import numpy as np
 
 from ident.display.text import rounded
 from ident.estimation.setup_parameters import SetupParameter
+from ident.setup import SETUP
 from ident.trajectory.result import TrajectoryEstimate
 
 NAMED = 4
@@ -48,23 +51,65 @@ NOWHERE = Place()
 
 @dataclass(frozen=True)
 class Row:
-    """Sentence and doubt of a code.
+    """Sentence, doubt and place of a code.
 
     Attributes:
-        template: Format string of the values, where names get commas between them, or a function of the values where
-            grammar depends on them.
+        template: Format string of the values, as `_InWords` formats them, or a function of the values where grammar
+            depends on them.
         doubt: True if it speaks against the estimate; None if that depends on the values, and the judge decides.
+        place: Key of the value that names the bodies, joints, wrenches or channels of its place, by these words.
     """
 
     template: str | Callable[..., str]
     doubt: bool | None
+    place: Mapping[str, str] = field(default_factory=dict)
 
     def rendered(self, values: Mapping[str, Any]) -> str:
         """The sentence with these values."""
-        if not isinstance(self.template, str):
-            return self.template(**values)
-        texts = {k: listed(x, k) if isinstance(x, list | tuple) else x for k, x in values.items()}
-        return self.template.format(**texts)
+        if isinstance(self.template, str):
+            return _InWords().vformat(self.template, (), values)
+        return self.template(**values)
+
+    def place_of(self, values: Mapping[str, Any]) -> Place:
+        """The place that these values name."""
+        own = ((kind, values[key]) for kind, key in self.place.items())
+        names: dict[str, Any] = {kind: (each,) if isinstance(each, str) else tuple(each) for kind, each in own}
+        return Place(**names)
+
+
+def doubt(template: str | Callable[..., str], **place: str) -> Row:
+    """Row of a finding that speaks against the estimate."""
+    return Row(template, True, place)
+
+
+def remark(template: str | Callable[..., str], **place: str) -> Row:
+    """Row of a finding that does not."""
+    return Row(template, False, place)
+
+
+def judged(template: str | Callable[..., str], **place: str) -> Row:
+    """Row of a finding that is a doubt if its judge says so."""
+    return Row(template, None, place)
+
+
+class _InWords(Formatter):
+    """Formats templates: few names are listed, others counted; `{ratios:channels .3g}` brackets each one's number.
+
+    `%` as a format is a share in per cent.
+    """
+
+    def get_value(self, key: int | str, args: Any, kwargs: Any) -> Any:
+        value = kwargs[key]
+        names = isinstance(value, list | tuple) and all(isinstance(own, str) for own in value)
+        return listed(value, str(key)) if names else value
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, Mapping):
+            what, _, form = format_spec.rpartition(" ")
+            return bracketed(value, what, form)
+        if isinstance(value, list | tuple):
+            return listed(format(own, format_spec) for own in value)
+        return percent(value) if format_spec == "%" else format(value, format_spec)
 
 
 FINDINGS: dict[str, Row] = {}
@@ -118,22 +163,22 @@ class Finding:
     place: Place = NOWHERE
 
     @classmethod
-    def of(cls, code: str, place: Place = NOWHERE, /, doubt: bool | None = None, **values: Any) -> "Finding":
+    def of(cls, code: str, place: Place | None = None, /, doubt: bool | None = None, **values: Any) -> "Finding":
         """The finding of a code.
 
         Args:
             code: Key of `FINDINGS`.
-            place: Where it is.
+            place: Where it is, by default as its row says.
             doubt: Whether it is a doubt, for codes that leave it to the judge; by default as its row says.
             values: Numbers and names in its sentence.
 
         Raises:
             ValueError: Both the row and the judge say whether it is a doubt, or neither does.
         """
-        own = FINDINGS[code].doubt
-        if (own is None) == (doubt is None):
+        row = FINDINGS[code]
+        if (row.doubt is None) == (doubt is None):
             raise ValueError(f"'{code}' needs its doubt either from its row or from its judge.")
-        return cls(code, values, bool(doubt if own is None else own), place)
+        return cls(code, values, bool(doubt or row.doubt), row.place_of(values) if place is None else place)
 
     @property
     def text(self) -> str:
@@ -155,13 +200,8 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """Code, values, doubt, place and sentence in JSON's types."""
-        return {
-            "code": self.code,
-            "values": in_json(self.values),
-            "doubt": self.doubt,
-            "place": self.place.to_dict(),
-            "text": self.text,
-        }
+        own = {"code": self.code, "values": in_json(self.values), "doubt": self.doubt}
+        return own | {"place": self.place.to_dict(), "text": self.text}
 
 
 def in_json(value: Any) -> Any:
@@ -206,11 +246,6 @@ def bracketed(values: Mapping[str, float], what: str, form: str = ".3g") -> str:
     if len(values) > NAMED:
         return f"{len(values)} {what} ({min(values.values()):{form}} to {max(values.values()):{form}})"
     return listed(f"{name} ({value:{form}})" for name, value in values.items())
-
-
-def in_log(log: int | None) -> str:
-    """Phrase ` in log N`, with a leading space; empty for None."""
-    return "" if log is None else f" in log {log}"
 
 
 def percent(share: float, digits: int = 0) -> str:
@@ -263,26 +298,20 @@ class SetupFinding:
 
 def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
     """Set-up errors of a trajectory estimate, the most significant first."""
-    fit, names = joint.fit, joint.fit.names
-    std = np.sqrt(np.diag(fit.covariance))
-    out = []
+    names, out = joint.fit.names, []
+    theta, deviations = joint.fit.theta.tolist(), np.sqrt(np.diag(joint.fit.covariance)).tolist()
     for deviation in joint.deviations:
-        k = deviation.index
-        each, alternatives = joint.setup[k], [joint.setup[a] for a in deviation.alternatives]
-        values: dict[str, Any] = {
-            **_named(each),
-            "value": float(fit.theta[k]),
-            "std": float(std[k]),
-            "log": each.log,
-            "together": deviation.together,
-            "alternatives": [{"kind": x.kind, **_named(x)} for x in alternatives],
-        }
-        others = (*deviation.together, *(names[a] for a in deviation.alternatives))
-        out.append(SetupFinding(names[k], values["value"], values["std"], each.kind, values, others, place_of(each)))
+        k, together = deviation.index, deviation.together
+        each, value, std = joint.setup[k], theta[k], deviations[k]
+        own: dict[str, Any] = {"value": value, "std": std, "log": each.log, "together": together}
+        alternatives = [{"kind": joint.setup[a].kind, **_named(joint.setup[a])} for a in deviation.alternatives]
+        values = _named(each) | own | {"alternatives": alternatives}
+        others = (*together, *(names[a] for a in deviation.alternatives))
+        out.append(SetupFinding(names[k], value, std, each.kind, values, others, place_of(each)))
     return out
 
 
-def _named(each: SetupParameter) -> dict[str, str | None]:
+def _named(each: SetupParameter) -> dict[str, Any]:
     """Object and axis of a set-up parameter, and the joint at the other end of a link."""
     own = {"of": each.of, "axis": None if each.axis is None else "xyz"[each.axis]}
     return own | ({"link": each.link} if each.link else {})
@@ -295,19 +324,15 @@ def _parameter(kind: str, of: str, axis: str | None, log: int | None = None, lin
 
 def setup_sentence(
     kind: str,
-    of: str,
-    axis: str | None,
     value: float,
     std: float,
-    log: int | None = None,
-    link: str = "",
     together: Sequence[str] = (),
     alternatives: Sequence[Mapping[str, Any]] = (),
+    **name: Any,
 ) -> str:
     """Set-up error in a sentence, with the causes that the data cannot distinguish from it."""
-    text = sentence(_parameter(kind, of, axis, log, link), value, std)
-    if together or alternatives:
-        others = "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)])
+    text = sentence(_parameter(kind, **name), value, std)
+    if others := "; ".join([*together, *(short(_parameter(**each)) for each in alternatives)]):
         text = f"{text} Other causes have the same effect: {others}."
     return text
 
@@ -330,3 +355,8 @@ def sentence(each: SetupParameter, value: float, std: float) -> str:
 def short(each: SetupParameter) -> str:
     """Set-up error in a few words."""
     return each.text(each.row.short)
+
+
+FINDINGS.update(
+    {f"setup_{kind}": remark(partial(setup_sentence, kind)) for kind, row in SETUP.items() if not row.constant}
+)

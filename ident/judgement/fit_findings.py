@@ -1,6 +1,6 @@
 """Findings on a fit: its residuals, course, agreement of its parts, the prior, postures and assumptions."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from scipy import linalg
@@ -8,7 +8,7 @@ from scipy import linalg
 from ident.judgement.agreement import DISAGREE
 from ident.judgement.candidates import NEGLIGIBLE, Candidates
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed, number_of, percent
+from ident.judgement.finding import FINDINGS, Finding, Row, bracketed, doubt, judged, listed, number_of, percent, remark
 from ident.parameters.prior import known_covariance
 from ident.recordings.resolution import white_noise
 from ident.recordings.wrench import GROUND
@@ -41,9 +41,6 @@ residual is not negligible."""
 
 FAR_ABOVE = 3.0
 """Noise of a channel over its high-frequency part, or its floor, from which there is a remark."""
-
-
-_DEAD = "Residuals larger than the channel's own variation"
 
 
 def course_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -113,16 +110,67 @@ def posture_findings(evidence: Evidence) -> Iterator[Finding]:
             share = float(((q < low - slack) | (q > high + slack)).mean())
             beyond |= {joint: share} if share > RARELY else {}
     if beyond:
-        yield Finding.of("beyond_joint_ranges", Place(joints=tuple(beyond)), shares=beyond)
+        yield Finding.of("beyond_joint_ranges", shares=beyond)
 
 
 def caveats(evidence: Evidence) -> Iterator[Finding]:
-    """Remarks on the assumptions of least squares."""
+    """Remarks on the assumptions of least squares; a doubt where they take a stated scale of torques as exact."""
     if evidence.trajectory is not None:
         return
+    if joints := tuple(evidence.fit.equations.scaled):
+        yield Finding.of("torque_scale_taken_as_exact", joints=joints)
+    if stated := {kind: None for log, _ in evidence.logs for kind, std in log.recording.setup.items() if std}:
+        yield Finding.of("setup_taken_as_exact", kinds=tuple(stated))
     if evidence.prepared.cutoff is None:
         yield Finding.of("unfiltered_wrenches")
     yield Finding.of("joint_noise_not_included")
+
+
+def quality_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on channels with large residuals over their signals, but for mirrored and unpredictable ones."""
+    ground = evidence.checks.frames.get(GROUND)
+    others = {*evidence.idle, *(() if ground is None else ground.mirrored)}
+    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in others}
+    kinds = (
+        ("residual_above_signal", LEFT, np.inf),
+        ("unexplained_channels", UNEXPLAINED, LEFT),
+        ("poor_prediction", POOR, UNEXPLAINED),
+    )
+    for code, low, high in kinds:
+        if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
+            yield Finding.of(code, ratios=between, part=evidence.held_out.part)
+
+
+def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Doubt on channels whose residuals depend on the motion."""
+    if evidence.trajectory is None:
+        return
+    shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
+    if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > NEGLIGIBLE):
+        yield Finding.of("residual_follows_motion", channels=channels)
+
+
+def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on channels whose residual is far above the sensor's noise; intervals include it."""
+    if evidence.trajectory is None:
+        return
+    if large := beyond_fast_noise(evidence.trajectory.fit, evidence.channels):
+        every = 1 < len(large) == len(evidence.channels)
+        yield Finding.of("residual_above_fast_noise", factors=large, all_channels=every)
+
+
+def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
+    """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
+    number = len(fit.channel_noise[: len(channels)])
+    fast, floor = fast_noise(fit, range(number)), fit.noises[0].floor_channels[:number]
+    far = fit.channel_noise[:number] > FAR_ABOVE * np.maximum(fast, floor)
+    factors = fit.channel_noise[:number] / np.maximum(fast, 1e-300)
+    return {channels[c]: float(factors[c]) for c in np.flatnonzero(far).tolist()}
+
+
+def fast_noise(fit: TrajectoryFit, columns: Iterable[int]) -> np.ndarray:
+    """Noise of channels from sample to sample (k,)."""
+    return np.array([white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in columns])
 
 
 def _not_converged(status: str, rounds: int) -> str:
@@ -149,100 +197,18 @@ def _own_in_logs(values: Mapping[str, Sequence[float]]) -> str:
     )
 
 
-def _beyond_ranges(shares: Mapping[str, float]) -> str:
-    each = listed((f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items()), "joints")
-    return f"Joints are recorded beyond the model's ranges: {each}. Check zero, sign and unit of their columns."
-
-
-FINDINGS.update(
-    not_converged=Row(_not_converged, doubt=True),
-    halves_disagree=Row(
-        "Two halves of the data differ by {rms_z:.1f} standard deviations of the noise (root mean square). Model or "
-        "set-up are not quite right; all standard deviations are widened by as much.",
-        doubt=False,
-    ),
-    logs_disagree=Row(_logs_disagree, doubt=None),
-    own_in_logs=Row(_own_in_logs, doubt=False),
-    prior_beside_data=Row(
-        "The model's bodies served as a prior, though the recordings determine all base parameters without it.",
-        doubt=False,
-    ),
-    prior_needed=Row(
-        "The recordings alone do not determine all base parameters: the model's bodies served as a prior. Parameters "
-        "that the data hardly determine stay near the model's; move further and faster to determine more.",
-        doubt=False,
-    ),
-    beyond_joint_ranges=Row(_beyond_ranges, doubt=True),
-    unfiltered_wrenches=Row(
-        "Velocities and accelerations are the log's own, and wrenches are not filtered. If the log's were filtered, "
-        "--cutoff auto treats both alike.",
-        doubt=False,
-    ),
-    joint_noise_not_included=Row(
-        "The standard deviations are those of noise on the wrenches. Noise on the joint angles biases the estimate, "
-        "and is not in them; --estimator trajectory includes it.",
-        doubt=False,
-    ),
-)
-
-
-def quality_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels with large residuals over their signals, but for mirrored and unpredictable ones."""
-    ground = evidence.checks.frames.get(GROUND)
-    others = {*evidence.idle, *(() if ground is None else ground.mirrored)}
-    ratios = {channel: ratio for channel, ratio in evidence.ratios.items() if channel not in others}
-    kinds = (
-        ("residual_above_signal", LEFT, np.inf),
-        ("unexplained_channels", UNEXPLAINED, LEFT),
-        ("poor_prediction", POOR, UNEXPLAINED),
-    )
-    for code, low, high in kinds:
-        if between := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
-            yield Finding.of(code, Place(channels=tuple(between)), ratios=between, part=evidence.held_out.part)
-
-
-def model_error_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Doubt on channels whose residuals depend on the motion."""
-    if evidence.trajectory is None:
-        return
-    shares = zip(evidence.channels, evidence.model_error, evidence.ratios.values(), strict=True)
-    if channels := tuple(c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > NEGLIGIBLE):
-        yield Finding.of("residual_follows_motion", Place(channels=channels), channels=channels)
-
-
-def slow_residual_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on channels whose residual is far above the sensor's noise; intervals include it."""
-    if evidence.trajectory is None:
-        return
-    if large := beyond_fast_noise(evidence.trajectory.fit, evidence.channels):
-        every = 1 < len(large) == len(evidence.channels)
-        yield Finding.of("residual_above_fast_noise", Place(channels=tuple(large)), factors=large, all_channels=every)
-
-
-def beyond_fast_noise(fit: TrajectoryFit, channels: Sequence[str]) -> dict[str, float]:
-    """Noise of channels that are far above the sensor's fast noise, over it, by channel."""
-    large = dict[str, float]()
-    for c, (channel, noise) in enumerate(zip(channels, fit.channel_noise, strict=False)):
-        fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
-        if noise > FAR_ABOVE * max(fast, float(fit.noises[0].floor_channels[c])):
-            large[channel] = float(noise / max(fast, 1e-300))
-    return large
-
-
-def _ratios(what: str, do: str = "", *, doubt: bool) -> Row:
-    def sentence(ratios: Mapping[str, float], part: str) -> str:
-        return f"{what}, {part} residual over signal in brackets: {bracketed(ratios, 'channels')}.{do}"
-
-    return Row(sentence, doubt)
+def _ratios(row: Callable[..., Row], what: str, end: str = "") -> Row:
+    """Row of channels by the size of their residuals."""
+    return row(f"{what}, {{part}} residual over signal in brackets: {{ratios:channels .3g}}.{end}", channels="ratios")
 
 
 def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
+    times = {channel: "over 100" if factor > 100 else f"{factor:.0f}" for channel, factor in factors.items()}
     if all_channels:
-        least, most = _times(min(factors.values())), _times(max(factors.values()))
-        times = least if least == most else f"{least} to {most}"
-        what = f"In all channels the residual is far above the fast noise of the sensors, {times} times."
+        ends = dict.fromkeys(times[choose(factors, key=factors.__getitem__)] for choose in (min, max))
+        what = f"In all channels the residual is far above the fast noise of the sensors, {' to '.join(ends)} times."
     else:
-        each = listed((f"{channel} {_times(factor)} times" for channel, factor in factors.items()), "channels")
+        each = listed((f"{channel} {factor} times" for channel, factor in times.items()), "channels")
         what = f"The residual is far above the fast noise of the sensors: {each}."
     return (
         f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
@@ -250,18 +216,55 @@ def _beyond_fast_noise(factors: Mapping[str, float], all_channels: bool) -> str:
     )
 
 
-def _times(factor: float) -> str:
-    return "over 100" if factor > 100 else f"{factor:.0f}"
+def _beyond_ranges(shares: Mapping[str, float]) -> str:
+    each = listed((f"{joint} ({percent(share)} of the samples)" for joint, share in shares.items()), "joints")
+    return f"Joints are recorded beyond the model's ranges: {each}. Check zero, sign and unit of their columns."
 
 
 FINDINGS.update(
-    residual_above_signal=_ratios(_DEAD, " Look for a constant offset or a dead sensor.", doubt=True),
-    unexplained_channels=_ratios("Not explained by this motion", doubt=False),
-    poor_prediction=_ratios("Predicted poorly", doubt=False),
-    residual_follows_motion=Row(
+    residual_above_signal=_ratios(
+        doubt,
+        "Residuals larger than the channel's own variation",
+        " Look for a constant offset or a dead sensor.",
+    ),
+    unexplained_channels=_ratios(remark, "Not explained by this motion"),
+    poor_prediction=_ratios(remark, "Predicted poorly"),
+    residual_follows_motion=doubt(
         "Residuals of {channels} depend on the motion: the model lacks something of the mechanism. Check its "
         "dimensions, joints and contacts.",
-        doubt=True,
+        channels="channels",
     ),
-    residual_above_fast_noise=Row(_beyond_fast_noise, doubt=False),
+    residual_above_fast_noise=remark(_beyond_fast_noise, channels="factors"),
+    not_converged=doubt(_not_converged),
+    halves_disagree=remark(
+        "Two halves of the data differ by {rms_z:.1f} standard deviations of the noise (root mean square). Model or "
+        "set-up are not quite right; all standard deviations are widened by as much."
+    ),
+    logs_disagree=judged(_logs_disagree),
+    own_in_logs=remark(_own_in_logs),
+    prior_beside_data=remark(
+        "The model's bodies served as a prior, though the recordings determine all base parameters without it."
+    ),
+    prior_needed=remark(
+        "The recordings alone do not determine all base parameters: the model's bodies served as a prior. Parameters "
+        "that the data hardly determine stay near the model's; move further and faster to determine more."
+    ),
+    beyond_joint_ranges=doubt(_beyond_ranges, joints="shares"),
+    torque_scale_taken_as_exact=doubt(
+        "Least squares take the scale of the torques of {joints} as exact, though it is stated as uncertain "
+        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it.",
+        channels="joints",
+    ),
+    setup_taken_as_exact=remark(
+        "Least squares take the set-up as exact, though it is stated as uncertain ({kinds}). The standard "
+        "deviations are without its errors; --estimator trajectory estimates them."
+    ),
+    unfiltered_wrenches=remark(
+        "Velocities and accelerations are the log's own, and wrenches are not filtered. If the log's were filtered, "
+        "--cutoff auto treats both alike."
+    ),
+    joint_noise_not_included=remark(
+        "The standard deviations are those of noise on the wrenches. Noise on the joint angles biases the estimate, "
+        "and is not in them; --estimator trajectory includes it."
+    ),
 )

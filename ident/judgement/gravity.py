@@ -1,7 +1,7 @@
 """Direction of gravity that explains a recording best, in the frame of a base at rest or in the axes of its poses."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -26,41 +26,24 @@ BRAKING = -0.02
 wrong: masses and springs return their energy."""
 
 
-@dataclass(frozen=True, eq=False)
-class GravityCheck:
+class GravityCheck(NamedTuple):
     """Directions of gravity in the base frame, compared.
 
     Attributes:
         stated: Misfit of the stated direction.
-        direction: Direction that explains best, of all (3,); `misfit` is its misfit.
-        other: Misfit of the stated direction with the signs or offsets of channels, or axes of the wrench, that explain
-            best; what is alike counts for or against it as it is likelier.
-        turned: Cosine of the angle between the stated direction and the best one.
-        rpy_deg: Orientation of the base in the world with the best direction: roll, pitch and yaw, degrees.
+        misfit: Misfit of the direction that explains best.
+        rpy_deg: Orientation of the base in the world with that direction: roll, pitch and yaw, degrees.
         joint: Joint of which another zero would explain the same; None if there is none.
-        lighter: Misfit of the stated direction with as little gravity along it as the best one has: where joints move
-            in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
+        possible: True if it explains far more than the stated one, whatever other signs do.
+        suspicious: True if it also explains more than other signs do.
     """
 
     stated: float
-    direction: np.ndarray
     misfit: float
-    other: float
-    turned: float
     rpy_deg: tuple[float, ...]
-    joint: str | None = None
-    lighter: float = np.inf
-
-    @property
-    def suspicious(self) -> bool:
-        """True if another direction explains far more than the stated one, and more than other signs do."""
-        return self.possible and self.misfit < self.other
-
-    @property
-    def possible(self) -> bool:
-        """True if another direction explains far more than the stated one, whatever other signs do."""
-        least = min(FAR_BETTER * self.stated, EXPLAINED, TIE**2 * self.other, FAR_BETTER * self.lighter)
-        return bool(self.turned < AWAY and self.misfit < least)
+    joint: str | None
+    possible: bool
+    suspicious: bool
 
 
 def gravity_check(
@@ -83,17 +66,14 @@ def gravity_check(
     if fit is None:
         return None
     best = _best(fit)
-    likelier = 1 / TIE if not fit.felt or _power(mechanism, motion, measured) < BRAKING else TIE
-    return GravityCheck(
-        stated=fit.misfit(fit.down),
-        direction=best,
-        misfit=fit.misfit(best),
-        other=likelier * fit.otherwise(),
-        turned=float(fit.down @ best),
-        rpy_deg=rpy_deg(mechanism, best),
-        joint=None if fit.wrench or motion.base is not None else _joint_of(mechanism, best - fit.down),
-        lighter=fit.misfit((fit.down @ best) * fit.down) if fit.down @ best > TURNS[-1] else np.inf,
-    )
+    stated, misfit, along = fit.misfit(fit.down), fit.misfit(best), float(fit.down @ best)
+    # Other signs or offsets of channels, or axes of the wrench: what is alike counts as it is likelier.
+    other = fit.otherwise() * (1 / TIE if not fit.felt or _power(mechanism, motion, measured) < BRAKING else TIE)
+    # Where joints move in one plane, bodies whose weight has shorter levers look like a base that is tilted out of it.
+    lighter = fit.misfit(along * fit.down) if along > TURNS[-1] else np.inf
+    possible = along < AWAY and misfit < min(FAR_BETTER * stated, EXPLAINED, TIE**2 * other, FAR_BETTER * lighter)
+    joint = None if fit.wrench or motion.base is not None else _joint_of(mechanism, best - fit.down)
+    return GravityCheck(stated, misfit, rpy_deg(mechanism, best), joint, possible, possible and misfit < other)
 
 
 def _best(fit: ModelFit) -> np.ndarray:

@@ -11,7 +11,7 @@ A delay of wrenches or torques behind the joint angles is one for which shifted 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -163,8 +163,7 @@ SURE = 4.0
 """Standard deviations from zero from which a delay is one."""
 
 
-@dataclass(frozen=True)
-class DelayCheck:
+class DelayCheck(NamedTuple):
     """Delay with which a model explains channels best.
 
     Attributes:
@@ -173,7 +172,7 @@ class DelayCheck:
         std: Its standard deviation, s.
         stated: Misfit without it, as of `ModelFit.misfit`.
         misfit: Misfit with it.
-        other: Misfit without it, but with other signs of channels.
+        suspicious: True if it explains far more than none, and more than other signs of channels do.
     """
 
     of: str
@@ -181,13 +180,7 @@ class DelayCheck:
     std: float
     stated: float
     misfit: float
-    other: float
-
-    @property
-    def suspicious(self) -> bool:
-        """True if the delay explains far more than none, and more than other signs do."""
-        sure = abs(self.delay) > SURE * self.std
-        return bool(sure and self.misfit < min(FAR_BETTER * self.stated, EXPLAINED, self.other))
+    suspicious: bool
 
 
 def delay_check(prepared: Prepared) -> DelayCheck | None:
@@ -205,16 +198,15 @@ def delay_check(prepared: Prepared) -> DelayCheck | None:
     if fit is None or len(delays) < 3:
         return None
     shifted = np.array([[np.interp(time[some] + d, time, x) for x in samples.measured.T] for d in delays])
-    shifted, number = shifted.swapaxes(1, 2), len(fit.wrench)
-    checks = []
-    for of, part in (("wrench", slice(0, number)), ("torques", slice(number, None))):
-        variants = np.repeat(samples.measured[None, some], len(delays), axis=0)
-        variants[:, :, part] = shifted[:, :, part]
-        if variants[:, :, part].size:
+    stated, least, checks = fit.misfit(fit.down), fit.otherwise(), list[DelayCheck]()
+    for of, names in (("wrench", fit.wrench), ("torques", fit.felt)):
+        part = np.isin(prepared.equations.channels, names)
+        variants = np.where(part, shifted.swapaxes(1, 2), samples.measured[some])
+        if names:
             misfits = fit.misfits(fit.down, np.array([fit.scaled(each) for each in variants]))
-            checks.append(
-                DelayCheck(of, *_least(delays, misfits), fit.misfit(fit.down), misfits.min(), fit.otherwise())
-            )
+            delay, std = _least(delays, misfits)
+            far = misfits.min() < min(FAR_BETTER * stated, EXPLAINED, least) and abs(delay) > SURE * std
+            checks.append(DelayCheck(of, delay, std, stated, float(misfits.min()), bool(far)))
     return min(checks, key=lambda check: check.misfit)
 
 

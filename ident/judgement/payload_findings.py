@@ -11,7 +11,7 @@ from ident.display.text import rounded
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.body_findings import consistency_findings
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, doubts_first
+from ident.judgement.finding import FINDINGS, Finding, doubt, doubts_first, judged, remark
 from ident.judgement.fit_findings import course_findings, halves_findings, model_error_findings, quality_findings
 from ident.judgement.setup_findings import clipped_findings, resolution_findings, setup_remarks, stuck_findings
 from ident.judgement.verdict import Outcome, Verdict
@@ -112,7 +112,7 @@ def force_findings(evidence: Evidence) -> Iterator[Finding]:
     """Doubt on forces that neither weight nor motion of a payload predict."""
     forces = {c: r for c, r in evidence.ratios.items() if c in FORCES and r > POOR and c not in evidence.idle}
     if forces:
-        yield Finding.of("payload_forces_unexplained", Place(channels=tuple(forces)), ratios=forces)
+        yield Finding.of("payload_forces_unexplained", ratios=forces)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -149,10 +149,10 @@ class PayloadVerdict(Verdict):
             std: Their standard deviations with the uncertainty of the set-up (10,).
             identifiable: Which of them the data determine (10,).
         """
-        within = [float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:])]
-        numbers = zip(("mass_within", "centre_within", "inertia_within"), within, strict=True)
-        own = {"mass": float(values[0]), **dict(numbers)} | ({"inertia_within": None} if _unknown(identifiable) else {})
-        return replace(cls.of(evidence, findings, **own), precision=None)
+        mass, centre, inertia = (float(INTERVAL * part.max()) for part in (std[:1], std[1:4], std[4:]))
+        within: dict[str, Any] = {"mass_within": mass, "centre_within": centre}
+        within |= {"inertia_within": None if _unknown(identifiable) else inertia}
+        return replace(cls.of(evidence, findings, mass=float(values[0]), **within), precision=None)
 
     def _part(self) -> str:
         return f"{self.brief} Turn the sensor further and faster for centre and inertias."
@@ -197,15 +197,6 @@ def _unknown(identifiable: np.ndarray) -> list[str]:
     return [name for name, known in zip(INERTIAS, identifiable[4:], strict=True) if not known]
 
 
-def _unexplained(ratios: Mapping[str, float]) -> str:
-    return (
-        "Neither weight nor motion explain the forces, residual over signal in brackets: "
-        f"{bracketed(ratios, 'channels', '.2f')}. The controller may have taken a load out, the sensor may have "
-        "been tared on the way, or something touches it. Record raw readings: set the controller's "
-        "payload to 0 kg and do not tare."
-    )
-
-
 def _unlikely(mass: float, robot: float | None) -> str:
     more = f"{mass / robot:.2g} times all bodies of the model" if robot else "more than the strongest robots carry"
     return (
@@ -215,27 +206,28 @@ def _unlikely(mass: float, robot: float | None) -> str:
 
 
 FINDINGS.update(
-    payload_forces_unexplained=Row(_unexplained, doubt=True),
-    payload_mass_unlikely=Row(_unlikely, doubt=None),
-    payload_mass_unknown=Row(
-        "The motion does not determine mass and centre of mass. Turn the sensor further, about more than one axis.",
-        doubt=True,
+    payload_forces_unexplained=doubt(
+        "Neither weight nor motion explain the forces, residual over signal in brackets: {ratios:channels .2f}. The "
+        "controller may have taken a load out, the sensor may have been tared on the way, or something touches it. "
+        "Record raw readings: set the controller's payload to 0 kg and do not tare.",
+        channels="ratios",
     ),
-    payload_inertia_unknown=Row(
+    payload_mass_unlikely=judged(_unlikely),
+    payload_mass_unknown=doubt(
+        "The motion does not determine mass and centre of mass. Turn the sensor further, about more than one axis."
+    ),
+    payload_inertia_unknown=remark(
         "The motion does not determine {quantities}: likely values stand in, of the model's body or of a ball "
-        "of the same mass. Turn the sensor faster to determine them.",
-        doubt=False,
+        "of the same mass. Turn the sensor faster to determine them."
     ),
-    load_not_shown=Row(
+    load_not_shown=doubt(
         "The recordings do not show the load's mass: {mass:.2g} ± {std:.1g} kg. Check which carry it, and on which "
-        "body; turn that about several axes.",
-        doubt=True,
+        "body; turn that about several axes."
     ),
-    load_changes_friction=Row("Friction is another with the load, and was fitted apart.", doubt=False),
-    load_recordings_differ=Row(
+    load_changes_friction=remark("Friction is another with the load, and was fitted apart."),
+    load_recordings_differ=remark(
         "A load on this body leaves a difference of {rms_z:.1f} standard deviations (root mean square) between "
         "recordings with and without it. Its own are widened by as much. Check the body. Where a cable, an end stop or "
-        "the drives changed, record both kinds again in turn.",
-        doubt=False,
+        "the drives changed, record both kinds again in turn."
     ),
 )

@@ -31,6 +31,19 @@ STILL = 1e-3
 """Predicted change of a wrench's component, over the largest of its kind, up to which the model does not change it."""
 
 
+def coefficients(columns: np.ndarray, target: np.ndarray, rcond: float) -> np.ndarray:
+    """Least-squares coefficients of columns (N, m) in a target (N,), the columns scaled to unit norm (m,)."""
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(np.linalg.lstsq(columns / size, target, rcond=rcond)[0] / size)
+
+
+def correlated_samples(left: np.ndarray, most: float) -> np.ndarray:
+    """Number of samples that count as one, since residuals (N, ...) are alike for some samples (...)."""
+    squares = np.maximum((left**2).sum(axis=0), 1e-300)
+    lag = np.clip((left[1:] * left[:-1]).sum(axis=0) / squares, 0, most)
+    return np.asarray((1 + lag) / (1 - lag))
+
+
 def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     """Time until the autocorrelation of each residual falls below 1/e, s (C,)."""
     times = []
@@ -117,11 +130,6 @@ def still_channels(changes: Mapping[str, float]) -> dict[str, str]:
     return {c: "still" for c, x in changes.items() if x <= STILL * largest[c[0]]}
 
 
-def not_predicted(idle: Mapping[str, str], ratios: Mapping[str, float]) -> dict[str, str]:
-    """Reasons of the channels that are predicted poorly or not at all, without those that show a grosser error."""
-    return {channel: idle[channel] for channel, ratio in ratios.items() if channel in idle and POOR < ratio <= LEFT}
-
-
 def idle_channels(held: HeldOut, prepared: Prepared) -> dict[str, str]:
     """Reason, as a key of `verdict.IDLE`, by the channels that are not predicted and in which nothing could be."""
     equations, mechanism, motion = held.fit.equations, prepared.mechanism, held.samples.motion
@@ -132,13 +140,13 @@ def idle_channels(held: HeldOut, prepared: Prepared) -> dict[str, str]:
     idle |= {COMPONENTS[k]: "plane" for k in hidden}
     ranges = np.ptp(tree.freedom_coordinates(motion.q), axis=0)
     balls = {name for body in tree.bodies if body.is_ball for name in body.freedom_names}
-    first = len(equations.channels) - len(equations.torques)
-    for channel, k in zip(equations.channels[first:], equations.torques, strict=True):
-        if ranges[k] < MOVES and tree.freedoms[k] not in balls:
-            idle[channel] = "rest"
+    resting = {tree.freedoms[k] for k in equations.torques if ranges[k] < MOVES} - balls
+    idle |= {channel: "rest" for channel in equations.channels if channel in resting}
     parts = np.split(held.residual, held.starts[1:])
     # Of poses in any order everything is as rough as noise.
     for c, channel in enumerate(() if prepared.recording.still else equations.channels):
         if held.rms[c] < NOISE_ALONE * white_noise(*(part[:, c] for part in parts), robust=True):
             idle.setdefault(channel, "noise")
-    return not_predicted(idle, dict(zip(equations.channels, held.ratio.tolist(), strict=True)))
+    # What is predicted counts, and a larger residual shows a grosser error.
+    ratios = zip(equations.channels, held.ratio.tolist(), strict=True)
+    return {channel: idle[channel] for channel, ratio in ratios if channel in idle and POOR < ratio <= LEFT}

@@ -1,7 +1,6 @@
 """Findings on the set-up and its sensors: gravity, times, estimated errors, ranges, steps, and checks left out."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from math import degrees
 from typing import Any
 
@@ -12,10 +11,9 @@ from ident.estimation.noise import channel_unit
 from ident.estimation.preparation import Prepared
 from ident.estimation.recorded_motion import WIDTH
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, in_log, listed, percent, setup_sentence
-from ident.judgement.fit_findings import FAR_ABOVE
-from ident.recordings.resolution import UNIFORM, white_noise
-from ident.setup import SETUP
+from ident.judgement.finding import FINDINGS, Finding, Place, doubt, judged, listed, percent, remark
+from ident.judgement.fit_findings import FAR_ABOVE, fast_noise
+from ident.recordings.resolution import UNIFORM
 
 MOST = 0.5
 """Share of a signal's noise variance due to its steps above which there is a remark."""
@@ -34,11 +32,9 @@ def delay_findings(evidence: Evidence) -> Iterator[Finding]:
     check = evidence.checks.delay
     if check is not None and check.suspicious:
         # Checks are of the recording with the set-up of the estimate.
-        delay = check.delay + sum(
-            each.value for each in evidence.setup if each.kind == "delay" and check.of == "wrench"
-        )
+        included = [each.value for each in evidence.setup if each.kind == "delay" and check.of == "wrench"]
         values: dict[str, Any] = {key: getattr(check, key) for key in ("of", "std", "stated", "misfit")}
-        yield Finding.of("channels_late", delay=delay, **values)
+        yield Finding.of("channels_late", delay=check.delay + sum(included), **values)
 
 
 def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
@@ -49,16 +45,73 @@ def setup_remarks(evidence: Evidence) -> Iterator[Finding]:
         yield Finding.of("setup_unexplained", changed=bool(evidence.setup))
 
 
-def exact_setup_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on a set-up that is stated as uncertain, and that least squares take as exact; on torques a doubt."""
-    if evidence.trajectory is not None:
+def clipped_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on channels that are clipped by a sensor's range."""
+    for k, (log, _) in enumerate(evidence.logs):
+        for each in log.clipped:
+            contact, _, component = each.channel.rpartition(" ")
+            place = Place(wrenches=(contact,), log=k) if contact else Place(channels=(component,), log=k)
+            values: dict[str, Any] = {key: getattr(each, key) for key in ("channel", "limits", "share", "kept")}
+            unit, number = channel_unit(component, log.mechanism.tree), k + 1 if len(evidence.logs) > 1 else None
+            yield Finding.of("clipped_channel", place, unit=unit, log=number, **values)
+
+
+def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remark on channels and coordinates whose noise is mostly quantisation."""
+    log, joint = evidence.prepared, evidence.trajectory
+    noise = dict(zip(evidence.channels, evidence.scale.tolist(), strict=True))
+    if joint is not None:
+        noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=False))
+        each = [f"{name}_position" for name in log.mechanism.joints]
+        names = [name for name in each for _ in np.atleast_2d(log.recording[name].T)]
+        own = joint.fit.coordinate_noise[-len(names) :] if names else np.zeros(0)
+        noise |= dict(zip(names, own.tolist(), strict=True))
+    least = {name: UNIFORM * step / np.sqrt(MOST) for name, step in log.steps.items()}
+    coarse = {name: log.steps[name] for name, x in least.items() if x > noise.get(name, np.inf)}
+    if coarse:
+        place = Place(channels=tuple(name for name in coarse if name in evidence.channels))
+        yield Finding.of("coarse_steps", place, steps=[_step(log, name, step) for name, step in coarse.items()])
+
+
+def tracked_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Noise of each tracked body's poses; a doubt where it is far above their fast noise."""
+    if (joint := evidence.trajectory) is None:
         return
-    joints = tuple(evidence.fit.equations.scaled)
-    kinds = tuple(dict.fromkeys(kind for log, _ in evidence.logs for kind, std in log.recording.setup.items() if std))
-    if joints:
-        yield Finding.of("torque_scale_taken_as_exact", Place(channels=joints), joints=joints)
-    if kinds:
-        yield Finding.of("setup_taken_as_exact", kinds=kinds)
+    fit, first = joint.fit, len(joint.measurement.equations.channels)
+    for name, tracked in joint.measurement.tracked.items():
+        own, first = range(first, first + WIDTH), first + WIDTH
+        noise, floor = fit.channel_noise[own], np.maximum(fast_noise(fit, own), fit.noises[0].floor_channels[own])
+        position, orientation = np.sqrt((noise.reshape(2, 3) ** 2).mean(axis=1)).tolist()
+        times, place = float(np.max(noise / floor)), Place(bodies=(evidence.mechanism.tree.names[tracked.body],))
+        values = {"name": name, "position": position, "orientation": orientation, "times": times}
+        yield Finding.of("tracked_poses", place, times > FAR_ABOVE, **values)
+
+
+def unchecked_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Remarks on checks that could not be made."""
+    for each in evidence.checks.unchecked:
+        yield Finding.of("unchecked", **each)
+
+
+def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
+    """Findings on channels that never change although the model predicts it."""
+    if stuck := evidence.prepared.stuck:
+        in_fitted = tuple(each.channel for each in stuck if each.in_fitted)
+        yield Finding.of("stuck_channels", channels={each.channel: each.value for each in stuck}, in_fitted=in_fitted)
+
+
+def _step(log: Prepared, name: str, step: float) -> dict[str, Any]:
+    """A step of a channel or of a joint's position, with its unit."""
+    joint = name.removesuffix("_position")
+    if joint == name:
+        return {"name": name, "joint": False, "step": step, "unit": channel_unit(name, log.mechanism.tree)}
+    return {"name": joint, "joint": True, "step": step, "unit": "rad" if _is_hinge(log, joint) else "m"}
+
+
+def _is_hinge(log: Prepared, joint: str) -> bool:
+    """True for a joint that turns."""
+    trees = [log.mechanism.tree, *([log.mechanism.carrier.tree] if log.mechanism.carrier else [])]
+    return next((body.turns for tree in trees for body in tree.bodies if body.joint == joint), True)
 
 
 def _unexplained(changed: bool) -> str:
@@ -92,135 +145,20 @@ def _late(of: str, delay: float, std: float, stated: float, misfit: float) -> st
     )
 
 
-FINDINGS.update(
-    {
-        f"setup_{kind}": Row(partial(setup_sentence, kind), doubt=False)
-        for kind, row in SETUP.items()
-        if not row.constant
-    }
-)
-FINDINGS.update(
-    gravity_direction=Row(_gravity, doubt=True),
-    channels_late=Row(_late, doubt=True),
-    setup_unexplained=Row(_unexplained, doubt=True),
-    torque_scale_taken_as_exact=Row(
-        "Least squares take the scale of the torques of {joints} as exact, though it is stated as uncertain "
-        "(torque_std, kp_std). The standard deviations are without its error; --estimator trajectory estimates it.",
-        doubt=True,
-    ),
-    setup_taken_as_exact=Row(
-        "Least squares take the set-up as exact, though it is stated as uncertain ({kinds}). The standard "
-        "deviations are without its errors; --estimator trajectory estimates them.",
-        doubt=False,
-    ),
-)
-
-
-def clipped_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels that are clipped by a sensor's range."""
-    for k, (log, _) in enumerate(evidence.logs):
-        for each in log.clipped:
-            yield Finding.of(
-                "clipped_channel",
-                _place(each.channel, k),
-                channel=each.channel,
-                limits=each.limits,
-                unit=channel_unit(each.channel.rpartition(" ")[2], log.mechanism.tree),
-                share=each.share,
-                kept=each.kept,
-                log=k + 1 if len(evidence.logs) > 1 else None,
-            )
-
-
-def _place(channel: str, log: int) -> Place:
-    """Place of a clipped channel: that of a contact belongs to its wrench."""
-    contact, _, _ = channel.rpartition(" ")
-    return Place(wrenches=(contact,), log=log) if contact else Place(channels=(channel,), log=log)
-
-
-def resolution_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remark on channels and coordinates whose noise is mostly quantisation."""
-    log, joint = evidence.prepared, evidence.trajectory
-    noise = dict(zip(evidence.channels, evidence.scale.tolist(), strict=True))
-    if joint is not None:
-        noise = dict(zip(evidence.channels, joint.fit.channel_noise.tolist(), strict=False))
-        names = [f"{joint_}_position" for joint_ in log.mechanism.joints for _ in range(_coordinates(log, joint_))]
-        own = joint.fit.coordinate_noise[-len(names) :] if names else np.zeros(0)
-        noise |= dict(zip(names, own.tolist(), strict=True))
-    least = {name: UNIFORM * step / np.sqrt(MOST) for name, step in log.steps.items()}
-    coarse = {name: log.steps[name] for name, x in least.items() if x > noise.get(name, np.inf)}
-    if coarse:
-        place = Place(channels=tuple(name for name in coarse if name in evidence.channels))
-        yield Finding.of("coarse_steps", place, steps=[_step(log, name, step) for name, step in coarse.items()])
-
-
-def tracked_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Noise of each tracked body's poses; a doubt where it is far above their fast noise."""
-    if (joint := evidence.trajectory) is None:
-        return
-    fit, first = joint.fit, len(joint.measurement.equations.channels)
-    for name, tracked in joint.measurement.tracked.items():
-        own, first = range(first, first + WIDTH), first + WIDTH
-        fast = [white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True) for c in own]
-        noise, floor = fit.channel_noise[own.start : own.stop], np.maximum(fast, fit.noises[0].floor_channels[own])
-        position, orientation = np.sqrt((noise.reshape(2, 3) ** 2).mean(axis=1)).tolist()
-        times, place = float(np.max(noise / floor)), Place(bodies=(evidence.mechanism.tree.names[tracked.body],))
-        doubt = times > FAR_ABOVE
-        yield Finding.of(
-            "tracked_poses", place, doubt, name=name, position=position, orientation=orientation, times=times
-        )
-
-
-def unchecked_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Remarks on checks that could not be made."""
-    for each in evidence.checks.unchecked:
-        yield Finding.of("unchecked", **each._asdict())
-
-
-def stuck_findings(evidence: Evidence) -> Iterator[Finding]:
-    """Findings on channels that never change although the model predicts it."""
-    if stuck := evidence.prepared.stuck:
-        yield Finding.of(
-            "stuck_channels",
-            Place(channels=tuple(each.channel for each in stuck)),
-            channels={each.channel: each.value for each in stuck},
-            in_fitted=tuple(each.channel for each in stuck if each.in_fitted),
-        )
-
-
-def _coordinates(log: Prepared, joint: str) -> int:
-    values = log.recording[f"{joint}_position"]
-    return 1 if values.ndim == 1 else values.shape[1]
-
-
-def _step(log: Prepared, name: str, step: float) -> dict[str, Any]:
-    """A step of a channel or of a joint's position, with its unit."""
-    joint = name.removesuffix("_position")
-    if joint == name:
-        return {"name": name, "joint": False, "step": step, "unit": channel_unit(name, log.mechanism.tree)}
-    return {"name": joint, "joint": True, "step": step, "unit": "rad" if _is_hinge(log, joint) else "m"}
-
-
-def _is_hinge(log: Prepared, joint: str) -> bool:
-    """True for a joint that turns."""
-    trees = [log.mechanism.tree, *([log.mechanism.carrier.tree] if log.mechanism.carrier else [])]
-    return next((body.turns for tree in trees for body in tree.bodies if body.joint == joint), True)
-
-
 def _clipped(channel: str, limits: Sequence[float], unit: str, share: float, kept: bool, log: int | None) -> str:
     ends = " and ".join(f"{value:.4g} {unit}" for value in limits)
+    where = "" if log is None else f" in log {log}"
     done = "These samples are" if kept else "The whole channel is"
     return (
-        f"{channel} is clipped at {ends}{in_log(log)}, in {percent(share)} of its samples. {done} left out. Use a "
+        f"{channel} is clipped at {ends}{where}, in {percent(share)} of its samples. {done} left out. Use a "
         "sensor with a larger range, or move more slowly."
     )
 
 
 def _coarse(steps: Sequence[Mapping[str, Any]]) -> str:
+    each = listed((_step_in_words(**step) for step in steps), "columns")
     return (
-        "Recorded in steps that are most of the noise: "
-        f"{listed((_step_in_words(**each) for each in steps), 'columns')}. Use a finer range of the sensor, or "
-        "write more digits."
+        f"Recorded in steps that are most of the noise: {each}. Use a finer range of the sensor, or write more digits."
     )
 
 
@@ -262,9 +200,12 @@ def _unchecked(check: str, reason: str, channels: Sequence[str] = (), error: str
 
 
 FINDINGS.update(
-    clipped_channel=Row(_clipped, doubt=False),
-    coarse_steps=Row(_coarse, doubt=False),
-    tracked_poses=Row(_tracked, doubt=None),
-    stuck_channels=Row(_stuck, doubt=True),
-    unchecked=Row(_unchecked, doubt=False),
+    gravity_direction=doubt(_gravity),
+    channels_late=doubt(_late),
+    setup_unexplained=doubt(_unexplained),
+    clipped_channel=remark(_clipped),
+    coarse_steps=remark(_coarse),
+    tracked_poses=judged(_tracked),
+    stuck_channels=doubt(_stuck, channels="channels"),
+    unchecked=remark(_unchecked),
 )

@@ -15,8 +15,9 @@ import numpy as np
 
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
-from ident.judgement.torque_checks import ENOUGH, FRICTION, SLOW, friction_columns
+from ident.judgement.finding import FINDINGS, Finding, doubt, listed, percent, remark
+from ident.judgement.residuals import correlated_samples
+from ident.judgement.torque_checks import FRICTION, SLOW, friction_columns, inner_samples
 from ident.model.axes import column_place
 from ident.model.regressor import joint_torque_regressor
 from ident.tolerances import INTERVAL, LIKELY, SINGULAR
@@ -58,24 +59,21 @@ def cause_findings(evidence: Evidence) -> Iterator[Finding]:
     """Findings on loops that were left out, on joints that something else moves, and on computed torques."""
     for loop, joints in evidence.mechanism.loops.items():
         if acting := tuple(joint for joint in joints if joint in evidence.channels):
-            yield Finding.of("loop_left_out", Place(channels=acting), loop=loop, joints=acting)
+            yield Finding.of("loop_left_out", loop=loop, joints=acting)
     checks = evidence.checks.torques
     if checks is None:
         return
-    others = {joint: parts for joint, parts in torque_parts(evidence).items() if not parts.moves}
+    others = {joint: parts._asdict() for joint, parts in torque_parts(evidence).items() if not parts.moves}
     if others and not checks.grossly_wrong:
-        values = {joint: parts._asdict() for joint, parts in others.items()}
-        yield Finding.of("motion_not_by_torques", Place(joints=tuple(others)), joints=values)
+        yield Finding.of("motion_not_by_torques", joints=others)
     moving = {channel: evidence.ratios[channel] for channel in _torques(evidence) if channel not in evidence.idle}
     if moving and max(moving.values()) < EXPLAINED and max(_friction(evidence, moving)) < SMOOTHLY:
-        place = Place(channels=tuple(moving))
-        yield Finding.of("computed_torques", place, joints=tuple(moving), largest=max(moving.values()))
+        yield Finding.of("computed_torques", joints=tuple(moving), largest=max(moving.values()))
 
 
 def torque_parts(evidence: Evidence) -> dict[str, Parts]:
     """Weight and inertia in the torques of a resting base's joints, by joint."""
-    mechanism, log = evidence.mechanism, evidence.prepared
-    samples = log.samples[slice(log.edge, len(log.samples) - log.edge, max(1, len(log.samples) // ENOUGH))]
+    mechanism, samples = evidence.mechanism, inner_samples(evidence.prepared)
     motion, tree = samples.motion, mechanism.tree
     if motion.base is not None or mechanism.prior is None:
         return {}
@@ -105,8 +103,7 @@ def _regressed(X: np.ndarray, y: np.ndarray) -> tuple[list[float], list[float]]:
     inverse = 1 / np.maximum(s, SINGULAR * s[0])
     values = Vt.T @ (np.where(s > SINGULAR * s[0], inverse, 0) * (U.T @ y))
     left = y - X / norms @ values
-    lag = np.clip((left[1:] @ left[:-1]) / max(float(left @ left), 1e-300), 0, 0.999)
-    variance = float(left @ left) / len(y) * (1 + lag) / (1 - lag)
+    variance = float(left @ left) / len(y) * correlated_samples(left, 0.999)
     std = np.sqrt(variance * (Vt.T**2 @ inverse**2))
     return (values / norms).tolist(), (std / norms).tolist()
 
@@ -146,10 +143,9 @@ def _moved(joints: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _loop(loop: str, joints: Sequence[str]) -> str:
-    names = " ".join(joints)
     return (
         f"The coupling '{loop}' acts on the torques of {listed(joints, 'joints')}, but the equations leave it out. "
-        f"Take these torques away, --leave-out {names}; the wrench at the base is not affected."
+        f"Take these torques away, --leave-out {' '.join(joints)}; the wrench at the base is not affected."
     )
 
 
@@ -162,7 +158,7 @@ def _computed(joints: Sequence[str], largest: float) -> str:
 
 
 FINDINGS.update(
-    motion_not_by_torques=Row(_moved, doubt=True),
-    loop_left_out=Row(_loop, doubt=True),
-    computed_torques=Row(_computed, doubt=False),
+    motion_not_by_torques=doubt(_moved, joints="joints"),
+    loop_left_out=doubt(_loop, channels="joints"),
+    computed_torques=remark(_computed, channels="joints"),
 )

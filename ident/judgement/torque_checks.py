@@ -3,8 +3,9 @@
 Offsets, friction and rotor inertia, which the model lacks, are regressed out of measured and predicted torques alike.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ident.estimation.loads import SLIP, drives_of, stated_drive_torques
 from ident.estimation.noise import least_noise
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
+from ident.judgement.residuals import coefficients, correlated_samples
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -46,8 +48,7 @@ MISSING = 0.5
 """Share of the residual that must vanish without a body for it to count as not carried."""
 
 
-@dataclass(frozen=True)
-class TorqueLoad:
+class TorqueLoad(NamedTuple):
     """Load on a body of the model that explains the torques best.
 
     Attributes:
@@ -63,7 +64,7 @@ class TorqueLoad:
     @property
     def better(self) -> bool:
         """True if it explains the torques far better than factors do, and is no heavier than the model."""
-        return self.possible and abs(self.mass) < 1 and self.against_factors < FAR_BETTER
+        return abs(self.mass) < 1 and self.against_factors < FAR_BETTER
 
     @property
     def possible(self) -> bool:
@@ -71,95 +72,40 @@ class TorqueLoad:
         return self.against_factors < 1 / FAR_BETTER
 
 
-def best_load(
-    mechanism: Mechanism,
-    measured: np.ndarray,
-    predicted: np.ndarray,
-    columns: Iterable[np.ndarray],
-    uncertain: np.ndarray,
-) -> TorqueLoad:
-    """The load that leaves the smallest residual, each torque weighted by its prediction's uncertainty.
-
-    Args:
-        mechanism: The mechanism.
-        measured: Torques (N, n).
-        predicted: Predicted torques (N, n).
-        columns: Torques of unit parameters φ of each body (N, n, 10).
-        uncertain: Norm of each prediction's uncertainty (n,).
-    """
-    weight = 1 / np.maximum(uncertain, 1e-300)
-    gains = (measured * predicted).sum(axis=0) / np.maximum((predicted**2).sum(axis=0), 1e-300)
-    by_factors = max(float((((measured - gains * predicted) * weight) ** 2).sum()), 1e-300)
-    whole = max(float(mechanism.known[::10].sum()), 1e-300)
-    left, candidates = ((measured - predicted) * weight).ravel(), []
-    for k, each in enumerate(columns):
-        rows = (each * weight[:, None]).reshape(-1, 10)
-        norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-        phi = np.linalg.lstsq(rows / norms, left, rcond=1e-8)[0] / norms
-        residual = float(((left - rows @ phi) ** 2).sum())
-        name = mechanism.tree.names[mechanism.tree.inertial[k]]
-        candidates.append(TorqueLoad(name, float(phi[0]) / whole, residual / by_factors))
-    return min(candidates, key=lambda each: each.against_factors)
-
-
-@dataclass(frozen=True, eq=False)
-class TorqueCheck:
+class TorqueCheck(NamedTuple):
     """Comparison of the torque of one joint with the model's prediction.
 
     Attributes:
         joint: The joint.
         gain: Measured over predicted torque, by least squares.
-        error: Relative error, over the prediction's size.
-        error_flipped: The same with the opposite sign.
-        alike: Share of the measured variance that the prediction explains at that gain.
-        far: RMS difference of the two over its standard deviation due to the usual uncertainty of a model's bodies.
+        flipped: True if the opposite sign fits far better.
+        scaled: True if a factor of unit or gear explains the torque, and the usual uncertainty of bodies does not.
     """
 
     joint: str
     gain: float
-    error: float
-    error_flipped: float
-    alike: float
-    far: float
-
-    @property
-    def flipped(self) -> bool:
-        """True if the opposite sign fits far better."""
-        return self.error_flipped < FAR_BETTER * self.error
-
-    @property
-    def scaled(self) -> bool:
-        """True if a factor of unit or gear explains the torque, and the usual uncertainty of bodies does not."""
-        return self.alike > ALIKE and self.far > FAR and not 1 / SCALE < abs(self.gain) < SCALE
+    flipped: bool
+    scaled: bool
 
 
-@dataclass(frozen=True)
-class AbsentBody:
-    """Body of the model without which the torques are explained best.
+class AbsentBody(NamedTuple):
+    """Body of the model that was not carried, as its absence explains most of the torques' residual.
 
     Attributes:
         body: Its name; all bodies that it carries are left out with it.
         explained: Share of the squared residual that vanishes without it.
-        explained_by_factor: The same with a common factor on the model's prediction instead.
     """
 
     body: str
     explained: float
-    explained_by_factor: float
-
-    @property
-    def suspicious(self) -> bool:
-        """True if its absence explains most of the residual, and far more than a common factor on all bodies."""
-        return self.explained > MISSING and 1 - self.explained < FAR_BETTER * (1 - self.explained_by_factor)
 
 
-@dataclass(frozen=True, eq=False)
-class TorqueChecks:
+class TorqueChecks(NamedTuple):
     """Results of all checks of joint torques.
 
     Attributes:
         joints: Check of each torque.
-        absent: The mounted body whose absence explains most; None if none is mounted.
+        absent: The mounted body that was not carried, None for none.
         load: The load that explains most, where a torque is much more than the model's.
     """
 
@@ -179,51 +125,88 @@ class TorqueChecks:
         return bool(self.gains) or any(check.flipped for check in self.joints)
 
 
+def inner_samples(prepared: Prepared) -> Samples:
+    """At most about `ENOUGH` samples of a recording, evenly spread, without its ends."""
+    number = len(prepared.samples)
+    return prepared.samples[slice(prepared.edge, number - prepared.edge, max(1, number // ENOUGH))]
+
+
 def torque_checks(prepared: Prepared) -> TorqueChecks | None:
     """Checks of measured torques against the prediction of the model's φ; None without torques."""
     felt = list(prepared.equations.torques)
     if not felt:
         return None
-    mechanism, edge, number = prepared.mechanism, prepared.edge, len(prepared.samples)
-    samples = prepared.samples[slice(edge, number - edge, max(1, number // ENOUGH))]
-    motion, first = samples.motion, len(prepared.equations.channels) - len(felt)
+    mechanism, samples = prepared.mechanism, inner_samples(prepared)
+    motion, drives = samples.motion, drive_rows(prepared.equations.axes, samples.motion, felt)
     Y = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity, base=motion.base)[:, felt]
     by_body = Y.reshape(*Y.shape[:2], -1, 10)
-    drives = drive_rows(prepared.equations.axes, motion, felt)
-    measured = without_drives(drives, samples.measured[:, first:])
+    measured = without_drives(drives, samples.measured[:, -len(felt) :])
     of_bodies = without_drives(drives, np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)))
-    uncertain = without_drives(drives, np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape))
+    uncertain = without_drives(drives, np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(Y.shape))
     # Of the drives that the model states, springs are left.
     stated = without_drives(drives, stated_drive_torques(mechanism, motion)[:, felt]) if mechanism.drives else 0
     predicted, size = of_bodies.sum(axis=2) + stated, np.linalg.norm(uncertain, axis=(0, 2))
     each = zip(felt, measured.T, predicted.T, size, strict=True)
-    checks = [_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each]
+    checks = tuple(_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each)
     load = None
     if any(check.scaled and check.gain > SCALE for check in checks):
         columns = (without_drives(drives, by_body[:, :, b]) for b in range(by_body.shape[2]))
-        load = best_load(mechanism, measured, predicted, columns, size)
-    return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies), load)
+        load = min(_loads(mechanism, measured, predicted, columns, size), key=lambda own: own.against_factors)
+    return TorqueChecks(checks, _absent(mechanism, measured - predicted, of_bodies), load)
 
 
 def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: float) -> TorqueCheck:
     """Check of the torque of one joint (N,) against its prediction (N,), given the norm of the latter's uncertainty."""
     size, whole = max(float(predicted @ predicted), 1e-300), max(float(measured @ measured), 1e-300)
-    across = float(measured @ predicted)
-    error, flipped = (float(np.linalg.norm(measured - sign * predicted)) for sign in (1, -1))
-    errors = error / np.sqrt(size), flipped / np.sqrt(size)
-    return TorqueCheck(joint, across / size, *errors, across**2 / (size * whole), error / max(uncertain, 1e-300))
+    error, opposite = (float(np.linalg.norm(measured - sign * predicted)) for sign in (1, -1))
+    gain, alike = float(measured @ predicted) / size, float(measured @ predicted) ** 2 / (size * whole)
+    far = error > FAR * max(uncertain, 1e-300)
+    scaled = alike > ALIKE and far and not 1 / SCALE < abs(gain) < SCALE
+    return TorqueCheck(joint, gain, opposite < FAR_BETTER * error, scaled)
+
+
+def _loads(
+    mechanism: Mechanism,
+    measured: np.ndarray,
+    predicted: np.ndarray,
+    columns: Iterator[np.ndarray],
+    uncertain: np.ndarray,
+) -> Iterator[TorqueLoad]:
+    """Yields the load on each body that leaves least, each torque weighted by its prediction's uncertainty.
+
+    Args:
+        mechanism: The mechanism.
+        measured: Torques (N, n).
+        predicted: Predicted torques (N, n).
+        columns: Torques of unit parameters φ of each body (N, n, 10).
+        uncertain: Norm of each prediction's uncertainty (n,).
+    """
+    weight = 1 / np.maximum(uncertain, 1e-300)
+    gains = (measured * predicted).sum(axis=0) / np.maximum((predicted**2).sum(axis=0), 1e-300)
+    by_factors = max(float((((measured - gains * predicted) * weight) ** 2).sum()), 1e-300)
+    left = ((measured - predicted) * weight).ravel()
+    for i, each in zip(mechanism.tree.inertial, columns, strict=True):
+        rows = (each * weight[:, None]).reshape(-1, 10)
+        phi = coefficients(rows, left, 1e-8)
+        residual = float(((left - rows @ phi) ** 2).sum())
+        yield TorqueLoad(mechanism.tree.names[i], float(phi[0]) / max(mechanism.mass, 1e-300), residual / by_factors)
 
 
 def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -> AbsentBody | None:
-    """The mounted body without which the residual (N, n) is smallest, from the torques of all bodies (N, n, b)."""
+    """The mounted body without which the residual (N, n) is smallest, from the torques of all bodies (N, n, b).
+
+    None if its absence does not explain most of it, and far more than a common factor on all bodies.
+    """
     tree, before, predicted = mechanism.tree, max(float((residual**2).sum()), 1e-300), of_bodies.sum(axis=2)
     by_factor = float((residual * predicted).sum() ** 2 / max(float((predicted**2).sum()), 1e-300)) / before
-    candidates = []
+    left = dict[str, float]()
     for i in _mounted(mechanism):
         carried = [tree.inertial.index(k) for k in tree.carried(i) if k in tree.inertial]
-        torque = of_bodies[:, :, carried].sum(axis=2)
-        candidates.append(AbsentBody(tree.names[i], 1 - float(((residual + torque) ** 2).sum()) / before, by_factor))
-    return max(candidates, key=lambda each: each.explained, default=None)
+        left[tree.names[i]] = float(((residual + of_bodies[:, :, carried].sum(axis=2)) ** 2).sum()) / before
+    body = min(left, key=left.__getitem__, default="")
+    if not body or left[body] >= min(1 - MISSING, FAR_BETTER * (1 - by_factor)):
+        return None
+    return AbsentBody(body, 1 - left[body])
 
 
 def _mounted(mechanism: Mechanism) -> Iterator[int]:
@@ -269,8 +252,8 @@ def lacking_drives(equations: Equations, joint: str) -> tuple[str, ...]:
     Those at low velocity are among them only if there are the others.
     """
     axes = equations.axes
-    lacking = drives_of(axes, (*FRICTION, SLOW), [axes.freedoms.index(joint)])
-    lacking = tuple(name for name in lacking if name not in equations.drives)
+    drives = drives_of(axes, (*FRICTION, SLOW), [axes.freedoms.index(joint)])
+    lacking = tuple(name for name in drives if name not in equations.drives)
     return tuple(name for name in lacking if column_place(name)[0] in FRICTION) or lacking
 
 
@@ -290,9 +273,7 @@ def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
     with_friction = equations.with_drives((*equations.drives, *names))
     residual, left = (_least_residual(fit, each, samples)[:, -felt:] for each in (equations, with_friction))
     squares = np.maximum((residual**2).sum(axis=0), 1e-300)
-    # Of residuals that are alike for some samples there are fewer than samples.
-    lag = np.clip((left[1:] * left[:-1]).sum(axis=0) / np.maximum((left**2).sum(axis=0), 1e-300), 0, 0.99)
-    chance = len(FRICTION) * (1 + lag) / (1 - lag) / len(left)
+    chance = len(FRICTION) * correlated_samples(left, 0.99) / len(left)
     shares = np.maximum(0.0, 1 - (left**2).sum(axis=0) / squares - chance)
     return dict(zip(equations.channels[-felt:], shares.tolist(), strict=True))
 
@@ -301,6 +282,5 @@ def _least_residual(fit: Fit, equations: Equations, samples: Samples) -> np.ndar
     """Residual of least squares, each channel weighted by its residual of the fit (N, C)."""
     scale = np.maximum(fit.residual(samples).std(axis=0), least_noise([samples.measured], equations.channels))
     root = accumulate(equations, samples, factors=np.broadcast_to(1 / scale, samples.measured.shape)).root
-    size = np.maximum(np.linalg.norm(root[:, :-1], axis=0), 1e-300)
-    values = np.linalg.lstsq(root[:, :-1] / size, root[:, -1], rcond=SINGULAR)[0] / size
+    values = coefficients(root[:, :-1], root[:, -1], SINGULAR)
     return replace(fit, equations=equations, values=values).residual(samples)

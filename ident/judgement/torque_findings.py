@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.noise import coefficient_unit
 from ident.judgement.candidates import NEGLIGIBLE
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, bracketed, listed, percent
+from ident.judgement.finding import FINDINGS, Finding, Place, bracketed, doubt, judged, listed, percent, remark
 from ident.judgement.torque_checks import SLOW, lacking_drives
 from ident.mechanism.mechanism import Mechanism
 from ident.model.axes import column_place
@@ -35,7 +35,8 @@ def bound_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding.of(
         "drive_at_bound",
-        _place(evidence, (_joint(name) for name in evidence.bounded)),
+        # A drive of a log of its own is named `Fc(hip) of log 2`.
+        _place(evidence, (name.partition("(")[2].rpartition(")")[0] for name in evidence.bounded)),
         at_most={name: most for name, (most, _) in evidence.bounded.items()},
         units={name: coefficient_unit(name, evidence.mechanism.tree) for name in evidence.bounded},
     )
@@ -66,25 +67,18 @@ def _place(evidence: Evidence, names: Iterable[str]) -> Place:
     return Place(joints=tuple(dict.fromkeys(joint for name in names for joint in axes.joints_of(name))))
 
 
-def _joint(drive: str) -> str:
-    """Name of a drive's joint or motor."""
-    return drive.partition("(")[2].rpartition(")")[0]
-
-
 def torque_findings(evidence: Evidence) -> Iterator[Finding]:
     """Doubts on torques of another sign or unit than the model's, and a remark on a body that was not carried."""
     checks = evidence.checks.torques
     if checks is None:
         return
     if flipped := tuple(check.joint for check in checks.joints if check.flipped):
-        yield Finding.of("torque_sign", Place(joints=flipped), joints=flipped)
+        yield Finding.of("torque_sign", joints=flipped)
     if gains := checks.gains:
         load = checks.load.body if checks.load is not None and checks.load.possible else None
-        yield Finding.of("torque_scale", Place(joints=tuple(gains)), gains=gains, load=load)
-    absent = checks.absent
-    if absent is not None and absent.suspicious and not checks.grossly_wrong:
-        place = Place(bodies=(absent.body,))
-        yield Finding.of("body_not_carried", place, body=absent.body, explained=absent.explained)
+        yield Finding.of("torque_scale", gains=gains, load=load)
+    if checks.absent is not None and not checks.grossly_wrong:
+        yield Finding.of("body_not_carried", **checks.absent._asdict())
 
 
 def scale_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -95,19 +89,21 @@ def scale_findings(evidence: Evidence) -> Iterator[Finding]:
         return
     torques = equations.channels[len(equations.channels) - len(equations.torques) :]
     exact = [name for name in torques if name not in scaled]
-    fixed_by = ["the measured wrench"] if equations.wrench is not None else []
-    fixed_by += [f"the torques of {', '.join(exact)}"] if exact else []
     bodies = _fixing_bodies(joint, evidence.mechanism, evidence.known) if joint.known else ()
-    fixed_by += [f"what is stated of {', '.join(bodies)}"] if bodies else []
-    others = "other bodies" if bodies else "bodies"
-    fixed_by += [f"the model's {others}, as far as they are known"] if joint.known else []
-    yield Finding.of("torque_scale_estimated", Place(channels=scaled), joints=scaled, fixed_by=tuple(fixed_by))
+    reasons = {
+        "the measured wrench": equations.wrench is not None,
+        f"the torques of {listed(exact)}": exact,
+        f"what is stated of {listed(bodies)}": bodies,
+        f"the model's {'other ' if bodies else ''}bodies, as far as they are known": joint.known,
+    }
+    fixed_by = tuple(reason for reason, holds in reasons.items() if holds)
+    yield Finding.of("torque_scale_estimated", joints=scaled, fixed_by=fixed_by)
 
 
 def low_velocity_findings(evidence: Evidence) -> Iterator[Finding]:
     """Remark on Stribeck friction that was fitted because the recordings ask for it."""
     fitted = dict(zip(evidence.fit.names, evidence.fit.values.tolist(), strict=True))
-    values = {_joint(name): x for name, x in fitted.items() if name.startswith(f"{DRIVE[SLOW]}(")}
+    values = {column_place(name)[1]: x for name, x in fitted.items() if name.startswith(f"{DRIVE[SLOW]}(")}
     if values and _searched(evidence):
         yield Finding.of("low_velocity_friction", _place(evidence, values), values=values)
 
@@ -131,8 +127,7 @@ def friction_findings(evidence: Evidence) -> Iterator[Finding]:
         lacking = {kind for joint in shares for kind in kinds[joint]}
         fitted = {column_place(name)[0] for name in equations.drives}
         wanted = tuple(kind for kind in DRIVE if kind in lacking | fitted)
-        place = Place(channels=tuple(shares))
-        yield Finding.of("friction_not_fitted", place, doubt=lacking != {SLOW}, shares=shares, drives=wanted)
+        yield Finding.of("friction_not_fitted", doubt=lacking != {SLOW}, shares=shares, drives=wanted)
 
 
 def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> tuple[str, ...]:
@@ -145,17 +140,12 @@ def _fixing_bodies(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Ma
         mechanism: The mechanism, with the deviations of these bodies.
         known: Standard deviations of the other bodies.
     """
-    better = [name for name, own in mechanism.prior_known.items() if own.get("mass", known["mass"]) < known["mass"]]
-    if not better:
-        return ()
-    with_all = _scale_deviations(estimate, mechanism, known)
-    out = []
-    for name in better:
-        own = {other: each for other, each in mechanism.prior_known.items() if other != name}
-        without = _scale_deviations(estimate, replace(mechanism, prior_known=own), known)
-        if (without > HALF * with_all).any():
-            out.append(name)
-    return tuple(out)
+    own = mechanism.prior_known
+    better = [name for name, each in own.items() if each.get("mass", known["mass"]) < known["mass"]]
+    with_all = _scale_deviations(estimate, mechanism, known) if better else np.zeros(0)
+    less = {name: {other: each for other, each in own.items() if other != name} for name in better}
+    deviations = {name: _scale_deviations(estimate, replace(mechanism, prior_known=less[name]), known) for name in less}
+    return tuple(name for name, without in deviations.items() if (without > HALF * with_all).any())
 
 
 def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known: Mapping[str, float]) -> np.ndarray:
@@ -166,12 +156,7 @@ def _scale_deviations(estimate: TrajectoryEstimate, mechanism: Mechanism, known:
     precision[:rank, :rank] += fit.prior.weight * prior - fit.prior.precision[:rank, :rank]
     free = np.flatnonzero(fit.free)
     variances = np.diag(inverse_of_precision(precision[np.ix_(free, free)]))
-    return np.sqrt(variances[np.isin(free, _scales(estimate, free))])
-
-
-def _scales(estimate: TrajectoryEstimate, free: np.ndarray) -> Sequence[int]:
-    """Those of some parameters that are scales of torques, by index."""
-    return [k for k in free.tolist() if k in estimate.setup and estimate.setup[k].row.stated]
+    return np.sqrt(variances[[k in estimate.setup and estimate.setup[k].row.stated for k in free.tolist()]])
 
 
 def _scaled(gains: Mapping[str, float], load: str | None = None) -> str:
@@ -200,53 +185,38 @@ def _bound(at_most: Mapping[str, float], units: Mapping[str, str]) -> str:
 
 def _near_reversals(velocities: Mapping[str, float], at_rest: Mapping[str, float]) -> str:
     return (
-        f"Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
+        "Torques count less at low velocity, where friction may be anything up to breakaway. They are not judged "
         f"below, in rad/s (m/s): {bracketed(velocities, 'joints', '.2g')}. Residual over signal there: "
         f"{bracketed(at_rest, 'joints', '.2g') if at_rest else 'there are no such samples'}."
     )
 
 
-def _smooth_coulomb(velocities: Mapping[str, float]) -> str:
-    return (
-        f"Coulomb friction changes its sign over a velocity v, in rad/s (m/s): "
-        f"{bracketed(velocities, 'joints', '.2g')}. It is fitted and predicted as Fc tanh(q̇ / v)."
-    )
-
-
 def _basis(joints: Sequence[str], fixed_by: Sequence[str]) -> str:
-    fixed = " and ".join(fixed_by)
-    return (
-        f"The scale of the torques of {listed(joints, 'joints')} was estimated. It is fixed by "
-        f"{fixed or 'the stated one alone: masses, friction and rotors are as uncertain as that'}."
-    )
-
-
-def _low_velocity(values: Mapping[str, float]) -> str:
-    return (
-        f"Friction is higher at low velocity, in N m (N): {bracketed(values, 'joints', '.2g')}. It was fitted as "
-        "Stribeck friction, Fs."
-    )
-
-
-def _not_carried(body: str, explained: float) -> str:
-    return (
-        f"Body '{body}' was probably not carried: without it {percent(explained)} of the torques' squared difference "
-        "from the model vanishes. Base parameters are not affected; take it out of the updated model."
-    )
+    fixed = " and ".join(fixed_by) or "the stated one alone: masses, friction and rotors are as uncertain as that"
+    return f"The scale of the torques of {listed(joints, 'joints')} was estimated. It is fixed by {fixed}."
 
 
 FINDINGS.update(
-    torque_sign=Row(
+    torque_sign=doubt(
         "The torques of {joints} seem to have the opposite sign: with it they are far nearer to the model's "
         "prediction. Turn the sign of their columns.",
-        doubt=True,
+        joints="joints",
     ),
-    torque_scale=Row(_scaled, doubt=True),
-    torque_scale_estimated=Row(_basis, doubt=False),
-    body_not_carried=Row(_not_carried, doubt=False),
-    friction_not_fitted=Row(_friction, doubt=None),
-    drive_at_bound=Row(_bound, doubt=False),
-    breakaway_friction=Row(_near_reversals, doubt=False),
-    low_velocity_friction=Row(_low_velocity, doubt=False),
-    smooth_coulomb_friction=Row(_smooth_coulomb, doubt=False),
+    torque_scale=doubt(_scaled, joints="gains"),
+    torque_scale_estimated=remark(_basis, channels="joints"),
+    body_not_carried=remark(
+        "Body '{body}' was probably not carried: without it {explained:%} of the torques' squared difference from the "
+        "model vanishes. Base parameters are not affected; take it out of the updated model.",
+        bodies="body",
+    ),
+    friction_not_fitted=judged(_friction, channels="shares"),
+    drive_at_bound=remark(_bound),
+    breakaway_friction=remark(_near_reversals),
+    low_velocity_friction=remark(
+        "Friction is higher at low velocity, in N m (N): {values:joints .2g}. It was fitted as Stribeck friction, Fs."
+    ),
+    smooth_coulomb_friction=remark(
+        "Coulomb friction changes its sign over a velocity v, in rad/s (m/s): {velocities:joints .2g}. It is fitted "
+        "and predicted as Fc tanh(q̇ / v)."
+    ),
 )

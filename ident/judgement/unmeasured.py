@@ -8,7 +8,8 @@ At the ends of a recording the low-pass takes accelerations to zero. Splines lea
 counts as missing only as far as both motions require it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,7 @@ HEAVIEST, AGREEING, CLOSE = 1.6, 0.15, 2.0
 and their largest spread over that of the samples that agree best."""
 
 
-@dataclass(frozen=True)
-class Unmeasured:
+class Unmeasured(NamedTuple):
     """A contact that is not measured.
 
     Attributes:
@@ -73,8 +73,7 @@ class Unmeasured:
 def without_unmeasured(prepared: Prepared) -> Prepared:
     """Recording without the samples in which an unmeasured contact carries weight."""
     contacts = unmeasured_contacts(prepared)
-    left_out = tuple(LeftOut(each.start, each.end, each.carries, each.body) for each in contacts)
-    return replace(prepared, left_out=left_out)
+    return replace(prepared, left_out=tuple(LeftOut(*each[:3], each.body) for each in contacts))
 
 
 def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
@@ -99,13 +98,14 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
         running_median(np.where(whole, heavier * support - carried, 0), reach)
         for support in (needed, np.minimum(needed, by_splines))
     )
-    time, contacts = prepared.recording.time, []
-    for first, last in _spans(missing, _limit(usual, SHARE * heavier * weight), reach):
-        span = slice(max(0, first - reach), last + reach)
-        residual = prepared.wrench[first:last] - heavier * predicted[first:last]
-        largest = float(missing[first:last].max() / (heavier * weight))
-        contact = _contact(prepared, slice(first, last), residual, up[first:last])
-        contacts.append(Unmeasured(float(time[span][0]), float(time[span][-1]), largest, contact))
+    limit, contacts = _limit(usual, SHARE * heavier * weight), []
+    for first, last in runs(missing > TAIL * limit).tolist():
+        largest = float(missing[first:last].max())
+        if last - first >= reach and largest > limit:
+            times = prepared.recording.time[max(0, first - reach) : last + reach]
+            residual = prepared.wrench[first:last] - heavier * predicted[first:last]
+            contact = _contact(prepared, slice(first, last), residual, up[first:last])
+            contacts.append(Unmeasured(float(times[0]), float(times[-1]), largest / (heavier * weight), contact))
     return tuple(contacts)
 
 
@@ -151,18 +151,6 @@ def _limit(missing: np.ndarray, least: float) -> float:
     neither = np.abs(missing) < least
     spread = float(missing[neither].std()) if neither.any() else 0.0
     return max(least, SPREAD * spread, ONE_SIDED * float(-missing.min()))
-
-
-def _spans(missing: np.ndarray, limit: float, shortest: int) -> list[tuple[int, int]]:
-    """First samples and ends of spans in which support is missing.
-
-    Args:
-        missing: Support that is missing, N (N,).
-        limit: The least that counts, N.
-        shortest: Samples of the shortest span.
-    """
-    spans = runs(missing > TAIL * limit).tolist()
-    return [(first, end) for first, end in spans if end - first >= shortest and missing[first:end].max() > limit]
 
 
 def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:

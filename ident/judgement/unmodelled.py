@@ -19,7 +19,8 @@ import numpy as np
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.judgement.evidence import Evidence, Unmodelled
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, percent
+from ident.judgement.finding import FINDINGS, Finding, Place, doubt, percent
+from ident.judgement.residuals import coefficients
 from ident.mechanism.body import BASE
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
@@ -89,9 +90,8 @@ class HypothesisFit:
         counting, scale = self.counting & np.isfinite(left), 1 / np.maximum(_rms(ahead), 1e-300)
         known = _root(self.prior, len(X))
         rows = np.vstack([(np.where(counting, X, 0) * scale).reshape(len(X), -1).T, known])
-        size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
         target = np.append((np.where(counting, left, 0) * scale).ravel(), np.zeros(len(known)))
-        x = np.linalg.lstsq(rows / size, target, rcond=SINGULAR)[0] / size
+        x = coefficients(rows, target, SINGULAR)
         return float(np.log(np.maximum(_rms(ahead - np.tensordot(x, X_ahead, axes=1)), 1e-300)).mean())
 
     def hypotheses(self) -> Iterator[tuple[tuple[str, str], float]]:
@@ -211,4 +211,4 @@ def _unmodelled(causes: Sequence[Mapping[str, str]], ratio: float) -> str:
     )
 
 
-FINDINGS.update(unmodelled=Row(_unmodelled, doubt=True))
+FINDINGS.update(unmodelled=doubt(_unmodelled))

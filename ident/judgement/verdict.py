@@ -86,13 +86,13 @@ class Precision:
     @classmethod
     def of(cls, evidence: Evidence) -> Self:
         """The precision of an estimate."""
-        base, psi, bodies = evidence.fit.parameters, evidence.fit.psi, evidence.mechanism.bodies
-        C = evidence.covariance_setup[: base.rank, : base.rank]
-        std, wide = (np.sqrt(np.maximum(np.diag(each), 0)) for each in (evidence.covariance, C))
-        known = tuple(int((wide <= share * np.abs(psi)).sum()) for share in PRECISIONS)
-        wider = tuple(name for name, a, b in zip(base.names, std, wide, strict=True) if b > WIDER * a)
-        alone = ~base.beta.any(axis=1) & (wide <= PRECISIONS[-1] * np.abs(psi))
+        base, bodies, sizes = evidence.fit.parameters, evidence.mechanism.bodies, np.abs(evidence.fit.psi)
+        covariances = evidence.covariance, evidence.covariance_setup
+        std, wide = (np.sqrt(np.maximum(np.diag(each)[: base.rank], 0)) for each in covariances)
+        known = tuple(int((wide <= share * sizes).sum()) for share in PRECISIONS)
+        alone = ~base.beta.any(axis=1) & (wide <= PRECISIONS[-1] * sizes)
         weighed = (bodies[k // 10] for k, own in zip(base.kept, alone, strict=True) if own and k % 10 == 0)
+        wider = tuple(np.array(base.names)[wide > WIDER * std].tolist())
         return cls(base.rank, known, wider, bodies, tuple(weighed), estimated_mass(evidence))
 
     @property
@@ -106,8 +106,8 @@ class Precision:
         yield f"Of {self.total} base parameters it knows {counts}."
         yield self._of_masses()
         if self.wider:
-            few = len(self.wider) <= NAMED
-            names = with_bodies(self.wider, self.bodies) if few else f"{len(self.wider)} of them"
+            many = len(self.wider) > NAMED
+            names = f"{len(self.wider)} of them" if many else with_bodies(self.wider, self.bodies)
             yield f"The uncertain set-up more than doubles the standard deviations of {names}."
 
     def _of_masses(self) -> str:
@@ -279,7 +279,7 @@ def decided(moving: Sequence[float], doubts: Sequence[str]) -> Outcome:
 
 ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(setup.gravity_findings, setup.delay_findings, candidate_findings),
-    *(wrenches.frame_findings, wrenches.base_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
+    *(wrenches.frame_findings, wrenches.contact_findings, wrenches.unmeasured_findings),
     *(setup.clipped_findings, setup.resolution_findings, setup.tracked_findings),
     *(weighing.weight_findings, weighing.mass_by_setup_findings, weighing.common_gain_findings),
     *(weighing.offset_findings, torques.torque_findings, cause_findings),
@@ -288,7 +288,7 @@ ON_FIT: Sequence[Callable[[Evidence], Iterator[Finding]]] = (
     *(fit.quality_findings, setup.setup_remarks, fit.course_findings, fit.halves_findings, fit.own_findings),
     *(fit.prior_findings, fit.model_error_findings, unmodelled_findings, fit.slow_residual_findings),
     *(fit.posture_findings, weighing.inseparable_findings, setup.stuck_findings, setup.unchecked_findings),
-    *(setup.exact_setup_findings, fit.caveats),
+    fit.caveats,
 )
 """Judges of the fit, in the order of their findings."""
 

@@ -4,6 +4,7 @@ Bᵀ c selects the masses in φ.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.estimation.noise import coefficient_unit
 from ident.judgement.checks import standing_mass
 from ident.judgement.evidence import Evidence
-from ident.judgement.finding import FINDINGS, Finding, Place, Row, listed, percent
+from ident.judgement.finding import FINDINGS, Finding, doubt, judged, listed, percent, remark
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.setup import SETUP
 from ident.tolerances import INTERVAL, SIGNIFICANT
@@ -53,14 +54,12 @@ class Mass(NamedTuple):
 
 def estimated_mass(evidence: Evidence) -> Mass | None:
     """Mass of all bodies together; None if the base parameters do not determine it."""
-    bodies = len(evidence.mechanism.bodies)
-    B = evidence.fit.parameters.regroup(np.eye(10 * bodies))
-    masses = np.tile(np.eye(10)[0], bodies)
+    masses = np.tile(np.eye(10)[0], len(evidence.mechanism.bodies))
+    B = evidence.fit.parameters.regroup(np.eye(len(masses)))
     c = np.linalg.lstsq(B, masses, rcond=None)[0]
     if np.linalg.norm(B @ c - masses) > SPANNED * np.linalg.norm(masses):
         return None
-    rank = evidence.fit.parameters.rank
-    variances = (float(c @ C[:rank, :rank] @ c) for C in (evidence.covariance, evidence.covariance_setup))
+    variances = (c @ C[: len(c), : len(c)] @ c for C in (evidence.covariance, evidence.covariance_setup))
     return Mass(float(c @ evidence.fit.psi), *(float(np.sqrt(max(variance, 0))) for variance in variances))
 
 
@@ -85,8 +84,8 @@ def mass_by_setup_findings(evidence: Evidence) -> Iterator[Finding]:
     if mass is None or abs(mass.value - weighed) < max(INTERVAL * mass.std, NOTICED * weight.model):
         return
     farther = abs(mass.value - weight.model) > max(abs(weighed - weight.model), HEAVY * weight.model)
-    values = {"mass": mass.value, "std": mass.std, "weighed": weighed, "model": weight.model}
-    yield Finding.of("mass_by_setup", doubt=farther, **values)
+    own = {"mass": mass.value, "std": mass.std}
+    yield Finding.of("mass_by_setup", doubt=farther, **own, weighed=weighed, model=weight.model)
 
 
 def common_gain_findings(evidence: Evidence) -> Iterator[Finding]:
@@ -113,10 +112,8 @@ def offset_findings(evidence: Evidence) -> Iterator[Finding]:
     references = _references(evidence)
     of_weight = {c: abs(offsets[c][0]) / references[c[0]] for c in large if c in COMPONENTS}
     if huge := {c: share for c, share in of_weight.items() if share > OFFSET}:
-        own = {c: large[c] for c in huge}
-        yield Finding.of("large_offsets", Place(channels=tuple(huge)), offsets=own, shares=huge)
-    code = "offsets_taken_out" if evidence.fit.equations.offsets else "offsets_not_fitted"
-    yield Finding.of(code, Place(channels=tuple(large)), offsets=large)
+        yield Finding.of("large_offsets", offsets={c: large[c] for c in huge}, shares=huge)
+    yield Finding.of("offsets_taken_out" if evidence.fit.equations.offsets else "offsets_not_fitted", offsets=large)
 
 
 def _references(evidence: Evidence) -> dict[str, float]:
@@ -136,7 +133,7 @@ def _references(evidence: Evidence) -> dict[str, float]:
 def inseparable_findings(evidence: Evidence) -> Iterator[Finding]:
     """A remark on channels whose constant offset cannot be separated from parameters."""
     if channels := evidence.inseparable:
-        yield Finding.of("inseparable_offsets", Place(channels=channels), channels=channels)
+        yield Finding.of("inseparable_offsets", channels=channels)
 
 
 def _common_gain(mass: float, std: float, model: float) -> str:
@@ -147,55 +144,51 @@ def _common_gain(mass: float, std: float, model: float) -> str:
     )
 
 
-def _offset(channel: str, value: float, std: float, unit: str) -> str:
-    return f"{channel} {value:.3g} ± {std:.2g} {unit}"
+def _each(offsets: Mapping[str, Sequence[Any]], shares: Mapping[str, float] = MappingProxyType({})) -> str:
+    """Offsets with their deviations and units, and shares in brackets."""
+    each = (
+        f"{channel} {value:.3g} ± {std:.2g} {unit}{f' ({percent(shares[channel])})' if shares else ''}"
+        for channel, (value, std, unit) in offsets.items()
+    )
+    return listed(each, "channels")
 
 
 def _large(offsets: Mapping[str, Sequence[Any]], shares: Mapping[str, float]) -> str:
-    each = listed(
-        (f"{_offset(channel, *offset)} ({percent(shares[channel])})" for channel, offset in offsets.items()), "channels"
-    )
     return (
         "Constant offsets are large, in brackets relative to the model's weight, or to its moment at the mechanism's "
-        f"reach: {each}. Tare the sensor, and check the model's mass and gravity, and unmeasured supports."
+        f"reach: {_each(offsets, shares)}. Tare the sensor, and check the model's mass and gravity, and unmeasured "
+        "supports."
     )
 
 
 def _taken_out(offsets: Mapping[str, Sequence[Any]]) -> str:
-    return f"Constant offsets are taken out: {_all(offsets)}."
+    return f"Constant offsets are taken out: {_each(offsets)}."
 
 
 def _not_fitted(offsets: Mapping[str, Sequence[Any]]) -> str:
-    return f"The measurements have constant offsets that were not fitted: {_all(offsets)}. Fit them with --offsets."
-
-
-def _all(offsets: Mapping[str, Sequence[Any]]) -> str:
-    return listed((_offset(channel, *offset) for channel, offset in offsets.items()), "channels")
+    return f"The measurements have constant offsets that were not fitted: {_each(offsets)}. Fit them with --offsets."
 
 
 FINDINGS.update(
-    weight_differs=Row(
+    weight_differs=judged(
         "The wrenches weigh {measured:.2f} kg, the model {model:.2f} kg. Check unmeasured contacts and supports, "
-        "units, and whether the model is of this mechanism.",
-        doubt=None,
+        "units, and whether the model is of this mechanism."
     ),
-    weight_drifts=Row(
+    weight_drifts=doubt(
         "The weighed mass drifts by {drift:+.2f} kg over the recording. Look for an unmeasured contact or a drifting "
-        "sensor.",
-        doubt=True,
+        "sensor."
     ),
-    mass_by_setup=Row(
+    mass_by_setup=judged(
         "By the estimated set-up the mechanism has {mass:.2f} ± {std:.2g} kg. The wrenches weigh {weighed:.2f} kg, the "
-        "model {model:.2f} kg. Weigh it: if the wrenches are right, that set-up is not.",
-        doubt=None,
+        "model {model:.2f} kg. Weigh it: if the wrenches are right, that set-up is not."
     ),
-    mass_or_common_gain=Row(_common_gain, doubt=False),
-    large_offsets=Row(_large, doubt=True),
-    offsets_taken_out=Row(_taken_out, doubt=False),
-    offsets_not_fitted=Row(_not_fitted, doubt=True),
-    inseparable_offsets=Row(
+    mass_or_common_gain=remark(_common_gain),
+    large_offsets=doubt(_large, channels="offsets"),
+    offsets_taken_out=remark(_taken_out, channels="offsets"),
+    offsets_not_fitted=doubt(_not_fitted, channels="offsets"),
+    inseparable_offsets=remark(
         "This motion does not separate constant offsets of {channels} from masses and first moments, which "
         "take them up. Tare these channels.",
-        doubt=False,
+        channels="channels",
     ),
 )

@@ -95,3 +95,10 @@ def test_slack_of_a_motor_is_a_remark_on_the_joints_that_it_moves(monkeypatch):
     (finding,) = reversals(monkeypatch, size=0.0, slip=0.05, left=[1.0, 2.0])
     assert finding.code == "smooth_coulomb_friction" and finding.values == {"velocities": {"left": 0.05}}
     assert not reversals(monkeypatch, size=0.0, slip=0.05, left=[10.0, 20.0])
+
+
+def test_a_drive_at_its_bound_in_one_log_is_of_its_joint():
+    result = estimate(0.0, 0.1)
+    result.mechanism, result.bounded = arm(), {"Fc(joint2) of log 2": (0.1, 0.05)}
+    (finding,) = torque_findings.bound_findings(result)
+    assert finding.place.joints == ("joint2",) and finding.values["units"] == {"Fc(joint2) of log 2": "N m"}
