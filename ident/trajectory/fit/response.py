@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import Eliminated
 from ident.trajectory.algebra.nodes import Nodes
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
+from ident.trajectory.algebra.sampling import Sampling
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline, sliding
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import normal_equations
@@ -57,14 +57,15 @@ class Weights:
         """Weights of a fit's innovations."""
         return cls(new.there * np.sqrt(new.weight) / new.std, new.rho)
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Weighted signals (N, s, k)."""
-        z = self.scale[..., None] ** 2 * x
-        if not self.rho.any():
+    def __call__(self, x: np.ndarray, some: slice = slice(None)) -> np.ndarray:
+        """Weighted signals (N, s, k) of some streams."""
+        squares, rho = self.scale[:, some, None] ** 2, self.rho[:, some, None]
+        z = squares * x
+        if not rho.any():
             return z
-        z[1:] -= (self.scale[1:] ** 2 * self.rho[1:])[..., None] * x[:-1]
+        z[1:] -= squares[1:] * rho[1:] * x[:-1]
         # Innovations times the transposed matrix of the differences that they are.
-        z[:-1] -= self.rho[1:, :, None] * z[1:]
+        z[:-1] -= rho[1:] * z[1:]
         return z
 
 
@@ -74,7 +75,7 @@ class Stream:
 
     Attributes:
         time: Sample times, s (N,).
-        bases: Values of the spline functions at samples or nodes; for channels, of the first two derivatives as well.
+        at: Spline functions at samples or nodes.
         nodes: Nodes at which channels are evaluated, None for the samples.
         weights: Weights of the samples.
         residual: Residuals, zero where a sample is missing (N, s).
@@ -86,7 +87,7 @@ class Stream:
     """
 
     time: np.ndarray
-    bases: Sequence[sparse.csr_matrix]
+    at: Sampling
     nodes: Nodes | None
     weights: Weights
     residual: np.ndarray
@@ -150,21 +151,34 @@ class Response:
         return bent.T @ bent
 
     @cached_property
-    def rows(self) -> list[np.ndarray]:
-        """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""
-        (n,), p = self.jerk.shape, self.follows.shape[1]
-        moves, out = -(self.follows + self.smoothed).reshape(-1, n * p), []
-        for stream in self.streams:
-            moved = [(basis @ moves).reshape(-1, n, p) for basis in stream.bases]
-            if stream.by_row is None:
-                out.append(moved[0])
-                continue
-            by_states, rows = stream.by_row[0], stream.by_row[1].copy()
-            for by_kind, own in zip(np.split(by_states, len(moved), axis=2), moved, strict=True):
-                rows += by_kind @ own
-            out.append(stream.at_samples(rows))
-        for j, at in self.zeros.items():
-            out[0][:, j, at] += 1
+    def _moves(self) -> np.ndarray:
+        """Coefficients by θ along the trajectories (size, n, p)."""
+        return -(self.follows + self.smoothed).reshape(-1, len(self.jerk), self.follows.shape[1])
+
+    def rows(self, which: int, some: slice = slice(None)) -> np.ndarray:
+        """Rows R of θ of some signals of a stream, the trajectory eliminated (N, c, p)."""
+        stream = self.streams[which]
+        if stream.by_row is not None:
+            return self._of_channels[which][:, some]
+        moves, at = self._moves[:, some], stream.at
+        out = at.intervals.gathered(at.dealt[..., 0] @ sliding(moves.reshape(len(moves), -1), LOCAL))
+        out = out.reshape(-1, *moves.shape[1:])
+        for j, zero in self.zeros.items():
+            out[:, j == np.arange(len(self.jerk))[some], zero] += 1
+        return out
+
+    @cached_property
+    def _of_channels(self) -> dict[int, np.ndarray]:
+        """Rows of θ of every stream of channels (N, s, p)."""
+        (size, n, p), out = self._moves.shape, {}
+        for which, stream in enumerate(self.streams):
+            if stream.by_row is not None:
+                at, deal, (by_states, by_theta) = stream.at.dealt, stream.at.intervals, stream.by_row
+                by_states = deal.dealt_by_stream(by_states.reshape(*by_theta.shape[:2], ORDER, n))
+                by_functions = (at[:, None] @ by_states).reshape(len(at), -1, LOCAL * n)
+                moved = by_functions @ sliding(self._moves.reshape(size * n, p), LOCAL * n, n)
+                moved = moved.reshape(len(at), -1, deal.room, p).swapaxes(1, 2)
+                out[which] = stream.at_samples(by_theta + deal.gathered(moved))
         return out
 
     def followed(self, frequency: np.ndarray) -> list[np.ndarray]:
@@ -224,14 +238,13 @@ def response(
     """
     every = np.arange(len(theta))
     equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
-    bases = piece.at_coordinates.matrices[:1]
-    streams = [Stream(piece.time, bases, None, *_of(equations.states), noise.states, None)]
+    streams = [Stream(piece.time, piece.at_coordinates, None, *_of(equations.states), noise.states, None)]
     for each in equations.channels:
-        bases = (each.at if each.nodes is None else each.nodes.sampling).matrices
+        at = each.at if each.nodes is None else each.nodes.sampling
         std, slack = noise.channels[each.channels], None if piece.slack is None else piece.slack[:, each.channels]
         by_states, by_theta = each.by_sample
         by_row = by_states.reshape(*by_theta.shape[:2], -1), by_theta.copy()
-        streams.append(Stream(piece.when, bases, each.nodes, *_of(each.new), std, slack, by_row))
+        streams.append(Stream(piece.when, at, each.nodes, *_of(each.new), std, slack, by_row))
     return Response(streams, dict(measurement.zeros), equations.eliminated, piece.spline, noise.jerk)
 
 

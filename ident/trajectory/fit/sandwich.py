@@ -17,7 +17,6 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autoregressive
-from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
@@ -40,20 +39,15 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
             tails = _Tails()
         here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
         scatter = here.scatter_of_motion
-        for which, (stream, rows) in enumerate(zip(here.streams, here.rows, strict=True)):
-            pulls = stream.weights(rows)
-            if stream.slack is not None:
-                loose = stacked(stream.slack[..., None] * pulls)
-                scatter += loose.T @ loose
-            halves = np.stack(
-                [
-                    std**2 * _half(pulls[:, s], colours, which, s, stream.step, tails)
-                    for s, std in enumerate(stream.std)
-                ],
-                axis=1,
-            )
-            across = stacked(pulls).T @ stacked(halves)
-            scatter += across + across.T
+        for which, stream in enumerate(here.streams):
+            # Stream by stream all stays in the cache.
+            for s, std in enumerate(stream.std):
+                pulls = stream.weights(here.rows(which, slice(s, s + 1)), slice(s, s + 1))[:, 0]
+                if stream.slack is not None:
+                    loose = stream.slack[:, s, None] * pulls
+                    scatter += loose.T @ loose
+                across = pulls.T @ (std**2 * _half(pulls, colours, which, s, stream.step, tails))
+                scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)
