@@ -220,20 +220,18 @@ class _Absorbed(NamedTuple):
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
         explained, across, sums = np.empty((number, s, q), complex), np.empty((number, s)), np.zeros((BANDS, q, q))
-        used, size = np.unique(bands.band), max(1, TOGETHER // (8 * N * q))
-        for some in (slice(first, first + size) for first in range(0, s, size)):
-            own = (stacked(here.rows(which, some)) @ root).reshape(N, -1, q)
+        for some, rows in here.blocks(which):
+            own = (stacked(rows) @ root).reshape(N, -1, q)
             weighted = stream.weights(own, some) * stream.std[some, None]
             signals = window * clear[:, some] * own, window * weighted, weighted
             explained[:, some], tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)
             across[:, some] = np.einsum("fsq,fsq->fs", explained[:, some], tapered.conj()).real
             pulls *= np.sqrt(twice)[:, None, None]
-            for band in used:
+            for band in np.unique(bands.band):
                 pull = stacked(_parts(pulls[bands.band == band]))
                 sums[band] += pull.T @ pull
-        means = [bands.kinds[:, bands.band == band].mean(axis=1) for band in used]
-        pulled = np.tensordot(np.array(means).T, sums[used], axes=1)
-        return cls(explained, bands, bands.matrix @ (bands.kinds[..., None] * across), pulled)
+        mean = bands.kinds @ bands.matrix.T / np.maximum(bands.matrix.sum(axis=1), 1)
+        return cls(explained, bands, bands.matrix @ (bands.kinds[..., None] * across), np.tensordot(mean, sums, axes=1))
 
     def effect(self, of_theta: np.ndarray) -> np.ndarray:
         """Power of effects of θ in the bands, with covariances over the root (b, q, q): (b, B, s)."""

@@ -16,7 +16,7 @@ with derivatives ∂f/∂q⁽ᵈ⁾ of a stream by the coordinates' derivatives 
 of duration t in which the derivatives hardly change.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +25,7 @@ import numpy as np
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import Eliminated
 from ident.trajectory.algebra.nodes import Nodes
+from ident.trajectory.algebra.rows import TOGETHER
 from ident.trajectory.algebra.sampling import Sampling
 from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline, sliding
 from ident.trajectory.algebra.whitening import Innovations
@@ -134,15 +135,10 @@ class Response:
     spline: Spline
     jerk: np.ndarray
 
-    @property
-    def follows(self) -> np.ndarray:
-        """F (size n, p)."""
-        return self.eliminated.by_theta
-
     @cached_property
     def smoothed(self) -> np.ndarray:
         """M (size n, p)."""
-        return self.eliminated.solved(self.spline.penalised(self.follows, self.jerk))
+        return self.eliminated.solved(self.spline.penalised(self.eliminated.by_theta, self.jerk))
 
     @property
     def scatter_of_motion(self) -> np.ndarray:
@@ -153,33 +149,31 @@ class Response:
     @cached_property
     def _moves(self) -> np.ndarray:
         """Coefficients by θ along the trajectories (size, n, p)."""
-        return -(self.follows + self.smoothed).reshape(-1, len(self.jerk), self.follows.shape[1])
+        return -(self.eliminated.by_theta + self.smoothed).reshape(-1, len(self.jerk), self.smoothed.shape[1])
 
     def rows(self, which: int, some: slice = slice(None)) -> np.ndarray:
         """Rows R of θ of some signals of a stream, the trajectory eliminated (N, c, p)."""
-        stream = self.streams[which]
-        if stream.by_row is not None:
-            return self._of_channels[which][:, some]
-        moves, at = self._moves[:, some], stream.at
-        out = at.intervals.gathered(at.dealt[..., 0] @ sliding(moves.reshape(len(moves), -1), LOCAL))
-        out = out.reshape(-1, *moves.shape[1:])
-        for j, zero in self.zeros.items():
-            out[:, j == np.arange(len(self.jerk))[some], zero] += 1
-        return out
+        stream, (size, n, p) = self.streams[which], self._moves.shape
+        at, deal = stream.at.dealt, stream.at.intervals
+        if stream.by_row is None:
+            moved = at[..., 0] @ sliding(self._moves[:, some].reshape(size, -1), LOCAL)
+            out = deal.gathered(moved).reshape(len(stream.time), -1, p)
+            for j, zero in self.zeros.items():
+                out[:, j == np.arange(n)[some], zero] += 1
+            return out
+        by_states, by_theta = (x[:, some] for x in stream.by_row)
+        by_states = deal.dealt_by_stream(by_states.reshape(*by_theta.shape[:2], ORDER, n))
+        by_functions = (at[:, None] @ by_states).reshape(len(at), -1, LOCAL * n)
+        moved = (by_functions @ sliding(self._moves.reshape(-1, p), LOCAL * n, n)).reshape(len(at), -1, deal.room, p)
+        return stream.at_samples(by_theta + deal.gathered(moved.swapaxes(1, 2)))
 
-    @cached_property
-    def _of_channels(self) -> dict[int, np.ndarray]:
-        """Rows of θ of every stream of channels (N, s, p)."""
-        (size, n, p), out = self._moves.shape, {}
-        for which, stream in enumerate(self.streams):
-            if stream.by_row is not None:
-                at, deal, (by_states, by_theta) = stream.at.dealt, stream.at.intervals, stream.by_row
-                by_states = deal.dealt_by_stream(by_states.reshape(*by_theta.shape[:2], ORDER, n))
-                by_functions = (at[:, None] @ by_states).reshape(len(at), -1, LOCAL * n)
-                moved = by_functions @ sliding(self._moves.reshape(size * n, p), LOCAL * n, n)
-                moved = moved.reshape(len(at), -1, deal.room, p).swapaxes(1, 2)
-                out[which] = stream.at_samples(by_theta + deal.gathered(moved))
-        return out
+    def blocks(self, which: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yields a few signals of a stream at a time and their rows of θ (N, c, p), which stay in the cache."""
+        N, number = self.streams[which].residual.shape
+        size = max(1, 4 * TOGETHER // (8 * N * self._moves.shape[2]))
+        every = None if self.streams[which].by_row is None else self.rows(which)
+        for some in (slice(k, k + size) for k in range(0, number, size)):
+            yield some, self.rows(which, some) if every is None else every[:, some]
 
     def followed(self, frequency: np.ndarray) -> list[np.ndarray]:
         """Shares h of every stream's noise that the trajectory follows, in parts of the piece (k, F, s).

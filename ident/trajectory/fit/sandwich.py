@@ -17,6 +17,7 @@ import numpy as np
 
 from ident.estimation.measurement import Measurement
 from ident.estimation.noise import autoregressive
+from ident.trajectory.algebra.arrow import stacked
 from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, noise_colours, response_of, some_responses
 from ident.trajectory.fit.piece import Piece
@@ -40,13 +41,15 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
         here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
         scatter = here.scatter_of_motion
         for which, stream in enumerate(here.streams):
-            # Stream by stream all stays in the cache.
-            for s, std in enumerate(stream.std):
-                pulls = stream.weights(here.rows(which, slice(s, s + 1)), slice(s, s + 1))[:, 0]
+            for some, rows in here.blocks(which):
+                pulls = stream.weights(rows, some)
                 if stream.slack is not None:
-                    loose = stream.slack[:, s, None] * pulls
+                    loose = stacked(stream.slack[:, some, None] * pulls)
                     scatter += loose.T @ loose
-                across = pulls.T @ (std**2 * _half(pulls, colours, which, s, stream.step, tails))
+                halves = np.empty_like(pulls)
+                for at, s in enumerate(range(len(stream.std))[some]):
+                    halves[:, at] = stream.std[s] ** 2 * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                across = stacked(pulls).T @ stacked(halves)
                 scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter

@@ -7,7 +7,7 @@ import pytest
 from test_piece import problem
 
 from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit.response import Response, Stream, Weights, response
 
 
@@ -39,7 +39,9 @@ def test_a_trajectory_follows_what_elimination_says(inertia):
     samples, spline, every = 1000, Spline(0.0, 0.1, 100), np.arange(1000) / 100 + 0.005
     std, jerk, at = np.array([0.01, 0.1]), 1e-7, Sampling(spline, every)
     inertia = np.broadcast_to(inertia(every[:, None]) if callable(inertia) else inertia, (samples, 1))
-    angle, torque = at.matrices[0].toarray(), inertia * at.matrices[2].toarray()
+    functions = np.zeros((3, samples, spline.size))
+    functions[:, range(samples), at.local.interval + np.arange(LOCAL)[:, None]] = at.local.basis[:3].swapaxes(1, 2)
+    angle, torque = functions[0], inertia * functions[2]
     scales = [np.full((samples, 1), 1 / each) for each in std]
     by_states = inertia[..., None] * [0.0, 0.0, 1.0]
     streams = [

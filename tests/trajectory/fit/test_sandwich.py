@@ -42,8 +42,8 @@ def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
     places = iter(rows)
 
     def response(*at):
-        own = next(places)
-        return SimpleNamespace(streams=streams, rows=lambda _, some: own[:, some], scatter_of_motion=of_motion.copy())
+        blocks = [(slice(None), next(places))]
+        return SimpleNamespace(streams=streams, blocks=lambda _: blocks, scatter_of_motion=of_motion.copy())
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
