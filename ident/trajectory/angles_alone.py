@@ -85,7 +85,7 @@ def smoothed(coordinates: Sampled, T: float) -> Trajectory:
         spline = Spline.over(time[0], time[-1], T)
         penalty = T**6 / (time[-1] - time[0]) * (spline.roots.T @ spline.roots)
         splines.append(spline)
-        coefficients.append(_without_outliers(coordinates.values[part], Sampling(spline, time).matrices[0], penalty))
+        coefficients.append(_without_outliers(coordinates.values[part], Sampling(spline, time).matrix, penalty))
     return Trajectory(splines, coefficients)
 
 

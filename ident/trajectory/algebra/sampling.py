@@ -101,11 +101,9 @@ class Sampling:
         """Values of the functions of each interval, and of their first two derivatives (S, m, 6, 3)."""
         return self.intervals.dealt(self.local.basis[:3].transpose(1, 2, 0))
 
-    @cached_property
-    def matrices(self) -> list[sparse.csr_matrix]:
-        """Values of all functions at the times, and of their first two derivatives (N, size) each."""
-        N = len(self.time)
-        places = (self.local.interval[:, None] + np.arange(LOCAL)).ravel()
-        start = np.arange(0, LOCAL * N + 1, LOCAL)
-        every = (basis.ravel() for basis in self.local.basis[:3])
-        return [sparse.csr_matrix((values, places, start), shape=(N, self.spline.size)) for values in every]
+    @property
+    def matrix(self) -> sparse.csr_matrix:
+        """Values of all functions at the times (N, size)."""
+        places = self.local.interval[:, None] + np.arange(LOCAL)
+        start, shape = LOCAL * np.arange(len(self.time) + 1), (len(self.time), self.spline.size)
+        return sparse.csr_matrix((self.local.basis[0].ravel(), places.ravel(), start), shape)

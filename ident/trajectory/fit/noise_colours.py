@@ -115,10 +115,7 @@ def noise_colours(fit: TrajectoryFit, responses: Mapping[int, Response]) -> Nois
     total = root.T @ (fit.precision - fit.prior.precision) @ root
     bands = {k: [_Bands.of(stream, edges, times) for stream in here.streams] for k, here in responses.items()}
     parts = {
-        k: [
-            _Absorbed.of(stream, rows @ root[fit.selections[k]], own)
-            for stream, rows, own in zip(here.streams, here.rows, bands[k], strict=True)
-        ]
+        k: [_Absorbed.of(here, which, root[fit.selections[k]], own) for which, own in enumerate(bands[k])]
         for k, here in responses.items()
     }
     share = sum(len(piece.when) for piece in fit.pieces) / sum(len(fit.pieces[k].when) for k in responses)
@@ -215,23 +212,26 @@ class _Absorbed(NamedTuple):
     pulls: np.ndarray
 
     @classmethod
-    def of(cls, stream: Stream, explained: np.ndarray, bands: _Bands) -> "_Absorbed":
-        """That of rows of θ times the root (N, s, q)."""
-        N, _, q = explained.shape
-        window, weighted = taper(N)[:, None, None], stream.weights(explained) * stream.std[:, None]
-        signals = window * explained * (stream.clear / stream.std)[..., None], window * weighted, weighted
-        rows, tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)
+    def of(cls, here: Response, which: int, root: np.ndarray, bands: _Bands) -> "_Absorbed":
+        """That of a stream of a response, with a root of the covariance of θ (p, q)."""
+        stream = here.streams[which]
+        (N, s), q, number = stream.residual.shape, root.shape[1], len(bands.band)
+        window, clear = taper(N)[:, None, None], (stream.clear / stream.std)[..., None]
         # All frequencies but the first and, of an even number of samples, the last stand for two.
         twice = np.where((bands.frequency > 0) & (bands.frequency < 0.5 / stream.step * (1 - 0.5 / N)), 2.0, 1.0)
-        sums = np.zeros((len(bands.kinds), q, q))
-        for band in np.unique(bands.band):
-            own = np.flatnonzero(bands.band == band)
-            pull = stacked(_parts(pulls[own] * np.sqrt(twice[own])[:, None, None]))
-            sums += bands.kinds[:, own].mean(axis=1)[:, None, None] * (pull.T @ pull)
-        pairs = ((rows.real, tapered.real), (rows.imag, tapered.imag))
-        across = sum(np.einsum("fsq,fsq->fs", *pair) for pair in pairs)
-        taken = bands.matrix @ (bands.kinds[..., None] * across)
-        return cls(rows, bands, taken, sums)
+        explained, across, sums = np.empty((number, s, q), complex), np.empty((number, s)), np.zeros((BANDS, q, q))
+        for some, rows in here.blocks(which):
+            own = (stacked(rows) @ root).reshape(N, -1, q)
+            weighted = stream.weights(own, some) * stream.std[some, None]
+            signals = window * clear[:, some] * own, window * weighted, weighted
+            explained[:, some], tapered, pulls = (np.fft.rfft(x, axis=0, norm="ortho") for x in signals)
+            across[:, some] = np.einsum("fsq,fsq->fs", explained[:, some], tapered.conj()).real
+            pulls *= np.sqrt(twice)[:, None, None]
+            for band in np.unique(bands.band):
+                pull = stacked(_parts(pulls[bands.band == band]))
+                sums[band] += pull.T @ pull
+        mean = bands.kinds @ bands.matrix.T / np.maximum(bands.matrix.sum(axis=1), 1)
+        return cls(explained, bands, bands.matrix @ (bands.kinds[..., None] * across), np.tensordot(mean, sums, axes=1))
 
     def effect(self, of_theta: np.ndarray) -> np.ndarray:
         """Power of effects of θ in the bands, with covariances over the root (b, q, q): (b, B, s)."""

@@ -16,17 +16,18 @@ with derivatives ∂f/∂q⁽ᵈ⁾ of a stream by the coordinates' derivatives 
 of duration t in which the derivatives hardly change.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from ident.estimation.measurement import Measurement
 from ident.trajectory.algebra.arrow import Eliminated
 from ident.trajectory.algebra.nodes import Nodes
-from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
+from ident.trajectory.algebra.rows import TOGETHER
+from ident.trajectory.algebra.sampling import Sampling
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline, sliding
 from ident.trajectory.algebra.whitening import Innovations
 from ident.trajectory.fit.piece import Noise, Piece
 from ident.trajectory.fit.piece_equations import normal_equations
@@ -57,14 +58,15 @@ class Weights:
         """Weights of a fit's innovations."""
         return cls(new.there * np.sqrt(new.weight) / new.std, new.rho)
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Weighted signals (N, s, k)."""
-        z = self.scale[..., None] ** 2 * x
-        if not self.rho.any():
+    def __call__(self, x: np.ndarray, some: slice = slice(None)) -> np.ndarray:
+        """Weighted signals (N, s, k) of some streams."""
+        squares, rho = self.scale[:, some, None] ** 2, self.rho[:, some, None]
+        z = squares * x
+        if not rho.any():
             return z
-        z[1:] -= (self.scale[1:] ** 2 * self.rho[1:])[..., None] * x[:-1]
+        z[1:] -= squares[1:] * rho[1:] * x[:-1]
         # Innovations times the transposed matrix of the differences that they are.
-        z[:-1] -= self.rho[1:, :, None] * z[1:]
+        z[:-1] -= rho[1:] * z[1:]
         return z
 
 
@@ -74,7 +76,7 @@ class Stream:
 
     Attributes:
         time: Sample times, s (N,).
-        bases: Values of the spline functions at samples or nodes; for channels, of the first two derivatives as well.
+        at: Spline functions at samples or nodes.
         nodes: Nodes at which channels are evaluated, None for the samples.
         weights: Weights of the samples.
         residual: Residuals, zero where a sample is missing (N, s).
@@ -86,7 +88,7 @@ class Stream:
     """
 
     time: np.ndarray
-    bases: Sequence[sparse.csr_matrix]
+    at: Sampling
     nodes: Nodes | None
     weights: Weights
     residual: np.ndarray
@@ -133,15 +135,10 @@ class Response:
     spline: Spline
     jerk: np.ndarray
 
-    @property
-    def follows(self) -> np.ndarray:
-        """F (size n, p)."""
-        return self.eliminated.by_theta
-
     @cached_property
     def smoothed(self) -> np.ndarray:
         """M (size n, p)."""
-        return self.eliminated.solved(self.spline.penalised(self.follows, self.jerk))
+        return self.eliminated.solved(self.spline.penalised(self.eliminated.by_theta, self.jerk))
 
     @property
     def scatter_of_motion(self) -> np.ndarray:
@@ -150,22 +147,33 @@ class Response:
         return bent.T @ bent
 
     @cached_property
-    def rows(self) -> list[np.ndarray]:
-        """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""
-        (n,), p = self.jerk.shape, self.follows.shape[1]
-        moves, out = -(self.follows + self.smoothed).reshape(-1, n * p), []
-        for stream in self.streams:
-            moved = [(basis @ moves).reshape(-1, n, p) for basis in stream.bases]
-            if stream.by_row is None:
-                out.append(moved[0])
-                continue
-            by_states, rows = stream.by_row[0], stream.by_row[1].copy()
-            for by_kind, own in zip(np.split(by_states, len(moved), axis=2), moved, strict=True):
-                rows += by_kind @ own
-            out.append(stream.at_samples(rows))
-        for j, at in self.zeros.items():
-            out[0][:, j, at] += 1
-        return out
+    def _moves(self) -> np.ndarray:
+        """Coefficients by θ along the trajectories (size, n, p)."""
+        return -(self.eliminated.by_theta + self.smoothed).reshape(-1, len(self.jerk), self.smoothed.shape[1])
+
+    def rows(self, which: int, some: slice = slice(None)) -> np.ndarray:
+        """Rows R of θ of some signals of a stream, the trajectory eliminated (N, c, p)."""
+        stream, (size, n, p) = self.streams[which], self._moves.shape
+        at, deal = stream.at.dealt, stream.at.intervals
+        if stream.by_row is None:
+            moved = at[..., 0] @ sliding(self._moves[:, some].reshape(size, -1), LOCAL)
+            out = deal.gathered(moved).reshape(len(stream.time), -1, p)
+            for j, zero in self.zeros.items():
+                out[:, j == np.arange(n)[some], zero] += 1
+            return out
+        by_states, by_theta = (x[:, some] for x in stream.by_row)
+        by_states = deal.dealt_by_stream(by_states.reshape(*by_theta.shape[:2], ORDER, n))
+        by_functions = (at[:, None] @ by_states).reshape(len(at), -1, LOCAL * n)
+        moved = (by_functions @ sliding(self._moves.reshape(-1, p), LOCAL * n, n)).reshape(len(at), -1, deal.room, p)
+        return stream.at_samples(by_theta + deal.gathered(moved.swapaxes(1, 2)))
+
+    def blocks(self, which: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """Yields a few signals of a stream at a time and their rows of θ (N, c, p), which stay in the cache."""
+        N, number = self.streams[which].residual.shape
+        size = max(1, 4 * TOGETHER // (8 * N * self._moves.shape[2]))
+        every = None if self.streams[which].by_row is None else self.rows(which)
+        for some in (slice(k, k + size) for k in range(0, number, size)):
+            yield some, self.rows(which, some) if every is None else every[:, some]
 
     def followed(self, frequency: np.ndarray) -> list[np.ndarray]:
         """Shares h of every stream's noise that the trajectory follows, in parts of the piece (k, F, s).
@@ -224,14 +232,13 @@ def response(
     """
     every = np.arange(len(theta))
     equations = normal_equations(measurement, piece, coefficients, theta, noise, every)
-    bases = piece.at_coordinates.matrices[:1]
-    streams = [Stream(piece.time, bases, None, *_of(equations.states), noise.states, None)]
+    streams = [Stream(piece.time, piece.at_coordinates, None, *_of(equations.states), noise.states, None)]
     for each in equations.channels:
-        bases = (each.at if each.nodes is None else each.nodes.sampling).matrices
+        at = each.at if each.nodes is None else each.nodes.sampling
         std, slack = noise.channels[each.channels], None if piece.slack is None else piece.slack[:, each.channels]
         by_states, by_theta = each.by_sample
         by_row = by_states.reshape(*by_theta.shape[:2], -1), by_theta.copy()
-        streams.append(Stream(piece.when, bases, each.nodes, *_of(each.new), std, slack, by_row))
+        streams.append(Stream(piece.when, at, each.nodes, *_of(each.new), std, slack, by_row))
     return Response(streams, dict(measurement.zeros), equations.eliminated, piece.spline, noise.jerk)
 
 

@@ -40,20 +40,17 @@ def with_scatter(measurement: Measurement, fit: TrajectoryFit, *, every: bool = 
             tails = _Tails()
         here, own = responses.pop(k, None) or response_of(measurement, fit, k), fit.selections[k]
         scatter = here.scatter_of_motion
-        for which, (stream, rows) in enumerate(zip(here.streams, here.rows, strict=True)):
-            pulls = stream.weights(rows)
-            if stream.slack is not None:
-                loose = stacked(stream.slack[..., None] * pulls)
-                scatter += loose.T @ loose
-            halves = np.stack(
-                [
-                    std**2 * _half(pulls[:, s], colours, which, s, stream.step, tails)
-                    for s, std in enumerate(stream.std)
-                ],
-                axis=1,
-            )
-            across = stacked(pulls).T @ stacked(halves)
-            scatter += across + across.T
+        for which, stream in enumerate(here.streams):
+            for some, rows in here.blocks(which):
+                pulls = stream.weights(rows, some)
+                if stream.slack is not None:
+                    loose = stacked(stream.slack[:, some, None] * pulls)
+                    scatter += loose.T @ loose
+                halves = np.empty_like(pulls)
+                for at, s in enumerate(range(len(stream.std))[some]):
+                    halves[:, at] = stream.std[s] ** 2 * _half(pulls[:, at], colours, which, s, stream.step, tails)
+                across = stacked(pulls).T @ stacked(halves)
+                scatter += across + across.T
         whole = np.zeros_like(fit.shares[k][0])
         whole[np.ix_(own, own)] = scatter
         scatters.append(whole)

@@ -7,7 +7,7 @@ import pytest
 from test_piece import problem
 
 from ident.trajectory.algebra.sampling import Sampling
-from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.algebra.spline import LOCAL, Spline
 from ident.trajectory.fit.response import Response, Stream, Weights, response
 
 
@@ -27,8 +27,8 @@ def test_rows_and_motion_give_the_right_side_of_theta(seed):
     p, here = problem(seed), own(seed)
     penalty, _ = p.penalty
     right = here.smoothed.T @ penalty @ p.coefficients.ravel()
-    for stream, rows in zip(here.streams, here.rows, strict=True):
-        right += np.einsum("ns,nsp->p", stream.residual, stream.weights(rows))
+    for k, stream in enumerate(here.streams):
+        right += np.einsum("ns,nsp->p", stream.residual, stream.weights(here.rows(k)))
     close(right, p.linearised.eliminated.gradient)
     close(here.scatter_of_motion, here.smoothed.T @ penalty @ here.smoothed)
 
@@ -39,14 +39,16 @@ def test_a_trajectory_follows_what_elimination_says(inertia):
     samples, spline, every = 1000, Spline(0.0, 0.1, 100), np.arange(1000) / 100 + 0.005
     std, jerk, at = np.array([0.01, 0.1]), 1e-7, Sampling(spline, every)
     inertia = np.broadcast_to(inertia(every[:, None]) if callable(inertia) else inertia, (samples, 1))
-    angle, torque = at.matrices[0].toarray(), inertia * at.matrices[2].toarray()
+    functions = np.zeros((3, samples, spline.size))
+    functions[:, range(samples), at.local.interval + np.arange(LOCAL)[:, None]] = at.local.basis[:3].swapaxes(1, 2)
+    angle, torque = functions[0], inertia * functions[2]
     scales = [np.full((samples, 1), 1 / each) for each in std]
     by_states = inertia[..., None] * [0.0, 0.0, 1.0]
     streams = [
-        Stream(every, at.matrices[:size], None, Weights(scale, 0 * scale), 0 * scale, scale > 0, *rest)
-        for size, scale, rest in (
-            (1, scales[0], (std[:1], None)),
-            (3, scales[1], (std[1:], None, (by_states, np.zeros((samples, 1, 0))))),
+        Stream(every, at, None, Weights(scale, 0 * scale), 0 * scale, scale > 0, *rest)
+        for scale, rest in (
+            (scales[0], (std[:1], None)),
+            (scales[1], (std[1:], None, (by_states, np.zeros((samples, 1, 0))))),
         )
     ]
     here = Response(streams, {}, None, spline, np.array([jerk]))

@@ -38,12 +38,12 @@ def piece(start, *, samples=50, origin=0.0):
 def test_the_scatter_is_that_of_noise_and_motion(monkeypatch, start):
     """For unit white weights: `Mᵀ λP M + Rᵀ Γ R`, over two adjacent pieces as over one."""
     rows, of_motion = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
-    streams = [SimpleNamespace(weights=lambda x: x, slack=None, std=np.array([2.0]), step=STEP)]
+    streams = [SimpleNamespace(weights=lambda x, some: x, slack=None, std=np.array([2.0]), step=STEP)]
     places = iter(rows)
 
     def response(*at):
-        own = next(places)
-        return SimpleNamespace(streams=streams, rows=[own], scatter_of_motion=of_motion.copy())
+        blocks = [(slice(None), next(places))]
+        return SimpleNamespace(streams=streams, blocks=lambda _: blocks, scatter_of_motion=of_motion.copy())
 
     monkeypatch.setattr(sandwich, "some_responses", lambda measurement, fit: {})
     monkeypatch.setattr(sandwich, "noise_colours", lambda fit, responses: COLOURS)
