@@ -59,7 +59,7 @@ def tree():
     )
     pin = Coincidence("pin", ("3", "4"), (tuple(along[0].ravel()), tuple(along[1].ravel())))
     posture = {joint: np.array([q]) for joint, q in zip("1234", (*PUBLISHED[0][0], *PUBLISHED[0][1]), strict=True)}
-    return opened.closed(Constraints((pin,), posture).closure(opened, ("3", "4")))
+    return Constraints((pin,), posture).closed(opened, ("3", "4"))
 
 
 @pytest.mark.parametrize(("q", "dependent", "inertia", "weight"), PUBLISHED)

@@ -149,7 +149,9 @@ class Mechanism(Brief):
         names = self.constraints.dependent(self.tree, self.tree.joints) if self.tree.still else ()
         if not names or {*names} != {*self.in_loops}:
             return self
-        return self.fixed(self.constraints.closure(self.tree, names).posture)
+        tree = self.constraints.closed(self.tree, names)
+        opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
+        return replace(self, tree=opened).fixed(tree.closure.posture if tree.closure else {})
 
     @property
     def in_world(self) -> np.ndarray:
@@ -194,13 +196,12 @@ class Mechanism(Brief):
             driven: Names of the joints with a torque or a command.
 
         Raises:
-            ModelError: A loop cannot be closed in the model's posture, is singular there, has no motion, or goes
-                through a ball joint.
+            ModelError: A loop cannot be closed in the model's posture, is singular there, or has no motion.
         """
         names = () if self.tree.closure else self.constraints.dependent(self.tree, lacking, driven)
         if not {*names} & {*lacking} and not (names and {*driven} & {*self.in_loops}):
             return self
-        tree = self.tree.closed(self.constraints.closure(self.tree, names))
+        tree = self.constraints.closed(self.tree, names)
         return replace(self, tree=tree, **self._of_joints(tree))
 
     def determined(self, placed: Collection[str]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, LEG, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
 
 import ident
 import sim
@@ -42,7 +42,7 @@ def test_closed_loops_are_mujocos(name):
     np.testing.assert_allclose(Y @ arm.known, wrenches, atol=1e-8 * abs(wrenches).max())
 
 
-@pytest.mark.parametrize("name", ["turned"])
+@pytest.mark.parametrize("name", ["turned", "spatial"])
 def test_derivatives_by_the_independent_coordinates_are_exact(name):
     arm, states = reachable(name, 3)
     rng = np.random.default_rng(1)
@@ -63,7 +63,7 @@ def test_derivatives_by_the_independent_coordinates_are_exact(name):
 
 @pytest.mark.parametrize(
     ("name", "torques"),
-    [(name, k % 2 == 0) for k, name in enumerate(MODELS) if name not in ("delta", "ankle")],
+    [(name, k % 2 == 0) for k, name in enumerate(MODELS) if name not in ("delta", "ankle", "leg")],
 )
 def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
     arm, states = reachable(name, 30, seed=3)
@@ -192,24 +192,22 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             "Loops make 'rod' depend on crank: its torque or command cannot be used. Log its",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
-        (
-            FOUR_BAR.replace('name="rod" axis="0 1 0"', 'name="rod" type="ball"'),
-            log_of([SWING, SWING], ("crank", "rocker")),
-            "Loops through the ball joint 'rod' are not closed. Put two hinges across its rod in its place",
-        ),
-        (
-            LEG.replace('name="rod_y" axis="0 1 0"', 'name="rod_y" type="ball"').replace(
-                '<joint name="rod_x" axis="1 0 0"/>', ""),
-            log_of([SWING, SWING, SWING], ("hip", "knee", "crank")),
-            "Loops through the ball joint 'rod_y' are not closed. Put two hinges across its rod in its place",
-        ),
     ],
-    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "undetermined", "ball",
-         "rod"],
+    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
         ident.identify(read(model), log, estimator="ordinary")
+
+
+def test_a_dependent_ball_joint_needs_no_columns_and_rests_with_the_joints_that_move_it():
+    arm = read(MODELS["spatial"][0])
+    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
+    assert ready.mechanism.tree.dependent == ("rod.x", "rod.y", "rocker")
+    moved, still = ready.mechanism.tree, arm.fixed({"crank": [0.2]}).tree
+    for body, place in (("rocker", [0.1, 0.2, 0.3, 1]), ("rod", [0.3, 0.03, 0.12, 1])):
+        ends = [tree.poses(q)[tree.names.index(body)] @ place for tree, q in ((moved, np.array([0.2])), (still, []))]
+        np.testing.assert_allclose(*ends, atol=1e-9)
 
 
 def test_columns_of_dependent_joints_count():
