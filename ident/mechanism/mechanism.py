@@ -88,8 +88,7 @@ class Mechanism(Brief):
 
     @property
     def _in_short(self) -> dict[str, object]:
-        driven = [name for name, drive in self.drives.items() if drive.actuators]
-        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, driven)
+        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, self.driven)
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),
@@ -218,6 +217,18 @@ class Mechanism(Brief):
     def in_loops(self) -> tuple[str, ...]:
         """Names of the joints that constraints couple, also those that follow another one."""
         return self.constraints.coupled(self.tree)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Names of the freedoms with actuators."""
+        return tuple(name for name, drive in self.drives.items() if drive.actuators)
+
+    @property
+    def loose(self) -> tuple[str, ...]:
+        """Names of joints in loops that actuators and constraints leave free where actuators drive others of them."""
+        depending = self.constraints.dependent(self.tree, self.mimics, self.driven)
+        loose = tuple(joint for joint in self.in_loops if joint not in (*self.driven, *depending))
+        return loose if {*self.driven} & {*self.in_loops} else ()
 
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
         """Ranges, drives and couplings of the joints that a tree has."""

@@ -1,5 +1,7 @@
 """Loops against MuJoCo's constraints, by virtual work and Lagrange's multipliers; and loops that cannot be closed."""
 
+import warnings
+
 import mujoco
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.structure import Sensors
+from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -208,6 +211,29 @@ def test_a_dependent_ball_joint_needs_no_columns_and_rests_with_the_joints_that_
     for body, place in (("rocker", [0.1, 0.2, 0.3, 1]), ("rod", [0.3, 0.03, 0.12, 1])):
         ends = [tree.poses(q)[tree.names.index(body)] @ place for tree, q in ((moved, np.array([0.2])), (still, []))]
         np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+def test_joints_that_actuators_drive_through_a_tendon_are_independent():
+    both = "".join(f'<joint joint="{side}_driver" coef="0.5"/>' for side in ("left", "right"))
+    split = f'<tendon><fixed name="split">{both}</fixed></tendon><actuator><motor tendon="split"/></actuator>'
+    arm = read(MODELS["gripper"][0].replace("<sensor>", f"{split}<sensor>"))
+    assert arm.driven == ("left_driver", "right_driver") and arm.loose == ()
+    assert "joints: left_driver\n" in str(arm)
+
+
+@pytest.mark.filterwarnings("default::sim.models.notes.ModelNote")
+def test_joints_in_loops_that_springs_alone_hold_are_named():
+    """As of a Robotiq 2F-85: each side has a five-bar, of which one joint is driven."""
+    text = FIVE_BAR.replace('name="right" axis', 'name="right" stiffness="0.05" axis').replace(
+        "<sensor>", '<actuator><motor joint="crank"/></actuator><sensor>'
+    )
+    with pytest.warns(ModelNote, match=r"Constraints and actuators leave right free, which only springs, .* --fix"):
+        arm = read(text)
+    assert arm.loose == ("right",)
+    with warnings.catch_warnings(record=True) as notes:
+        fixed = sim.mechanism(mujoco.MjSpec.from_string(text), fix=["right"])
+    assert fixed.loose == () and not [each for each in notes if "leave" in str(each.message)]
+    assert fixed.closed(["rod", "arm"]).tree.joints == ("crank",)
 
 
 def test_columns_of_dependent_joints_count():
