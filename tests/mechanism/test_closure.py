@@ -221,7 +221,6 @@ def test_joints_that_actuators_drive_through_a_tendon_are_independent():
     assert "joints: left_driver\n" in str(arm)
 
 
-@pytest.mark.filterwarnings("default::sim.models.notes.ModelNote")
 def test_joints_in_loops_that_springs_alone_hold_are_named():
     """As of a Robotiq 2F-85: each side has a five-bar, of which one joint is driven."""
     text = FIVE_BAR.replace('name="right" axis', 'name="right" stiffness="0.05" axis').replace(
@@ -231,9 +230,21 @@ def test_joints_in_loops_that_springs_alone_hold_are_named():
         arm = read(text)
     assert arm.loose == ("right",)
     with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
         fixed = sim.mechanism(mujoco.MjSpec.from_string(text), fix=["right"])
     assert fixed.loose == () and not [each for each in notes if "leave" in str(each.message)]
     assert fixed.closed(["rod", "arm"]).tree.joints == ("crank",)
+
+
+@pytest.mark.parametrize(
+    ("solref", "soft"), [("0.02 1", False), ("0.1 1", True), ("-300 -5", True), ("-1e5 -9", False)]
+)
+def test_constraints_that_are_as_soft_as_springs_are_named(solref, soft):
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        read(FOUR_BAR.replace('<connect name="pin"', f'<connect name="pin" solref="{solref}"'))
+    named = [str(each.message) for each in notes if "Soft as a spring, but taken as rigid: pin" in str(each.message)]
+    assert bool(named) == soft
 
 
 def test_columns_of_dependent_joints_count():
