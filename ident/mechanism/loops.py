@@ -58,8 +58,7 @@ class Constraints:
     def _columns(self, tree: "Tree") -> tuple[np.ndarray, np.ndarray]:
         """Derivatives in the model's posture by the velocities of the loops (m, n), and their joints' names (n,)."""
         closure = self._closure(tree, ())
-        owners = np.repeat(closure.part.joints, [closure.part.bodies[i].freedoms for i in closure.part.moving])
-        return closure.rows(closure.anchors)[1][0], owners
+        return closure.rows(closure.anchors)[1][0], closure.owners("freedoms")
 
     def closed(self, tree: "Tree", dependent: tuple[str, ...]) -> "Tree":
         """The tree with loops closed in the model's posture, those joints dependent.

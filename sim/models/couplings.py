@@ -49,8 +49,11 @@ def couplings(model: mujoco.MjModel) -> list[Coupling]:
     """All tendons, flexes and active equality constraints of a model."""
     tendons = [_tendon(model, t) for t in range(model.ntendon)]
     flexes = [_flex(model, f) for f in range(model.nflex)]
+    # A time constant, or minus a stiffness per mass.
+    first = model.eq_solref[:, 0]
+    slow = np.where(first > 0, first, (np.abs(first) + 1e-9) ** -0.5) > SOFT
     active = np.flatnonzero(model.eq_active0).tolist()
-    equalities = [_equality(model, e, tendons, flexes)._replace(soft=_is_soft(model, e)) for e in active]
+    equalities = [_equality(model, e, tendons, flexes)._replace(soft=bool(slow[e])) for e in active]
     # A tendon without forces of its own is but a sum of coordinates, for an equality or an actuator.
     forceless = [t for t, each in enumerate(tendons) if each.joints and not _has_forces(model, t)]
     return [each for t, each in enumerate(tendons) if t not in forceless] + flexes + equalities
@@ -179,12 +182,6 @@ def _flex(model: mujoco.MjModel, f: int) -> Coupling:
     # The vertices of a flex with nodes are not attached to bodies.
     bodies = {*model.flex_vertbodyid[vertices].tolist(), *model.flex_nodebodyid[nodes].tolist()} - {-1}
     return Coupling(name_of(model, mujoco.mjtObj.mjOBJ_FLEX, f), "flex", bodies, None)
-
-
-def _is_soft(model: mujoco.MjModel, e: int) -> bool:
-    """True if the time constant of an equality, stated as such or by minus its stiffness per mass, is long."""
-    first = float(model.eq_solref[e, 0])
-    return (first if first > 0 else (1e-9 - first) ** -0.5) > SOFT
 
 
 def _equality(model: mujoco.MjModel, e: int, tendons: Sequence[Coupling], flexes: Sequence[Coupling]) -> Coupling:
