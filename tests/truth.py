@@ -3,12 +3,12 @@
 import numpy as np
 
 from experiments.data import simulated_study
-from experiments.data.fitting import TrajectoryTrial
+from experiments.data.fitting import Trial
 
 
 def truth(mechanism, recording, base, **_):
     psi = base.regroup(mechanism.known)
-    return TrajectoryTrial(psi, np.ones_like(psi), psi)
+    return Trial(base, psi, np.ones_like(psi), psi)
 
 
 def use_truth(patched):

@@ -20,6 +20,9 @@ T = TypeVar("T")
 NAME = re.compile(r"\w(?:[\w.+ :-]{0,98}[\w+-])?", re.ASCII)
 """Form of the name of a file or folder, which no system takes for a path."""
 
+FARTHEST = 100.0
+"""Error in half intervals that stands for larger ones, such as those of an interval that ends at the estimate."""
+
 FRICTION = tuple(DRIVE[kind] for kind in ("viscous", "coulomb", "stribeck"))
 """Beginnings of the names of friction."""
 
@@ -66,37 +69,19 @@ class SourceFile:
 
 @typed("std")
 @dataclass(frozen=True)
-class Published:
-    """A published parameter.
+class StatedValue:
+    """A parameter that is published, or known as it was weighed or measured by itself.
 
     Attributes:
         name: Name of the base parameter or drive.
         value: Its value, SI units.
-        std: Its published standard deviation; NaN if none is published.
-        source: Origin of the value: formula, file, table.
+        std: Standard deviation of its value; NaN if none is stated.
+        source: Origin of the value: formula, file, table, or what measured it.
     """
 
     name: str
     value: float
     std: float = float("nan")
-    source: str = ""
-
-
-@typed()
-@dataclass(frozen=True)
-class Known:
-    """A parameter that is known: it was weighed or measured by itself.
-
-    Attributes:
-        name: Name of the base parameter or drive.
-        value: Its value, SI units.
-        tolerance: Standard deviation of what measured it.
-        source: What measured it.
-    """
-
-    name: str
-    value: float
-    tolerance: float = 0.0
     source: str = ""
 
 
@@ -166,8 +151,8 @@ class Entry:
     empty: tuple[tuple[str, ...], ...] = ()
     loaded: tuple[tuple[str, ...], ...] = ()
     true_files: tuple[str, ...] = ()
-    truth: tuple[Known, ...] = ()
-    published: tuple[Published, ...] = ()
+    truth: tuple[StatedValue, ...] = ()
+    published: tuple[StatedValue, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
     reference: Reference | None = None
     alike: tuple[tuple[str, ...], ...] = ()
@@ -193,6 +178,9 @@ class Entry:
 MODEL, LEAST_SQUARES, ESTIMATE = "model", "least squares", "estimate"
 CANDIDATES = {MODEL: "model as it came", LEAST_SQUARES: "least squares", ESTIMATE: "trajectory estimate"}
 """Candidates that predict the held-out part, by the names of their ratios."""
+
+OTHERS = (LEAST_SQUARES, MODEL)
+"""Candidates besides the estimate."""
 
 WORSE = 1.05
 """Ratio of two held-out residuals above which a prediction is worse than another one."""
@@ -231,23 +219,6 @@ class Values:
         """True if the recording says more on a parameter than the prior."""
         k = self.names.index(name)
         return bool(self.std_setup[k] < self.prior[k] / np.sqrt(2))
-
-
-@dataclass(frozen=True)
-class Loss:
-    """A channel in which another candidate predicts better than the estimate.
-
-    Attributes:
-        channel: The channel.
-        own: Held-out residual over signal of the estimate.
-        other: The best other candidate.
-        best: Its residual over signal.
-    """
-
-    channel: str
-    own: float
-    other: str
-    best: float
 
 
 @dataclass(frozen=True)
@@ -319,7 +290,7 @@ class Validation:
     @property
     def best_other(self) -> np.ndarray:
         """Ratio of the better one of the other candidates (C,)."""
-        return np.min([self.ratios[name] for name in (MODEL, LEAST_SQUARES) if name in self.ratios], axis=0)
+        return np.min([self.ratios[name] for name in OTHERS if name in self.ratios], axis=0)
 
     @property
     def explained(self) -> np.ndarray:
@@ -357,14 +328,17 @@ class Validation:
         return np.array([_z(*self.values[a][::2], *self.values[b][::2]) for a, b in pairs])
 
     @property
-    def losses(self) -> list["Loss"]:
-        """Channels in which another candidate predicts better by more than 5 %."""
+    def losses(self) -> list[tuple[str, float, str, float]]:
+        """Channels in which another candidate predicts better by more than 5 %.
+
+        Each with the held-out residual over signal of the estimate, the best other candidate, and its residual.
+        """
         out = []
         for k, channel in enumerate(self.channels):
-            ratios = {name: float(self.ratios[name][k]) for name in (MODEL, LEAST_SQUARES) if name in self.ratios}
-            other, own = min(ratios, key=lambda name: ratios[name]), float(self.ratios[ESTIMATE][k])
-            if self.explained[k] and own > WORSE * ratios[other]:
-                out.append(Loss(channel, own, other, ratios[other]))
+            best, other = min((float(self.ratios[name][k]), name) for name in OTHERS if name in self.ratios)
+            own = float(self.ratios[ESTIMATE][k])
+            if self.explained[k] and own > WORSE * best:
+                out.append((channel, own, other, best))
         return out
 
     @property
@@ -374,7 +348,7 @@ class Validation:
         return {name: x for name, x in z.items() if abs(x) > INTERVAL}
 
     @property
-    def goals(self) -> list["Goal"]:
+    def goals(self) -> list[Goal]:
         """Reference results of the entry, beside what the estimate reaches."""
         reference = self.entry.reference
         if reference is None:
@@ -389,7 +363,7 @@ class Validation:
             out.append(Goal("largest excess over the best other", reference.worse, float(self.against_best.max() - 1)))
         return out
 
-    def published_z(self, published: Published) -> float:
+    def published_z(self, published: StatedValue) -> float:
         """Estimate less published value in their standard deviations."""
         value, _, std = self.values[published.name]
         return _z(value, std, published.value, published.std)
@@ -407,7 +381,8 @@ class Truth:
         true: What they are (p,).
         tolerance: Standard deviations of what measured them, zero in simulations (p,).
         values: Estimates (p,).
-        std: Standard deviations with the set-up (p,).
+        lower: Lower ends of their 95 % intervals (p,).
+        upper: Upper ends (p,).
         rivals: Estimates of other candidates, by name (p,).
         seconds: CPU time, s.
     """
@@ -419,7 +394,8 @@ class Truth:
     true: np.ndarray
     tolerance: np.ndarray
     values: np.ndarray
-    std: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     rivals: Mapping[str, np.ndarray]
     seconds: float
 
@@ -430,13 +406,15 @@ class Truth:
 
     @property
     def z(self) -> np.ndarray:
-        """Errors in standard deviations (p,)."""
-        return (self.values - self.true) / np.hypot(self.std, self.tolerance)
+        """Errors, the half of an interval towards the truth counting as `INTERVAL` (p,)."""
+        error = self.values - self.true
+        half = np.where(error > 0, self.values - self.lower, self.upper - self.values)
+        return INTERVAL * error / np.hypot(np.maximum(half, abs(error) / FARTHEST), INTERVAL * self.tolerance)
 
     @property
     def significant(self) -> np.ndarray:
         """Mask of the parameters other than zero whose 95 % intervals exclude zero (p,)."""
-        return (abs(self.values) > INTERVAL * self.std) & (self.true != 0)
+        return ((self.lower > 0) | (self.upper < 0)) & (self.true != 0)
 
     def errors(self, values: np.ndarray) -> np.ndarray:
         """Relative errors of estimates of the significant parameters."""
