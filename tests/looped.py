@@ -5,6 +5,7 @@ from functools import cache
 import mujoco
 import numpy as np
 from scipy.linalg import null_space
+from scipy.spatial.transform import Rotation
 
 import sim
 from ident.mechanism.mechanism import Mechanism
@@ -155,7 +156,37 @@ ANKLE = text(
     "".join(f'<connect name="end{k}" body1="rod{k}" body2="foot" anchor="0 0 -0.2"/>' for k in range(2)),
 )
 
+
+def _slender(name, pos, end, mass):
+    """A slender rod on a ball joint, whose spin about itself changes nothing."""
+    x = np.array(end)
+    own = 1e-10 * np.eye(3) + mass / 12 * (x @ x * np.eye(3) - np.outer(x, x))
+    inertia, centre = (" ".join(map(repr, map(float, y))) for y in (own[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], x / 2))
+    return (
+        f'<body name="{name}" pos="{pos}"><joint name="{name}" type="ball"/>'
+        f'<inertial mass="{mass}" pos="{centre}" fullinertia="{inertia}"/></body>'
+    )
+
+
+# Rods between balls, as of Cassie and of a spatial four-bar; and a body on a ball that is welded to another limb.
+ROD_ON_BALLS = LEG.replace(
+    _universal("rod", "-0.05 0.02 -0.05", 0.2), _slender("rod", "-0.05 0.02 -0.05", (-0.01, -0.02, -0.53), 0.2)
+)
+SPATIAL = text(
+    body("crank", "crank", "0 0 0.1", 0.5, _slender("rod", "0 0 0.1", (0.3, 0.03, 0.12), 0.8))
+    + body("rocker", "rocker", "0.25 0.05 0.1", 0.7, axis="0.3 0.93 0.2"),
+    '<connect name="pin" body1="rod" body2="rocker" anchor="0.3 0.03 0.12"/>',
+)
+SPHERICAL = text(
+    CRANK.replace('name="rod" axis="0 1 0"', 'name="rod" type="ball"')
+    + body("rocker", "rocker", "0.25 0 0.1", 0.7, _universal("half", "0.05 0 0.15", 0.3), axis="0.1 1 0"),
+    '<weld name="joined" body1="rod" body2="half"/>',
+)
+
 MODELS = {
+    "rod on balls": (ROD_ON_BALLS, ("hip", "knee", "crank")),
+    "spatial": (SPATIAL, ("crank",)),
+    "spherical": (SPHERICAL, ("crank",)),
     "delta": (DELTA, ("arm0", "arm1", "arm2")),
     "leg": (LEG, ("hip", "knee", "crank")),
     "ankle": (ANKLE, ("shin", "crank0", "crank1")),
@@ -186,36 +217,68 @@ def closed(name: str) -> Mechanism:
 
 
 def whole_states(name, arm, states):
-    """States of all joints in MuJoCo's order, from those of the independent ones, three (N, n)."""
-    tree, joints = arm.tree, opened(name).tree.joints
+    """Coordinates and velocities of all joints in MuJoCo's order, from states of the independent ones (N, n) each.
+
+    A ball's are those of the hinges in its place, after one another.
+    """
+    tree, before = arm.tree, opened(name).tree
     own = dict(zip((body.name for body in tree.bodies), tree.body_states(*states), strict=True))
-    carried = [body.name for joint in joints for body in opened(name).tree.bodies if body.joint == joint]
-    return tuple(np.concatenate([own[body][k] for body in carried], axis=1) for k in range(3))
+    out = ([], [], [])
+    for body in (before.bodies[i] for i in before.moving):
+        if not body.is_ball:
+            parts = own[body.name]
+        else:
+            parts = [np.tile([1.0, 0, 0, 0], (len(states[0]), 1)), *np.zeros((2, len(states[0]), 3))]
+            for hinge in (each for each in tree.bodies if each.depends.startswith(f"{body.joint}.")):
+                parts = _turned(parts, hinge.twist[3:], own[hinge.name])
+        for column, x in zip(out, parts, strict=True):
+            column.append(x)
+    return tuple(np.concatenate(columns, axis=1) for columns in out)
+
+
+def _turned(states, axis, hinge):
+    """Quaternion, angular velocity and its rate in a body's frame, of a body on a hinge on another (N, …)."""
+    turn = Rotation.from_rotvec(hinge[0] * axis)
+    q = (Rotation.from_quat(states[0], scalar_first=True) * turn).as_quat(scalar_first=True)
+    before, rate, own = turn.inv().apply(states[1]), turn.inv().apply(states[2]), hinge[1] * axis
+    return q, before + own, rate - np.cross(own, before) + hinge[2] * axis
 
 
 def by_mujoco(name, arm, states):
     """Gaps and rates of the constraints (N, m), torques of the driven joints (N, n), wrenches at the base (N, 6).
 
     The torques follow by virtual work from those of a tree, along the null space of MuJoCo's constraint Jacobian; the
-    accelerations are those that the constraint forces, from Lagrange's multipliers, leave with these torques.
+    accelerations, without those of rods that may spin, are those that the constraint forces, from Lagrange's
+    multipliers, leave with these torques.
     """
     model = mujoco.MjModel.from_xml_string(MODELS[name][0])
-    data, driven = mujoco.MjData(model), [model.joint(joint).id for joint in arm.tree.joints]
+    data, driven = mujoco.MjData(model), [int(model.joint(joint).dofadr[0]) for joint in arm.tree.joints]
     gaps, rates, torques, wrenches, accelerations = [], [], [], [], []
+    n, turning = len(driven), np.isin(model.jnt_type[model.dof_jntid], int(mujoco.mjtJoint.mjJNT_BALL))
+    along = [whole_states(name, arm, (states[0], np.tile(e, (len(states[0]), 1)), 0 * states[2]))[1] for e in np.eye(n)]
 
-    def jacobian(q):
+    def jacobian(q, dq=None, step=0.0):
         data.qpos[:] = q
+        if dq is not None:
+            mujoco.mj_integratePos(model, data.qpos, dq, step)
         mujoco.mj_fwdPosition(model, data)
         J = data.efc_J.reshape(data.nefc, -1).copy()
         equalities = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         return J[equalities], data.efc_pos[equalities].copy()
 
-    for q, dq, ddq in zip(*whole_states(name, arm, states), strict=True):
+    for k, (q, dq, ddq) in enumerate(zip(*whole_states(name, arm, states), strict=True)):
         step = 1e-5
-        dJ = (jacobian(q + step * dq)[0] - jacobian(q - step * dq)[0]) / (2 * step)
+        dJ = (jacobian(q, dq, step)[0] - jacobian(q, dq, -step)[0]) / (2 * step)
         J, gap = jacobian(q)
         Z = null_space(J, rcond=1e-9)
-        Z = Z @ np.linalg.inv(Z[driven])
+        not_spinning = ~turning | (Z.shape[1] == n)
+        if Z.shape[1] == n:
+            Z = Z @ np.linalg.inv(Z[driven])
+        else:
+            # A rod between balls spins, so that our motion has to be one of those that are free.
+            own = np.stack([x[k] for x in along], axis=1)
+            assert abs(Z @ (Z.T @ own) - own).max() < 1e-9
+            Z = own
         model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
         data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
         mujoco.mj_inverse(model, data)
@@ -230,6 +293,7 @@ def by_mujoco(name, arm, states):
         system = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
         right = np.concatenate([force + data.qfrc_passive - data.qfrc_bias, -dJ @ dq])
         accelerations.append(np.linalg.lstsq(system, right, rcond=1e-11)[0][: model.nv] - ddq)
+        accelerations[-1] *= not_spinning
         gaps.append(gap)
         rates.append(J @ dq)
         torques.append(tau)

@@ -286,7 +286,8 @@ def recording(problem: DesignProblem, time: np.ndarray, motion: Motion, provenan
     measured, units = {}, {}
     still, tree = np.zeros(len(time)), problem.mechanism.tree
     states = [np.hstack(each) for each in zip(motion.states, tree.dependent_states(*motion.states), strict=True)]
-    columns = {joint: k for k, joint in enumerate((*problem.joints, *tree.dependent))}
+    # Hinges that stand for a ball joint are none of the model's.
+    columns = {joint: k for k, joint in enumerate((*problem.joints, *tree.dependent)) if joint in problem.rest}
     for joint in dict.fromkeys((*columns, *problem.rest)):
         k = columns.get(joint)
         rest = (problem.rest[joint] + still, still, still)

@@ -164,7 +164,7 @@ def _dependent(mechanism: Mechanism, names: Sequence[str] | None) -> tuple[str, 
         ModelError: One is named.
     """
     loops = mechanism.in_loops
-    driven = {joint for joint in loops if joint in mechanism.drives and mechanism.drives[joint].actuators}
+    driven = {*loops} & {*mechanism.driven}
     depending = mechanism.constraints.dependent(mechanism.tree, (), driven or names or ())
     if wrong := [joint for joint in names or () if joint in depending]:
         leads = [joint for joint in loops if joint not in depending]

@@ -69,17 +69,19 @@ class Closure:
     @cached_property
     def _coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the independent and of the dependent coordinates of the part."""
-        sizes = [self.part.bodies[i].coordinates for i in self.part.moving]
-        return self._split(np.repeat(self.part.joints, sizes))
+        return self._split("coordinates")
 
     @cached_property
     def _freedoms(self) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the independent and of the dependent velocities of the part."""
-        sizes = [self.part.bodies[i].freedoms for i in self.part.moving]
-        return self._split(np.repeat(self.part.joints, sizes))
+        return self._split("freedoms")
 
-    def _split(self, owners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        depends = np.isin(owners, self.dependent)
+    def owners(self, what: str) -> np.ndarray:
+        """Name of the joint of each of the part's `coordinates` or `freedoms`."""
+        return np.repeat(self.part.joints, [getattr(self.part.bodies[i], what) for i in self.part.moving])
+
+    def _split(self, what: str) -> tuple[np.ndarray, np.ndarray]:
+        depends = np.isin(self.owners(what), self.dependent)
         return np.flatnonzero(~depends), np.flatnonzero(depends)
 
     @cached_property
@@ -248,8 +250,7 @@ class Closure:
             if sum(map(len, kept)) >= samples:
                 break
         x = np.resize(np.concatenate(kept), (samples, len(own)))
-        owners = np.repeat(self.part.joints, [self.part.bodies[i].coordinates for i in self.part.moving])[own]
-        return {joint: x[:, owners == joint] for joint in self.independent}
+        return {joint: x[:, self.owners("coordinates")[own] == joint] for joint in self.independent}
 
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of independent coordinates (N, n_q) from the nearest anchors, and the indices of these (N,)."""

@@ -126,7 +126,7 @@ def _following(tree: Tree, by_name: Mapping[str, Frame]) -> Tree:
     constraints = Constraints(tuple(rows), {joint: np.zeros(1) for joint in tree.joints})
     if {*constraints.dependent(tree, dependent)} != {*dependent}:
         raise ModelError(f"The frames {', '.join(dependent)} follow each other; one of them needs a joint of its own.")
-    return tree.closed(constraints.closure(tree, dependent))
+    return constraints.closed(tree, dependent)
 
 
 def _movers(frames: Sequence[Frame]) -> tuple[dict[str | None, str | None], dict[str | None, np.ndarray]]:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from scipy.linalg import null_space
 
 from ident.errors import ModelError
-from ident.mechanism.body import BASE, Follower
+from ident.mechanism.body import BASE, Body, Follower
 from ident.mechanism.closure import OPEN, Closure
 from ident.mechanism.constraint import Constraint, Relation, members_of
 
@@ -43,31 +44,48 @@ class Constraints:
         """
         if not self.rows:
             return ()
-        closure = self._closure(tree, ())
-        follow = self.followers(tree)
+        (J, owners), part = self._columns(tree), part_of(tree, self.rows)
+        first = {*self.followers(tree), *(body.joint for body in part.bodies if body.is_ball)}
         kinds = {
-            body.joint: -1 if body.joint in lacking else 3 if body.is_ball else 2 * (body.joint in driven)
-            for body in closure.part.bodies
+            joint: -1 if joint in lacking else 2 if joint in driven else int(joint not in first)
+            for joint in part.joints
         }
-        kinds |= {joint: 1 for joint, kind in kinds.items() if not kind and joint not in follow}
-        owners = np.repeat(closure.part.joints, [closure.part.bodies[i].freedoms for i in closure.part.moving])
-        chosen = _independent_columns(closure.rows(closure.anchors)[1][0], [kinds[joint] for joint in owners])
-        names = {str(joint) for joint in owners[chosen]}
-        return tuple(joint for joint in closure.part.joints if joint in names)
+        chosen = owners[_independent_columns(J, [kinds[joint] for joint in owners])]
+        # Of a ball all that the constraints see has to follow.
+        ranks = {joint: _row_space(J[:, owners == joint]).shape[1] for joint in chosen}
+        return tuple(joint for joint in part.joints if joint in ranks and sum(chosen == joint) == ranks[joint])
 
-    def closure(self, tree: "Tree", dependent: tuple[str, ...]) -> Closure:
-        """Loops closed in the model's posture, arguments as for `dependent`.
+    def _columns(self, tree: "Tree") -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives in the model's posture by the velocities of the loops (m, n), and their joints' names (n,)."""
+        closure = self._closure(tree, ())
+        return closure.rows(closure.anchors)[1][0], closure.owners("freedoms")
+
+    def closed(self, tree: "Tree", dependent: tuple[str, ...]) -> "Tree":
+        """The tree with loops closed in the model's posture, those joints dependent.
+
+        A dependent ball joint has two hinges in its place, across the direction about which loops leave it free, as a
+        rod between two balls; without such a direction three. First is that about which it turns most.
 
         Raises:
-            ModelError: They cannot be closed or are singular there, or go through a ball joint.
+            ModelError: The loops cannot be closed or are singular there.
         """
-        closure, names = self._closure(tree, dependent), " ".join(row.name for row in self.rows)
-        if balls := [body.joint for body in closure.part.bodies if body.is_ball and body.joint in dependent]:
-            raise ModelError(
-                f"Loops through the ball joint '{balls[0]}' are not closed. Put two hinges across its rod in its "
-                f"place, three for a weld, or leave constraints out with --ignore, of {names}."
-            )
-        return closure.in_posture()
+        J, owners = self._columns(tree)
+        bodies, places, posture = list[Body](), {BASE: BASE}, dict(self.posture)
+        for i, body in enumerate(tree.bodies):
+            links = [replace(body, parent=places[body.parent])]
+            if body.is_ball and body.joint in dependent:
+                axes, own = _row_space(J[:, owners == body.joint]), null_space(J)[owners == body.joint]
+                axes = axes @ np.linalg.svd(axes.T @ own)[0]
+                links = _hinges(
+                    links[0], self.posture[body.joint], axes[:, [0, *range(2, axes.shape[1]), 1]], len(bodies)
+                )
+                posture |= {link.joint: np.zeros(1) for link in links}
+            bodies += links
+            places[i] = len(bodies) - 1
+        names = {body.joint for body in bodies} - {*tree.joints} | {*dependent}
+        opened = type(tree)(tuple(bodies))
+        own = tuple(joint for joint in opened.joints if joint in names)
+        return opened.closed(replace(self, posture=posture)._closure(opened, own).in_posture())
 
     def checked(self, tree: "Tree") -> "Constraints":
         """The constraints, of which none contradicts others.
@@ -152,6 +170,23 @@ def part_of(tree: "Tree", rows: Collection[Constraint]) -> "Tree":
     places = {i: k for k, i in enumerate(members)}
     own = ((tree.bodies[i], places.get(tree.bodies[i].parent, BASE)) for i in members)
     return type(tree)(tuple(replace(body, parent=parent) for body, parent in own))
+
+
+def _row_space(J: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the velocities that change constraints, from their derivatives (m, n): (n, rank)."""
+    _, sizes, directions = np.linalg.svd(J)
+    return directions[: np.sum(sizes > INDEPENDENT * sizes[0])].T
+
+
+def _hinges(ball: Body, q: np.ndarray, axes: np.ndarray, index: int) -> list[Body]:
+    """Hinges in the place of a ball joint at q, about axes in its body's frame (3, k), from an index in a tree."""
+    home, out, last = ball.home @ ball.joint_pose(q), list[Body](), axes.shape[1] - 1
+    for k, (letter, axis) in enumerate(zip("xyz", axes.T, strict=False)):
+        joint, parent = f"{ball.joint}.{letter}", ball.parent if k == 0 else index + k - 1
+        name = ball.name if k == last else f"{ball.name}:{joint}"
+        out.append(Body(name, parent, home, ball.twist @ axis, joint, massless=k < last or ball.massless))
+        home = np.eye(4)
+    return out
 
 
 def _independent_columns(J: np.ndarray, order: Collection[int]) -> list[int]:

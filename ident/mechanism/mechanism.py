@@ -88,8 +88,7 @@ class Mechanism(Brief):
 
     @property
     def _in_short(self) -> dict[str, object]:
-        driven = [name for name, drive in self.drives.items() if drive.actuators]
-        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, driven)
+        depending = self.tree.dependent or self.constraints.dependent(self.tree, self.mimics, self.driven)
         mass = None if self.prior is None else f"{self.prior[::10].sum():.4g} kg in {len(self.bodies)} bodies"
         return {
             "bodies": listed(self.bodies),
@@ -149,7 +148,9 @@ class Mechanism(Brief):
         names = self.constraints.dependent(self.tree, self.tree.joints) if self.tree.still else ()
         if not names or {*names} != {*self.in_loops}:
             return self
-        return self.fixed(self.constraints.closure(self.tree, names).posture)
+        tree = self.constraints.closed(self.tree, names)
+        opened = Tree(tuple(replace(body, joint=body.depends or body.joint, depends="") for body in tree.bodies))
+        return replace(self, tree=opened).fixed(tree.closure.posture if tree.closure else {})
 
     @property
     def in_world(self) -> np.ndarray:
@@ -194,13 +195,12 @@ class Mechanism(Brief):
             driven: Names of the joints with a torque or a command.
 
         Raises:
-            ModelError: A loop cannot be closed in the model's posture, is singular there, has no motion, or goes
-                through a ball joint.
+            ModelError: A loop cannot be closed in the model's posture, is singular there, or has no motion.
         """
         names = () if self.tree.closure else self.constraints.dependent(self.tree, lacking, driven)
         if not {*names} & {*lacking} and not (names and {*driven} & {*self.in_loops}):
             return self
-        tree = self.tree.closed(self.constraints.closure(self.tree, names))
+        tree = self.constraints.closed(self.tree, names)
         return replace(self, tree=tree, **self._of_joints(tree))
 
     def determined(self, placed: Collection[str]) -> dict[str, str]:
@@ -217,6 +217,18 @@ class Mechanism(Brief):
     def in_loops(self) -> tuple[str, ...]:
         """Names of the joints that constraints couple, also those that follow another one."""
         return self.constraints.coupled(self.tree)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Names of the freedoms with actuators."""
+        return tuple(name for name, drive in self.drives.items() if drive.actuators)
+
+    @property
+    def loose(self) -> tuple[str, ...]:
+        """Names of joints in loops that actuators and constraints leave free where actuators drive others of them."""
+        depending = self.constraints.dependent(self.tree, self.mimics, self.driven)
+        loose = tuple(joint for joint in self.in_loops if joint not in (*self.driven, *depending))
+        return loose if {*self.driven} & {*self.in_loops} else ()
 
     def _of_joints(self, tree: Tree) -> dict[str, Any]:
         """Ranges, drives and couplings of the joints that a tree has."""

@@ -185,7 +185,7 @@ class Carrier:
         names = () if self.tree.closure else self.constraints.dependent(self.tree, lacking)
         if not {*names} & {*lacking}:
             return self
-        return replace(self, tree=self.tree.closed(self.constraints.closure(self.tree, names)))
+        return replace(self, tree=self.constraints.closed(self.tree, names))
 
     def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BaseMotion:
         """Motion of the last body.

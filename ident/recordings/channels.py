@@ -56,7 +56,9 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
                 columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
         if joint_kind != "ball" and (command := COMMAND.format(joint)) in table.cells:
             columns.setdefault(f"joints.{joint}.command", Columns((command,)))
-    depends = moved(replace(mapping, columns=columns), mapping.mechanism).tree.dependent if mapping.mechanism else ()
+    whole, depends = mapping.mechanism, set[str]()
+    if whole:
+        depends = {*whole.tree.joints} - {*moved(replace(mapping, columns=columns), whole).tree.joints}
     for joint, joint_kind in joints.items():
         if not all(columns[f"joints.{joint}.position"].names) and joint not in (*mapping.followers, *depends):
             names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"

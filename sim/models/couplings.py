@@ -17,6 +17,11 @@ WORLD_SIDE = -1
 """Id for the world on one side of a joint, where a coupling's force passes through the ground."""
 
 
+SOFT = 0.04
+"""Time constant of an equality above which it may be meant as a spring, s: twice MuJoCo's default, with which rigid
+parts are modelled."""
+
+
 class Coupling(NamedTuple):
     """One equality constraint, tendon or flex.
 
@@ -26,6 +31,7 @@ class Coupling(NamedTuple):
         bodies: Ids of the bodies that it acts on, for a joint those on both sides.
         joints: Names of the joints that it acts on, None if it may act on all joints between its bodies.
         closes: True for a constraint of positions, which a mechanism's `constraints` hold.
+        soft: True if it yields so slowly that it may be meant as a spring.
     """
 
     name: str
@@ -33,6 +39,7 @@ class Coupling(NamedTuple):
     bodies: set[int]
     joints: set[str] | None
     closes: bool = False
+    soft: bool = False
 
     def __str__(self) -> str:
         return f"{self.kind} '{self.name}'" + (f" of {', '.join(sorted(self.joints))}" if self.joints else "")
@@ -42,7 +49,11 @@ def couplings(model: mujoco.MjModel) -> list[Coupling]:
     """All tendons, flexes and active equality constraints of a model."""
     tendons = [_tendon(model, t) for t in range(model.ntendon)]
     flexes = [_flex(model, f) for f in range(model.nflex)]
-    equalities = [_equality(model, e, tendons, flexes) for e in range(model.neq) if model.eq_active0[e]]
+    # A time constant, or minus a stiffness per mass.
+    first = model.eq_solref[:, 0]
+    slow = np.where(first > 0, first, (np.abs(first) + 1e-9) ** -0.5) > SOFT
+    active = np.flatnonzero(model.eq_active0).tolist()
+    equalities = [_equality(model, e, tendons, flexes)._replace(soft=bool(slow[e])) for e in active]
     # A tendon without forces of its own is but a sum of coordinates, for an equality or an actuator.
     forceless = [t for t, each in enumerate(tendons) if each.joints and not _has_forces(model, t)]
     return [each for t, each in enumerate(tendons) if t not in forceless] + flexes + equalities
@@ -81,6 +92,11 @@ def check_couplings(
     _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
     if closing := [c for c in acting if c.closes]:
         note(f"By {', '.join(map(str, closing))}, joints without a column follow from the others.")
+    if soft := [c for c in acting if c.closes and c.soft]:
+        note(
+            f"Soft as a spring, but taken as rigid: {', '.join(c.name for c in soft)}. With --ignore, all their joints "
+            "need columns; their forces then change joint torques, but no wrench."
+        )
     if others := [c for c in acting if not c.closes]:
         note(
             f"The equations leave out {', '.join(map(str, others))}; between bodies of the mechanism "

@@ -93,7 +93,7 @@ def _unless_disabled(model: mujoco.MjModel, part: str, value: float) -> float:
 
 
 def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
-    """Actuators on a hinge or slide."""
+    """Actuators on a hinge or slide, also by fixed tendons."""
     for a in acting_on(model, j):
         own: dict[str, Any] = {
             "gear": float(model.actuator_gear[a, 0]),
@@ -103,6 +103,12 @@ def _actuators(model: mujoco.MjModel, j: int) -> Iterator[Actuator]:
             "forcerange": tuple(model.actuator_forcerange[a].tolist()) if model.actuator_forcelimited[a] else None,
         }
         yield Actuator(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a), **own, **law(model, a))
+    for a in np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)).tolist():
+        t = int(model.actuator_trnid[a, 0])
+        wraps = range(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t])
+        if j in [model.wrap_objid[w] for w in wraps if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT]:
+            # Its force depends on other joints as well.
+            yield Actuator(name_of(model, mujoco.mjtObj.mjOBJ_ACTUATOR, a), gain=0.0)
 
 
 def law(model: mujoco.MjModel, a: int) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from sim.models.mujoco_model import (
     rest_coordinates,
     tree_from_model,
 )
-from sim.models.notes import joint_name, name_of, note_units
+from sim.models.notes import joint_name, name_of, note, note_units
 from sim.models.opensim.reading import is_opensim, mechanism_from_opensim
 from sim.models.urdf import transmissions
 
@@ -206,7 +206,13 @@ def _from_mujoco(
     loops = {name: joints for name, joints in loops_of(model, tree).items() if name not in held}
     # Drives of its own act on a joint that depends on others, not on one that follows another.
     mimics = {joint: lead for joint, lead in constraints.followers(tree).items() if joint not in driven}
-    return replace(arm, mimics=mimics, loops=loops, constraints=constraints).rested()
+    arm = replace(arm, mimics=mimics, loops=loops, constraints=constraints).rested()
+    if arm.loose:
+        note(
+            f"Constraints and actuators leave {', '.join(arm.loose)} free, which only springs, limits or contacts "
+            "hold. Log them, or state by --fix where they rest: all others in their loops follow from driven ones then."
+        )
+    return arm
 
 
 def mujoco_origin(arm: Mechanism) -> Origin:

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from ident.errors import ModelError
 from ident.mechanism.tree import Tree
-from sim.models.notes import body_name, id_of, refusals
+from sim.models.notes import body_name, id_of, joint_name, refusals
 
 
 class _Contacts(NamedTuple):
@@ -59,10 +60,16 @@ class Collisions:
             floor: Height in the world's frame of a plane that no moving body may touch, m; None for none.
 
         Raises:
-            ModelError: A joint does not exist.
+            ModelError: A joint does not exist, or a ball joint depends on others.
         """
         self._tree = moving if isinstance(moving, Tree) and moving.closure else None
         joints = (*moving.joints, *moving.dependent) if isinstance(moving, Tree) else moving
+        dependent = {*self._tree.dependent} if self._tree else set[str]()
+        if balls := dependent - {joint_name(model, j) for j in range(model.njnt)}:
+            raise ModelError(
+                f"Collisions of bodies on ball joints that loops move, as '{min(balls)[:-2]}', are not computed. "
+                "Design the motion with --collisions ignore."
+            )
         ids = [id_of(model, mujoco.mjtObj.mjOBJ_JOINT, joint) for joint in joints]
         self._model = copy.deepcopy(model)
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

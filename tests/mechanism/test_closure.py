@@ -1,9 +1,11 @@
 """Loops against MuJoCo's constraints, by virtual work and Lagrange's multipliers; and loops that cannot be closed."""
 
+import warnings
+
 import mujoco
 import numpy as np
 import pytest
-from looped import CRANK, FIVE_BAR, FOUR_BAR, LEG, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
+from looped import CRANK, FIVE_BAR, FOUR_BAR, MODELS, PARALLELOGRAM, ROCKER, WRIST, by_mujoco, closed, text
 
 import ident
 import sim
@@ -14,6 +16,7 @@ from ident.mechanism.motion import Motion
 from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.structure import Sensors
+from sim.models.notes import ModelNote
 
 pytestmark = pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
 
@@ -42,7 +45,7 @@ def test_closed_loops_are_mujocos(name):
     np.testing.assert_allclose(Y @ arm.known, wrenches, atol=1e-8 * abs(wrenches).max())
 
 
-@pytest.mark.parametrize("name", ["turned"])
+@pytest.mark.parametrize("name", ["turned", "spatial"])
 def test_derivatives_by_the_independent_coordinates_are_exact(name):
     arm, states = reachable(name, 3)
     rng = np.random.default_rng(1)
@@ -63,7 +66,7 @@ def test_derivatives_by_the_independent_coordinates_are_exact(name):
 
 @pytest.mark.parametrize(
     ("name", "torques"),
-    [(name, k % 2 == 0) for k, name in enumerate(MODELS) if name not in ("delta", "ankle")],
+    [(name, k % 2 == 0) for k, name in enumerate(MODELS) if name not in ("delta", "ankle", "leg")],
 )
 def test_base_parameters_are_those_of_the_constrained_mechanism(name, torques):
     arm, states = reachable(name, 30, seed=3)
@@ -192,24 +195,56 @@ def test_drives_of_dependent_joints_are_fitted_where_the_model_has_them():
             "Loops make 'rod' depend on crank: its torque or command cannot be used. Log its",
         ),
         (FIVE_BAR, log_of([SWING]), "joint 'right' needs a column of its positions|joint 'rod' needs a column"),
-        (
-            FOUR_BAR.replace('name="rod" axis="0 1 0"', 'name="rod" type="ball"'),
-            log_of([SWING, SWING], ("crank", "rocker")),
-            "Loops through the ball joint 'rod' are not closed. Put two hinges across its rod in its place",
-        ),
-        (
-            LEG.replace('name="rod_y" axis="0 1 0"', 'name="rod_y" type="ball"').replace(
-                '<joint name="rod_x" axis="1 0 0"/>', ""),
-            log_of([SWING, SWING, SWING], ("hip", "knee", "crank")),
-            "Loops through the ball joint 'rod_y' are not closed. Put two hinges across its rod in its place",
-        ),
     ],
-    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "undetermined", "ball",
-         "rod"],
+    ids=["unreachable", "singular", "contradictory", "unequal sums", "posture", "two drives", "undetermined"],
 )  # fmt: skip
 def test_loops_that_cannot_be_closed_are_one_sentence(model, log, message):
     with pytest.raises(InputError, match=message):
         ident.identify(read(model), log, estimator="ordinary")
+
+
+def test_a_dependent_ball_joint_needs_no_columns_and_rests_with_the_joints_that_move_it():
+    arm = read(MODELS["spatial"][0])
+    ready = prepared(arm, ident.read_log(log_of([SWING]), arm), drive=())
+    assert ready.mechanism.tree.dependent == ("rod.x", "rod.y", "rocker")
+    moved, still = ready.mechanism.tree, arm.fixed({"crank": [0.2]}).tree
+    for body, place in (("rocker", [0.1, 0.2, 0.3, 1]), ("rod", [0.3, 0.03, 0.12, 1])):
+        ends = [tree.poses(q)[tree.names.index(body)] @ place for tree, q in ((moved, np.array([0.2])), (still, []))]
+        np.testing.assert_allclose(*ends, atol=1e-9)
+
+
+def test_joints_that_actuators_drive_through_a_tendon_are_independent():
+    both = "".join(f'<joint joint="{side}_driver" coef="0.5"/>' for side in ("left", "right"))
+    split = f'<tendon><fixed name="split">{both}</fixed></tendon><actuator><motor tendon="split"/></actuator>'
+    arm = read(MODELS["gripper"][0].replace("<sensor>", f"{split}<sensor>"))
+    assert arm.driven == ("left_driver", "right_driver") and arm.loose == ()
+    assert "joints: left_driver\n" in str(arm)
+
+
+def test_joints_in_loops_that_springs_alone_hold_are_named():
+    """As of a Robotiq 2F-85: each side has a five-bar, of which one joint is driven."""
+    text = FIVE_BAR.replace('name="right" axis', 'name="right" stiffness="0.05" axis').replace(
+        "<sensor>", '<actuator><motor joint="crank"/></actuator><sensor>'
+    )
+    with pytest.warns(ModelNote, match=r"Constraints and actuators leave right free, which only springs, .* --fix"):
+        arm = read(text)
+    assert arm.loose == ("right",)
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        fixed = sim.mechanism(mujoco.MjSpec.from_string(text), fix=["right"])
+    assert fixed.loose == () and not [each for each in notes if "leave" in str(each.message)]
+    assert fixed.closed(["rod", "arm"]).tree.joints == ("crank",)
+
+
+@pytest.mark.parametrize(
+    ("solref", "soft"), [("0.02 1", False), ("0.1 1", True), ("-300 -5", True), ("-1e5 -9", False)]
+)
+def test_constraints_that_are_as_soft_as_springs_are_named(solref, soft):
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        read(FOUR_BAR.replace('<connect name="pin"', f'<connect name="pin" solref="{solref}"'))
+    named = [str(each.message) for each in notes if "Soft as a spring, but taken as rigid: pin" in str(each.message)]
+    assert bool(named) == soft
 
 
 def test_columns_of_dependent_joints_count():

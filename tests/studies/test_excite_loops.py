@@ -4,13 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 from commands import refusal
-from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, by_mujoco
+from looped import FIVE_BAR, FOUR_BAR, GRIPPER, MODELS, ROD_ON_BALLS, by_mujoco
 
 import sim
 from experiments import excite
 from experiments.studies import criteria
+from experiments.studies.designed_excitation import recording
 from experiments.studies.excitation_problem import problem
 from ident.errors import InputError
+from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.motion.collisions import Collisions
 from sim.motion.walls import reachable
@@ -81,12 +83,21 @@ def test_collisions_of_dependent_bodies_count():
         (FOUR_BAR.replace("<sensor>", f"{MOTOR}<sensor>"), ["rod"], "Joint 'rod' cannot be excited: loops make it "
          "depend on crank. Name crank with --joints."),
         (FOUR_BAR, ["crank", "rocker"], "cannot be excited: loops make it depend on"),
+        (ROD_ON_BALLS, ["hip", "knee", "crank"], "bodies on ball joints that loops move, as 'rod', are not "
+         "computed. Design the motion with --collisions ignore."),
     ],
 )  # fmt: skip
-def test_a_dependent_joint_is_no_excitation(tmp_path, capsys, text, joints, message):
+def test_motions_that_loops_do_not_allow_are_refused(tmp_path, capsys, text, joints, message):
     (tmp_path / "arm.xml").write_text(text)
     said = refusal(excite.main, [str(tmp_path / "arm.xml"), "--joints", *joints, *QUICK], capsys)
     assert message in " ".join(said.split())
+
+
+def test_a_designed_motion_has_no_columns_of_the_hinges_in_place_of_a_ball():
+    design, t = problem(read(ROD_ON_BALLS), ["hip", "knee", "crank"], sensors="torque"), np.arange(5.0)
+    motion = Motion(*np.zeros((3, 5, 3)))
+    columns = recording(design, t, motion, {}).measured
+    assert "tarsus_position" in columns and not [name for name in columns if name.startswith("rod")]
 
 
 @pytest.mark.slow
