@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fuzz.here import Here
+from stand_ins import Here
 
 from experiments import identify
 from experiments.runs.environment import THREADS

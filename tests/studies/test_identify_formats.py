@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refusal
-from fuzz.undrawn import leave_undrawn
+from stand_ins import leave_undrawn
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_lerobot, write_mat, write_mot, write_parquet
 
 import ident
