@@ -11,7 +11,6 @@ from slow_pendulum import TIME, motion
 import ident
 import sim
 from ident.identification import checked_setup
-from ident.mechanism.motion import Motion
 from ident.recordings.columns.mapping import stated_mapping
 from ident.setup import PRIORS
 
@@ -50,18 +49,6 @@ def test_a_link_that_is_15_percent_longer_is_found_though_no_robot_is_so_inexact
     assert (abs(taken.psi - TRUTH) > 3 * taken.std_setup).any()
     home = estimate.fit.equations.mechanism.tree.bodies[2].home
     np.testing.assert_allclose(home[:3, 3], [0, 0, 0.425 + finding.value])
-
-
-def test_predictions_are_those_of_all_bodies_at_the_displaced_joints():
-    """Those parameters included that no channel shows where joints lie as in the model."""
-    estimate, (base, first, second) = identified(1.15), PENDULUM.tree.bodies
-    assert (estimate.held_out.ratio < 1.05 * estimate.rivals["least squares"]).all() and not estimate.verdict().doubts
-    states, home = motion(np.random.default_rng(1), 1.0), second.home.copy()
-    home[:3, 3] *= 1.15
-    tree = replace(PENDULUM.tree, bodies=(base, first, replace(second, home=home)))
-    expected = ident.base_wrench_regressor(tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
-    errors = estimate.predict(Motion(*states)) - expected
-    assert (errors.std(axis=0) < NOISE).all()
 
 
 def test_a_model_written_with_its_joints_displaced_predicts_other_motions(tmp_path):

@@ -12,11 +12,10 @@ from opensim_walker import PHI
 
 import scenes
 from ident.errors import InputError, ModelError
-from ident.geometry.inertia import com_from_parameters
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from sim.models.model_mechanism import mechanism
 from sim.models.model_update import updated_spec, write_model
-from sim.models.mujoco_model import parameters_from_model, state_columns, tree_from_model
+from sim.models.mujoco_model import parameters_from_model, state_columns
 from sim.models.urdf import model_from_urdf
 
 MJCF = """<mujoco><!-- kept --><compiler angle="radian"{compiler}/>
@@ -132,20 +131,6 @@ def test_an_updated_model_simulates_to_the_same_wrenches(tmp_path):
     np.testing.assert_allclose(torque, expected, atol=1e-9 * abs(expected).max())
     expected = base_wrench_regressor(tree, *states, gravity=gravity) @ phi
     np.testing.assert_allclose(wrench, expected, atol=1e-9 * abs(expected).max())
-
-
-@NO_MESHES
-@pytest.mark.parametrize("extension", ["", '<mujoco><compiler fusestatic="true" discardvisual="false"/></mujoco>'])
-def test_a_urdf_keeps_its_root_and_needs_no_meshes(tmp_path, extension):
-    path = written(tmp_path, URDF.format(mesh=MESH, extension=extension), "arm.urdf")
-    model = model_from_urdf(path).compile()
-    names = ("root", "upper", "tool", "flange")
-    assert tree_from_model(model).names == names
-    assert [model.body(name).mass[0] for name in names] == [3, 2, 1, 0]
-    phi = parameters_from_model(model, "root")
-    turn = np.array([[np.cos(0.2), 0, np.sin(0.2)], [0, 1, 0], [-np.sin(0.2), 0, np.cos(0.2)]])
-    inertia = turn @ [[0.01, 0, 0.001], [0, 0.02, 0], [0.001, 0, 0.015]] @ turn.T
-    np.testing.assert_allclose(com_from_parameters(phi[:10])[2], inertia, atol=1e-12)
 
 
 @NO_MESHES

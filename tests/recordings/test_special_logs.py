@@ -16,7 +16,6 @@ from experiments.columns import main
 from experiments.guesses.belief import toml_text
 from experiments.guesses.guess import believed
 from experiments.guesses.log_contents import log_contents
-from experiments.studies.user_files import prepare
 from ident.errors import LogError
 from ident.estimation.preparation import prepared
 from ident.mechanism.body import Body, ball_twist
@@ -124,26 +123,6 @@ def test_a_base_at_a_constant_pose_is_one_at_rest():
     assert estimates[1].names == estimates[0].names and other.equations.parameters.rank > len(estimates[0])
     np.testing.assert_allclose(estimates[1].psi, estimates[0].psi, rtol=1e-9, atol=1e-12)
     assert "The base rests: its recorded pose is constant." in estimates[1].prepared.notes
-
-
-FLOATING = """<mujoco><worldbody><body name="base"><freejoint name="root"/>
-<inertial pos="0 0 0.05" mass="5" diaginertia=".1 .1 .1"/>
-<body name="arm" pos="0 0 .1"><joint name="turn" axis="0 1 0"/>
-<inertial pos="0 0.01 .2" mass="2" diaginertia=".02 .02 .004"/></body></body></worldbody></mujoco>"""
-
-
-def test_a_free_joint_may_have_a_constant_position(tmp_path):
-    t = LOG.time
-    (tmp_path / "float.xml").write_text(FLOATING)
-    columns = {"time": t, "turn_position": np.sin(t), "turn_torque": np.cos(2 * t)}
-    write_csv(tmp_path / "log.csv", columns)
-    free = "".join(f'[joints."root:{axis}"]\nposition = {k}.5\n' for k, axis in enumerate("xyz"))
-    (tmp_path / "c.toml").write_text(free + "[joints.root]\nposition = [1, 0, 0, 0]\n")
-    ready = prepare(tmp_path / "float.xml", tmp_path / "log.csv", columns=tmp_path / "c.toml", filters=False)
-    assert ready.equations.channels == ("turn",)
-    np.testing.assert_array_equal(
-        ready.recording.of_joints(("root:x", "root:y", "root:z"), "position")[7], [0.5, 1.5, 2.5]
-    )
 
 
 UNTIMED = {name: x for name, x in PLAIN.items() if name != "time"}

@@ -1,7 +1,6 @@
 import csv
 import os
 import signal
-from functools import partial
 
 import numpy as np
 import pytest
@@ -10,12 +9,10 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import Distribution
-from experiments.data.simulated_study import StudyProblem
 from experiments.reports import monte_carlo_report
 from experiments.runs import workers
 from experiments.studies import simulation
 from experiments.studies.simulation import study, trial
-from experiments.studies.study_entries import packaged
 
 
 @pytest.mark.parametrize("redrawn", paper.REDRAWN)
@@ -28,25 +25,6 @@ def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
     (other,) = draw(tmp_path, "--redraw", redrawn, "--seed", "1").recordings([0])
     assert (a["ground_force"] - a.true["ground_force"] != other["ground_force"] - other.true["ground_force"]).all()
     assert (a.true["joint1_position"] != b.true["joint1_position"]).any() == (redrawn == "all")
-
-
-def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
-    source = draw(tmp_path, "--redraw", "sensors")
-    whole = run(source, 9, tmp_path, file="whole.npz")
-    in_order = workers.in_order
-
-    def interrupted(*args, **more):
-        for k, outcomes in enumerate(in_order(*args, **more)):
-            if k == 5:
-                raise KeyboardInterrupt
-            yield outcomes
-
-    with monkeypatch.context() as patched:
-        patched.setattr(workers, "in_order", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            run(source, 9, tmp_path)
-    assert len(kept(tmp_path)) == 5
-    np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
 
 
 @pytest.mark.slow
@@ -98,17 +76,6 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
     np.testing.assert_allclose(errors_of.std / errors_of.predicted_std, 1, atol=0.10)
     assert ((errors_of.coverage >= 0.93) & (errors_of.coverage <= 0.97)).all()
     assert (np.abs(errors_of.mean) < 4.5 * errors_of.std / np.sqrt(500)).all()
-
-
-@pytest.mark.slow
-def test_standard_deviations_are_right_with_two_contacts(tmp_path):
-    # 250 trials determine a standard deviation to 4.5 %, and the coverage of all 13 parameters to about half a percent.
-    source = draw(tmp_path, "--redraw", "wrench", samples="300", contact="pad handle")
-    analyse = partial(trial, StudyProblem.of(packaged("multicontact", contact="pad handle")), ("contact",))
-    errors_of = distribution(run(source, 250, tmp_path, analyse=analyse))
-    np.testing.assert_allclose(errors_of.std / errors_of.predicted_std, 1, atol=0.14)
-    assert 0.93 <= errors_of.coverage.mean() <= 0.97
-    assert (np.abs(errors_of.mean) < 4.5 * errors_of.std / np.sqrt(250)).all()
 
 
 def test_noise_on_the_joint_states_biases(tmp_path):
