@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ import pytest
 from stand_ins import Here
 
 import experiments
-from experiments import identify
+from experiments import identify, mechanism
 from experiments.cli.command import COMMANDS, main
 from experiments.runs.environment import THREADS
 
@@ -62,6 +63,15 @@ def test_options_are_those_of_the_module(name, capsys):
     usage, options = capsys.readouterr().out.split("\n\n", 1)
     assert usage.startswith(f"usage: multicontact {name} ")
     assert options == COMMANDS[name].parser().format_help().split("\n\n", 1)[1]
+
+
+def test_a_subcommand_does_what_its_module_does(tmp_path, capsys):
+    options = ["--formats", "svg", "--out", str(tmp_path)]
+    outputs = []
+    for command in (partial(main, ["mechanism", *options]), partial(mechanism.main, options)):
+        assert command() == 0
+        outputs.append((capsys.readouterr(), {path.name: path.read_bytes() for path in tmp_path.iterdir()}))
+    assert outputs[0] == outputs[1]
 
 
 @pytest.mark.extras

@@ -1,5 +1,7 @@
 """The start of an estimate, and a share of long recordings."""
 
+from functools import cache
+
 import driven_arm
 import numpy as np
 import pytest
@@ -93,15 +95,21 @@ def counted(monkeypatch):
     return fits, covariances
 
 
-def identified(**known):
-    return ident.identify(driven_arm.mechanism(), driven_arm.log(), **known)
+def identified():
+    return ident.identify(driven_arm.mechanism(), driven_arm.log())
+
+
+@cache
+def usual():
+    """Values and standard deviations of the estimate as it is."""
+    fit = identified().fit
+    return fit.values, fit.std
 
 
 @pytest.mark.parametrize("determined", [True, False])
 def test_a_share_decides_and_all_is_fitted_at_the_end(determined, counted, monkeypatch):
     """Of a share that does not determine the parameters, twice as much is taken."""
-    first = identified()
-    usual, std = first.fit.values, first.fit.std
+    values, std = usual()
     fits, covariances = counted
     fits.clear(), covariances.clear()
     monkeypatch.setattr(trajectory_estimate, "ENOUGH", 240 if determined else 180)
@@ -119,5 +127,5 @@ def test_a_share_decides_and_all_is_fitted_at_the_end(determined, counted, monke
     assert fits.count(whole) <= 3 + len(again.trajectory.search.deviations)
     assert covariances.count(whole) == 1
     assert again.trajectory.fit.status == "converged" and not again.trajectory.known
-    off = np.abs((again.fit.values - usual) / std)
+    off = np.abs((again.fit.values - values) / std)
     assert off[: again.base.rank].max() < 0.5 and off.max() < 1.5
